@@ -23,27 +23,27 @@ def slide(given: np.ndarray) -> phipsi.Trajectory:
     return puck(*given).simulate(start, launch, dt=DT, steps=STEPS)
 
 
-# The record: the positions of the puck in every fifth step, with an error of 0.2 mm and 2 mrad.
+# The record: the positions of the puck in every tenth step, with an error of 0.2 mm and 2 mrad.
 true = np.array([0.27, 3.1e-3])
 path = slide(true)
-noise = np.random.default_rng(1).normal(0, [2e-4, 2e-4, 0, 0, 0, 2e-3], (STEPS // 5, 6))
-record = path.scene.integrate(path.q[5::5], noise)
+noise = np.random.default_rng(1).normal(0, [2e-4, 2e-4, 0, 0, 0, 2e-3], (STEPS // 10, 6))
+record = path.scene.integrate(path.q[10::10], noise)
 sigma = np.array([2e-4, 2e-4, 2e-3])
 
 
 def residuals(given: np.ndarray) -> np.ndarray:
     path = slide(given)
-    return (path.scene.difference(record, path.q[5::5])[:, [0, 1, 5]] / sigma).ravel()
+    return (path.scene.difference(record, path.q[10::10])[:, [0, 1, 5]] / sigma).ravel()
 
 
 def slopes(given: np.ndarray) -> np.ndarray:
     """Derivatives of all residuals; a batch of equal states, one per residual, propagates them backward together."""
     path = slide(given)
-    count = STEPS // 5
+    count = STEPS // 10
     rows = np.zeros((count, 3, STEPS + 1, 6))
     for i in range(count):
         for j, row in enumerate((0, 1, 5)):
-            rows[i, j, 5 * (i + 1), row] = 1.0 / sigma[j]
+            rows[i, j, 10 * (i + 1), row] = 1.0 / sigma[j]
     keywords = {"dt": DT, "steps": STEPS}
     found = path.scene.simulate_vjp(path.q, path.qd, rows, np.zeros_like(rows), parameters=True, **keywords)
     by_friction = sum(contact.friction for contact in found.contacts.values())
@@ -53,7 +53,7 @@ def slopes(given: np.ndarray) -> np.ndarray:
 found = least_squares(residuals, [0.35, 2e-3], jac=slopes, x_scale=[0.1, 1e-3])
 deviation = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
 for name, value, spread, expected in zip(("friction", "yaw inertia"), found.x, deviation, true, strict=True):
-    print(f"{name}: {value:.5f} +- {spread:.5f}, in the simulation of the record {expected}")
+    print(f"{name}: {value:.4g} +- {spread:.1g}, in the simulation of the record {expected:.4g}")
 assert found.success and np.all(np.abs(found.x - true) < 4 * deviation) and np.all(deviation < 0.02 * true)
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ use crate::common::lanes::{arms, on_a_large_stack};
 use crate::common::tolerance;
 use nalgebra::Vector3;
 use phipsi::batch::{Broadcast, InstructionSet};
-use phipsi::motion::{ContactState, Method, Records, Rollout, Settings, Simulator, Torque};
+use phipsi::motion::{ContactState, Method, RecordedRows, Records, Rollout, Settings, Simulator, Torque};
 use phipsi::scene::{
     Connection, ConnectionKind, Contact, Inertial, JointDescription, JointKind, LinkDescription, Surface,
 };
@@ -731,4 +731,27 @@ fn torques_and_records_of_other_sizes_are_refused() {
     let lift = Torque::Constant(Broadcast::new("tau", &torque, 6, &[], &[]).unwrap());
     rollout.advance(10, &lift, None).map_err(|fault| fault.error).unwrap();
     assert!((rollout.state(0).0[2] - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn gradients_of_a_slide_are_those_of_its_closed_form() {
+    let (scene, steps, h, mu) = (block(0.3, 0.0), 100, 1e-3, 0.3);
+    let start = at(&scene, [0.0, 0.0, EDGES[2] / 2.0]);
+    let mut rollout = Rollout::new(&scene, Settings::new(&scene, h), &start, &[2.0, 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
+    let (mut q, mut qd) = (vec![0.0; 7 * (steps + 1)], vec![0.0; 6 * (steps + 1)]);
+    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 };
+    rollout.advance(steps, &Torque::Zero, Some(&mut records)).unwrap();
+    // The speed at the end, v - mu g t.
+    let (by_q, mut by_qd) = (vec![0.0; qd.len()], vec![0.0; qd.len()]);
+    by_qd[6 * steps] = 1.0;
+    let rows = RecordedRows { q: &q, qd: &qd, every: 1, by_q: &by_q, by_qd: &by_qd };
+    let found = rollout.gradients(&Torque::Zero, steps, &rows, true).unwrap();
+    let t = h * f64::from(u8::try_from(steps).unwrap());
+    let by_friction: f64 = found.contacts.friction.iter().sum();
+    assert!((by_friction + G * t).abs() < 1e-8, "{by_friction}");
+    assert!((found.qd[0] - 1.0).abs() < 1e-8 && (found.torque[0] - t / 2.0).abs() < 1e-8, "{found:?}");
+    // The corners below slide, those above are open; nothing changes.
+    assert!(found.mode_changes.is_empty());
+    let least = found.contacts.margin.iter().fold(f64::INFINITY, |least, &margin| least.min(margin));
+    assert!(least > 1e-3 && least <= 2.0 - mu * G * t, "{least}");
 }

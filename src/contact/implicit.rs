@@ -1,7 +1,7 @@
 //! The contact law in the mode of a solution: its equations, their derivatives, and Newton's method in fixed modes.
 //!
-//! In a mode, the impulse p and the velocity u = G p + c of a contact satisfy three smooth equations F(p, u) = 0, here in
-//! N s, with r as in [`Cone::lengths`], x = p - r u, and the direction d = `x_t` / |`x_t`|, which is that of -`u_t`:
+//! In a mode, the impulse p and the velocity u = G p + c of a contact satisfy three smooth equations F(p, u) = 0, here
+//! in N s, with r as in [`Cone::lengths`], x = p - r u, and the direction d = `x_t` / |`x_t`|, which is that of -`u_t`:
 //!
 //! ```text
 //! open                  p = 0
@@ -12,8 +12,8 @@
 //! ```
 //!
 //! The derivatives of p follow from (A + B G) dp = -(B dc + `F_mu` dmu + `F_a` da) with A = dF/dp and B = dF/du (the
-//! implicit function theorem). If G is singular, only J* dp is unique; dp is then that of equal springs at the contacts,
-//! the limit of A + B (G + eps/r), which is regular.
+//! implicit function theorem). If G is singular, only J* dp is unique; dp is then that of equal springs at the
+//! contacts, the limit of A + B (G + eps/r), which is regular.
 
 use super::law::{Cone, Limits};
 use super::newton::PROXIMAL;

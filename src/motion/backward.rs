@@ -229,8 +229,8 @@ impl BackwardSolver<f64> for EventSolver<'_> {
     }
 }
 
-/// Gradients by q, v and u of cotangent . qdd at known accelerations, (3 nv) into `out`, and by the parameters, with the
-/// factor of M in the workspace.
+/// Gradients by q, v and u of cotangent . qdd at known accelerations, (3 nv) into `out`, and by the parameters, with
+/// the factor of M in the workspace.
 pub(super) fn gradients_at_accelerations(
     model: &Model<f64>,
     (workspace, products): (&mut Workspace<f64>, &mut ProductScratch<f64>),

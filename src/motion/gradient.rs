@@ -59,8 +59,8 @@ pub struct RolloutGradients {
     pub parameters: Vec<Parameters<f64>>,
     /// By the contacts of the scene.
     pub contacts: ContactGradients,
-    /// Changes of contacts between two steps, sorted by state, step and contact. At such a change, and where a margin is
-    /// small, the gradients are those of the modes of this run: on the other side of the change they differ.
+    /// Changes of contacts between two steps, sorted by state, step and contact. At such a change, and where a margin
+    /// is small, the gradients are those of the modes of this run: on the other side of the change they differ.
     pub mode_changes: Vec<ModeChange>,
 }
 
@@ -76,8 +76,8 @@ pub struct ContactGradients {
     pub offset: Vec<f64>,
     /// By the unit normal of the plane, tangent to the unit sphere, in the base frame, (contacts).
     pub normal: Vec<[f64; 3]>,
-    /// Smallest distance from another mode over all steps, m/s, (contacts): the change of a velocity of the contact after
-    /// which it would open, close, stick or slide.
+    /// Smallest distance from another mode over all steps, m/s, (contacts): the change of a velocity of the contact
+    /// after which it would open, close, stick or slide.
     pub margin: Vec<f64>,
     /// The step with this distance, (contacts).
     pub margin_step: Vec<usize>,

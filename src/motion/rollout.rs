@@ -399,7 +399,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let one_by_one = ONE_BODY * self.settings.scheme.tableau.stages * self.scene().model().bodies.len().max(1);
         let connected = self.settings.connected.is_some();
         let touches = self.settings.method == Method::Contact;
-        if (connected && !self.settings.is_vectorized()) || (touches && !self.settings.touches_in_lanes()) {
+        if (connected && !self.settings.is_vectorized()) || (touches && !self.settings.touches_in_lanes(self.scene())) {
             return CONNECTED * (one_by_one + ONE_BODY * self.scene().contacts().len());
         }
         let factor = if connected || touches { IN_LANES } else { 1 };

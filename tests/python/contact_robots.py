@@ -14,7 +14,9 @@ import phipsi
 
 EDGES = np.array([0.4, 0.3, 0.2])
 STEP = 1e-5
-"""Step of the differences; their rounding error is about 1e-10 of the scale, that of the solves of contacts over it."""
+"""Step of the differences: the error of the solves of contacts over it is about 1e-9 of the scale."""
+STEP_OF_GAPS = 1e-6
+"""Step for what changes gaps, whose derivatives are of the size 1/dt, so that the error of the differences is larger."""
 
 
 def parameters(mass: float, com: Any, central: np.ndarray) -> np.ndarray:
@@ -41,7 +43,7 @@ class Robot:
             about = of[4:][[[0, 1, 3], [1, 2, 4], [3, 4, 5]]]
             builder.link(name, mass=of[0], com=c, inertia=about - of[0] * (c @ c * np.eye(3) - np.outer(c, c)))
         for joint in self.joints:
-            builder.joint(**joint)
+            builder.joint(joint["name"], joint["kind"], joint["parent"], joint["child"], **{k: v for k, v in joint.items() if k not in ("name", "kind", "parent", "child")})
         for name, contact in self.contacts.items():
             builder.contact(name, **contact)
         return builder.build(floating_base=self.floating, gravity=self.gravity)
@@ -128,18 +130,19 @@ class Run:
         moved = self.scene.difference(self.path.q, path.q)
         return np.einsum("...ri,...ri->...", self.bars[0], moved) + np.einsum("...ri,...ri->...", self.bars[1], path.qd)
 
-    def slope(self, at: Callable[[float], np.ndarray]) -> np.ndarray:
-        return (8 * (at(STEP) - at(-STEP)) - (at(2 * STEP) - at(-2 * STEP))) / (12 * STEP)
+    @staticmethod
+    def slope(at: Callable[[float], np.ndarray], step: float = STEP) -> np.ndarray:
+        return (8 * (at(step) - at(-step)) - (at(2 * step) - at(-2 * step))) / (12 * step)
 
     def compared(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """Name, gradients and differences, (..., entries), of everything that has a gradient."""
         found = self.path.vjp(*self.bars, parameters=True)
         robot, q, qd, given, unit = self.robot, self.q, self.qd, self.given, np.eye(self.scene.nv)
 
-        def all_of(changes: list[Callable[[float], np.ndarray]]) -> np.ndarray:
-            return np.stack([self.slope(change) for change in changes], axis=-1)
+        def all_of(changes: list[Callable[[float], np.ndarray]], step: float = STEP) -> np.ndarray:
+            return np.stack([self.slope(change, step) for change in changes], axis=-1)
 
-        yield "q", found.q, all_of([lambda s, e=e: self.value(robot, self.scene.integrate(q, s * e), qd, given) for e in unit])
+        yield "q", found.q, all_of([lambda s, e=e: self.value(robot, self.scene.integrate(q, s * e), qd, given) for e in unit], STEP_OF_GAPS)
         yield "qd", found.qd, all_of([lambda s, e=e: self.value(robot, q, qd + s * e, given) for e in unit])
         for name in ("tau", "armature", "damping", "stiffness", "friction"):
             if name in given:
@@ -159,7 +162,7 @@ class Run:
                     lambda s, name=name, entry=entry: self.value(robot.with_contact(name, **{entry: robot.contacts[name][entry] + s}), q, qd, given)
                     for name in names
                 ]
-                yield f"contact {entry}", np.stack([getattr(found.contacts[name], entry) for name in names], axis=-1), all_of(of_contacts)
+                yield f"contact {entry}", np.stack([getattr(found.contacts[name], entry) for name in names], axis=-1), all_of(of_contacts, STEP_OF_GAPS if entry == "offset" else STEP)
         gradients, turns = [], []
         for name, of in robot.contacts.items():
             normal = of["normal"] / np.linalg.norm(of["normal"])
@@ -170,4 +173,4 @@ class Run:
                         robot.with_contact(name, normal=np.cos(s) * normal + np.sin(s) * along), q, qd, given
                     )
                 )
-        yield "contact normal", np.stack(gradients, axis=-1), all_of(turns)
+        yield "contact normal", np.stack(gradients, axis=-1), all_of(turns, STEP_OF_GAPS)

@@ -230,7 +230,8 @@ EXPECTED: dict[str, tuple[str, str, str]] = {
     **dict.fromkeys(["estimate", "forward_dynamics_hvp", "forward_dynamics_variance", "identify", "regressor"], ("error", "tree", "error")),
     **dict.fromkeys(["factor", "inverse_dynamics_hvp", "inverse_dynamics_variance", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "error")),
     **dict.fromkeys(["momentum_observer", "ode"], ("error", "error", "supported")),
-    **dict.fromkeys(["observer", "simulate_vjp"], ("error", "error", "error")),
+    "observer": ("error", "error", "error"),
+    "simulate_vjp": ("error", "included", "error"),
     "to_urdf": ("error", "error", "supported"),
 }
 
@@ -251,7 +252,7 @@ def page() -> str:
         *(f"- **{word}**: {meaning}." for word, meaning in MEANING.items()),
         "",
         "Kinematics, momentum, energy, the mass matrix and inverse dynamics are quantities of the tree of joints, which connections and contacts do not change. `constrained_mass_matrix_inverse` and "
-        "`constrained_inverse_dynamics` are the corresponding methods that include connections. Only `simulate` and simulators include contacts.",
+        "`constrained_inverse_dynamics` are the corresponding methods that include connections. Only `simulate`, `simulate_vjp` and simulators include contacts.",
         "",
         "| method | connections | contacts | coupled joints |",
         "| --- | --- | --- | --- |",

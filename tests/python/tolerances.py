@@ -137,3 +137,5 @@ def through_events(scale: float) -> float:
 
 CONTACT = 1e-10
 """Tolerance of the solver of contacts: residual of the law relative to the fastest contact."""
+CONTACT_GRADIENT = 1e-6
+"""Largest error of a gradient through contact inside one mode, relative to the largest gradient of its kind."""

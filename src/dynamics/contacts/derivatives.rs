@@ -1,12 +1,12 @@
 //! Derivatives of the rows of contacts with respect to the configuration and to the planes, in O(N) passes for all
 //! contacts together.
 //!
-//! For impulses f at the contacts and joint velocities w, f* J(q) w is the power of the forces F on the bodies, F V. Let
-//! a body rotate by a small angle: its force is fixed in the base frame, and its lever arm to the point nearest to the
-//! plane is `center` - R* n r. The power changes by the moment `v_P` x f + r n x (f x w), with the velocity `v_P` of the
-//! point. If joint j moves by H* dq, the bodies outboard of it move with it, and their velocity changes by the inboard
-//! part of V, which is that of the parent at the joint, `V_p`. With the sums F and N of forces and moments over all
-//! bodies outboard of a joint,
+//! For impulses f at the contacts and joint velocities w, f* J(q) w is the power of the forces F on the bodies, F V.
+//! Let a body rotate by a small angle: its force is fixed in the base frame, and its lever arm to the point nearest to
+//! the plane is `center` - R* n r. The power changes by the moment `v_P` x f + r n x (f x w), with the velocity `v_P`
+//! of the point. If joint j moves by H* dq, the bodies outboard of it move with it, and their velocity changes by the
+//! inboard part of V, which is that of the parent at the joint, `V_p`. With the sums F and N of forces and moments over
+//! all bodies outboard of a joint,
 //!
 //! ```text
 //! grad_q f* J w = H (N - V_p x* F)

@@ -1,11 +1,11 @@
 //! Adjoint of one step with contacts: from gradients of a scalar by the end state to those by the initial state, by the
 //! quantities that act during the step, and by the contacts.
 //!
-//! The lines of the step are differentiated in reverse order, each exactly: the rotation of the axes of free joints, the
-//! Newton steps of the projection, the displacement, the solves of the contact law in their modes
-//! ([`Linearization`](crate::contact::Linearization)), and the implicit Euler step. Each solve of the law has velocities
-//! u = J(q) w and impulses p that act on the velocities as y = M(q)^-1 J(q)* p. With the cotangents `u_bar` and `y_bar`,
-//! and m = M^-1 `y_bar`, the gradients by q are those of
+//! The lines of the step are differentiated in reverse order, each exactly: the rotation of the axes of free joints,
+//! the Newton steps of the projection, the displacement, the solves of the contact law in their modes
+//! (`contact::implicit`), and the implicit Euler step. Each solve of the law has
+//! velocities u = J(q) w and impulses p that act on the velocities as y = M(q)^-1 J(q)* p. With the cotangents `u_bar`
+//! and `y_bar`, and m = M^-1 `y_bar`, the gradients by q are those of
 //!
 //! ```text
 //! u_bar* J(q) w + p* J(q) m - m* M(q) y
@@ -197,8 +197,8 @@ impl ContactAdjoint {
         Ok(())
     }
 
-    /// The rotation of velocities of free joints from the axes at `q` to those at `next`: `of_v` becomes the cotangent of
-    /// the velocities before it.
+    /// The rotation of velocities of free joints from the axes at `q` to those at `next`: `of_v` becomes the cotangent
+    /// of the velocities before it.
     fn turned_axes(
         &mut self,
         model: &Model<f64>,
@@ -229,9 +229,9 @@ impl ContactAdjoint {
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
             let (row, count) = (stage.first_row, stage.rows.count());
             let (mut x, mut bar, mut of_x) = ([0.0; 6], [0.0; 6], [0.0; 6]);
-            for i in 0..count {
-                (x[i], bar[i]) = (h * v[row + i], of_next[row + i]);
-            }
+            let rows = row..row + count;
+            x.iter_mut().zip(&v[rows.clone()]).for_each(|(x, v)| *x = h * v);
+            bar[..count].copy_from_slice(&of_next[rows.clone()]);
             if body.motion.is_free() {
                 // The origin moves on a straight line, h R v.
                 let turn = rotation(&next[body.q..]).transpose() * rotation(&q[body.q..]);
@@ -243,9 +243,7 @@ impl ContactAdjoint {
                 bar[..3].fill(0.0);
             }
             body.motion.advance_cotangents(&x, &bar, &mut self.q[row..], &mut of_x);
-            for i in 0..count {
-                of_v[row + i] += h * of_x[i];
-            }
+            of_v[rows].iter_mut().zip(of_x).for_each(|(sum, more)| *sum += h * more);
         }
     }
 
@@ -321,7 +319,6 @@ impl ContactAdjoint {
             }
         }
         self.add_gaps(at, near, &of_gaps);
-        self.add_rows(at, (near, &of_start, &s.v));
         at.add_torques(near, &of_start, &mut self.v);
         Ok(())
     }
@@ -370,7 +367,8 @@ impl ContactAdjoint {
 /// Penetrations up to this depth count as rounding errors of a contact at its plane, m.
 const ROUNDING: f64 = 1e-14;
 
-/// Solver for the implicit Euler step, whose accelerations are in the scratch and whose factor of M is in the workspace.
+/// Solver for the implicit Euler step, whose accelerations are in the scratch and whose factor of M is in the
+/// workspace.
 struct KnownAccelerations<'a> {
     workspace: &'a mut Workspace<f64>,
     products: &'a mut ProductScratch<f64>,
@@ -395,9 +393,7 @@ impl BackwardSolver<f64> for KnownAccelerations<'_> {
     }
 }
 
-/// sum += x in the first three entries.
+/// Adds x to the first three entries.
 fn add(sum: &mut [f64], x: &Vector3<f64>) {
-    for i in 0..3 {
-        sum[i] += x[i];
-    }
+    sum.iter_mut().zip(x.iter()).for_each(|(sum, more)| *sum += more);
 }

@@ -21,7 +21,8 @@ const STEPS: usize = 5;
 /// Effort of one solve; further Newton steps correct its residual.
 const ROUGH: Effort = Effort { tolerance: 1e-6, attempts: usize::MAX, iterations: usize::MAX };
 
-/// One Newton step of the projection: its start, the near rows with their gaps and G, the impulses, and the displacement.
+/// One Newton step of the projection: its start, the near rows with their gaps and G, the impulses, and the
+/// displacement.
 #[derive(Debug, Clone)]
 pub(super) struct Push {
     pub q: Vec<f64>,

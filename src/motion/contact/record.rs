@@ -21,6 +21,19 @@ pub(super) struct Laws {
     pub slower: Option<(DVector<f64>, DVector<f64>)>,
 }
 
+impl Laws {
+    pub fn new(
+        cone: &Cone,
+        rebound: &[f64],
+        middle: DVector<f64>,
+        (c, held): (&DVector<f64>, &DVector<f64>),
+        arriving: &[usize],
+    ) -> Self {
+        let (cone, rebound, arriving) = (cone.clone(), rebound.to_vec(), arriving.to_vec());
+        Self { cone, rebound, middle, c: c.clone(), held: held.clone(), arriving, slower: None }
+    }
+}
+
 /// A step with contacts.
 #[derive(Debug, Clone)]
 pub(super) struct StepRecord {

@@ -13,7 +13,8 @@ use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::Scene;
 
-/// Largest deviation of a recomputed step from the recorded one, relative to coordinates and velocities of at least one.
+/// Largest deviation of a recomputed step from the recorded one, relative to coordinates and velocities of at least
+/// one.
 const REPRODUCED: f64 = 1e-5;
 
 /// A contact that is in another state in a step than in the step before.
@@ -48,8 +49,8 @@ pub(in crate::motion) struct ContactReverse {
 }
 
 impl ContactReverse {
-    /// Number of values per contact that [`ContactReverse::write`] writes: the gradients by friction, restitution, offset
-    /// and unit normal, the margin and its step.
+    /// Number of values per contact that [`ContactReverse::write`] writes: the gradients by friction, restitution,
+    /// offset and unit normal, the margin and its step.
     pub const WIDTH: usize = 8;
 
     #[cold]
@@ -78,8 +79,8 @@ impl ContactReverse {
         self.states = None;
     }
 
-    /// Propagates the gradients through step `n`, whose end is `recorded` if it is known. Calls `changed` with the changes
-    /// of contacts between this step and the next one. Returns the joint and the error if it fails.
+    /// Propagates the gradients through step `n`, whose end is `recorded` if it is known. Calls `changed` with the
+    /// changes of contacts between this step and the next one. Returns the joint and the error if it fails.
     pub fn through(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),

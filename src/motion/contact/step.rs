@@ -215,15 +215,8 @@ impl ContactStep {
                 let arrives = |at: usize| near[at] >= n && gaps[near[at]] > 0.0 && held[3 * at + 2] > 0.0;
                 let arriving: Vec<usize> = (touching..near.len()).filter(|&at| arrives(at)).collect();
                 let mut after = after;
-                outcome.laws = records.then(|| Laws {
-                    cone: cone.clone(),
-                    rebound: rebound.clone(),
-                    middle: (pick(&|i| start[i]) + &free_here) * 0.5,
-                    c: c.clone(),
-                    held: held.clone(),
-                    arriving: arriving.clone(),
-                    slower: None,
-                });
+                let middle = || (pick(&|i| start[i]) + &free_here) * 0.5;
+                outcome.laws = records.then(|| Laws::new(&cone, &rebound, middle(), (&c, &held), &arriving));
                 if !arriving.is_empty() {
                     for at in arriving {
                         c[3 * at + 2] = u[3 * at + 2];
@@ -233,9 +226,7 @@ impl ContactStep {
                     (solved, impulse_kept, iterations) =
                         (solved.with(more), impulse_kept.min(part), iterations + more.iterations);
                     all += &slower - &held;
-                    if let Some(laws) = &mut outcome.laws {
-                        laws.slower = Some((c.clone(), slower.clone()));
-                    }
+                    outcome.laws.iter_mut().for_each(|laws| laws.slower = Some((c.clone(), slower.clone())));
                     held = slower;
                     rows.respond(&s.model, points, workspace, &near, &all);
                     let slowed: Vec<f64> = v_free.iter().zip(&rows.response).map(|(v, dv)| v + dv).collect();

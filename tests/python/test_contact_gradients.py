@@ -1,0 +1,284 @@
+"""Gradients through contact: compared with differences of order four of the simulation inside one mode, with a dense step in
+mpmath, and with closed forms; margins, changes of modes, refusals.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import contact_oracle as oracle
+import numpy as np
+import pytest
+from contact_robots import Robot, Run, arm, ball, block, contact, parameters, quadruped
+from tolerances import CONTACT_GRADIENT, assert_near, assert_same_bits
+
+import phipsi
+from phipsi.errors import ArgumentError
+
+OPEN, STICKING, SLIDING = phipsi.ContactState
+
+
+def properties(nv: int, random: np.random.Generator) -> dict[str, Any]:
+    """Everything that acts at the joints, implicit terms included."""
+    some = lambda low, high: random.uniform(low, high, nv)  # noqa: E731
+    return {
+        "armature": some(0.02, 0.1), "damping": some(0.1, 0.5), "stiffness": some(0.5, 2.0), "friction": some(0.05, 0.2), "friction_speed": 0.5,
+        "tau": some(-1, 1),
+    }  # fmt: skip
+
+
+def raised(scene: phipsi.Scene, q: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """Floating bodies whose lowest contact has this gap, for planes that are nearly horizontal."""
+    q = q.copy()
+    for _ in range(3):
+        q[..., 2] += gap - scene.contact_gaps(q).min(axis=-1)
+    return q
+
+
+def states(robot: Robot, count: int, random: np.random.Generator, *, fast: float = 0.5, fall: float = 1.0, tilt: float = 0.05) -> tuple[np.ndarray, np.ndarray]:
+    """Floating robots just above the ground."""
+    scene = robot.build()
+    nv = scene.nv
+    spread = np.concatenate([[0.1, 0.1, 0, tilt, tilt, 1.0], np.full(nv - 6, 0.4)])
+    q = scene.integrate(np.tile(scene.neutral(), (count, 1)), random.normal(size=(count, nv)) * spread)
+    qd = random.normal(size=(count, nv)) * fast
+    qd[:, 2] -= fall
+    return raised(scene, q, random.uniform(1e-4, 2e-3, count)), qd
+
+
+def check(run: Run, least: int, expected: set[phipsi.ContactState], nonzero: float = 1e-3) -> None:
+    """All gradients of the states that keep their modes are differences, and none vanishes everywhere."""
+    rows = list(run.compared())
+    kept = ~run.changed
+    assert kept.sum() >= least, f"{kept.sum()} of {kept.size} states keep their modes"
+    assert set(np.unique(run.modes[kept][:, 1:])) >= set(expected)
+    for name, found, slopes in rows:
+        scale = np.maximum(1.0, np.abs(slopes[kept]).max(axis=-1, keepdims=True))
+        off = np.abs(found[kept] - slopes[kept]) / scale
+        assert np.all(off <= CONTACT_GRADIENT), f"{name}: {off.max()}"
+        assert np.abs(slopes[kept]).max() > nonzero, name
+
+
+@pytest.mark.parametrize(
+    ("robot", "expected"),
+    [
+        (block(3.0, corners=(0, 1, 2)), {OPEN, STICKING}),
+        (block(0.2), {OPEN, SLIDING}),
+        (block(0.4, 0.7), {OPEN, STICKING}),
+        (block(0.05, 0.5, radius=0.03), {OPEN, SLIDING}),
+        (ball(3.0), {STICKING}),
+        (ball(0.02, 0.6), {SLIDING}),
+    ],
+    ids=["block sticks", "block slides", "block bounces", "block on spheres", "ball rolls", "ball bounces"],
+)
+def test_a_body_beside_differences(robot: Robot, expected: set[phipsi.ContactState]) -> None:
+    random = np.random.default_rng(3)
+    q, qd = states(robot, 120, random)
+    check(Run(robot, q, qd, {"dt": 4e-3, "steps": 2, **properties(6, random)}), 80, expected)
+
+
+@pytest.mark.parametrize(("friction", "restitution", "expected"), [(0.9, 0.0, {OPEN, STICKING}), (0.1, 0.0, {OPEN, SLIDING}), (0.4, 0.6, {OPEN, STICKING}), (0.05, 0.6, {OPEN, SLIDING})])
+def test_a_quadruped_beside_differences(friction: float, restitution: float, expected: set[phipsi.ContactState]) -> None:
+    random = np.random.default_rng(5)
+    robot = quadruped(friction, restitution)
+    q, qd = states(robot, 40, random, fast=0.3)
+    nv = robot.build().nv
+    pd = phipsi.PD(np.r_[np.zeros(6), np.full(nv - 6, 30.0)], np.r_[np.zeros(6), np.full(nv - 6, 1.0)], q[0], np.zeros(nv))
+    check(Run(robot, q, qd, {"dt": 2e-3, "steps": 3, "pd": pd, **properties(nv, random)}), 25, expected)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_an_arm_at_a_stop_whose_tip_slides_beside_differences(restitution: float) -> None:
+    random = np.random.default_rng(6)
+    robot = arm(0.05, restitution)
+    # The tip just above the table, the second joint just before its upper stop.
+    q = np.stack([random.uniform(-1.1, 1.1, 40_000), 1.2 - random.uniform(0, 0.004, 40_000), random.uniform(-1.1, 1.1, 40_000)], axis=-1)
+    gaps = robot.build().contact_gaps(q)[:, 0]
+    q = q[(gaps > 1e-4) & (gaps < 3e-3)][:60]
+    assert len(q) == 60
+    qd = random.uniform(-2, 2, q.shape)
+    run = Run(robot, q, qd, {"dt": 2e-3, "steps": 2, "restitution": 0.4, **properties(3, random)})
+    assert len({stop.state for stop in run.path.stops}) > 10
+    kept, rows = ~run.changed, list(run.compared())
+    kept &= ~run.changed
+    assert kept.sum() >= 40 and set(np.unique(run.modes[kept][:, 1:])) >= {OPEN, SLIDING}
+    for name, found, slopes in rows:
+        off = np.abs(found - slopes)[kept].max(axis=-1) / np.maximum(1.0, np.abs(slopes[kept]).max(axis=-1))
+        # A stop has no recorded mode: differences across its change are not derivatives.
+        assert np.mean(off <= CONTACT_GRADIENT) >= 0.95, f"{name}: {np.sort(off)[-5:]}"
+
+
+def test_an_impact_whose_rebound_is_limited_by_the_energy() -> None:
+    checked = 0
+    # Such impacts are rare: about one in ten thousand random ones of contacts with different restitution.
+    for seed in (9, 13):
+        random = np.random.default_rng(seed)
+        robot = block(0.0)
+        for of in robot.contacts.values():
+            of.update(restitution=float(random.choice([0.0, 1.0])), friction=random.uniform(0.2, 2), normal=np.array([*random.normal(size=2) * 0.5, 1.0]))
+        scene = robot.build()
+        q = scene.integrate(np.tile(scene.neutral(), (4000, 1)), random.normal(size=(4000, 6)) * 0.2)
+        q[:, 2] = 0.12
+        qd = random.normal(size=(4000, 6)) * 3
+        limited = np.flatnonzero(scene.simulate(q, qd, dt=2e-3, steps=1).contacts.expansion_kept < 1.0 - 1e-4)
+        assert limited.size
+        run = Run(robot, q[limited], qd[limited], {"dt": 2e-3, "steps": 1})
+        rows = list(run.compared())
+        same = ~run.changed & (run.path.vjp(*run.bars).contacts["corner0"].margin > 0)
+        checked += int(same.sum())
+        for name, found, slopes in rows:
+            scale = np.maximum(1.0, np.abs(slopes).max(axis=-1, keepdims=True))
+            off = (np.abs(found - slopes) / scale)[same]
+            assert np.all(off <= 10 * CONTACT_GRADIENT), f"{name}: {off.max(axis=-1)}"
+    assert checked > 3, checked
+
+
+@pytest.mark.parametrize("mode", [(True, False), (False, False), (True, True), (False, True)], ids=["sticks", "slides", "sticks and rebounds", "slides and rebounds"])
+def test_a_body_beside_a_dense_step_in_mpmath(mode: tuple[bool, bool]) -> None:
+    sticks, rebounds = mode
+    random = np.random.default_rng(11)
+    robot = ball(3.0 if sticks else 0.02, 0.6 if rebounds else 0.0)
+    scene, of = robot.build(), robot.contacts["ground"]
+    q, qd = states(robot, 40, random)
+    tau = random.uniform(-1, 1, (40, 6))
+    normal = oracle.vector(of["normal"])
+    normal = normal / oracle.norm(normal)
+    bodies = [
+        oracle.Body(
+            position=oracle.vector(q[i, :3]), turn=oracle.rotation(q[i, 3:]), velocity=oracle.vector(qd[i]), torque=oracle.vector(tau[i]),
+            parameters=list(oracle.vector(robot.links["ball"])), normal=normal, offset=oracle.vector([of["offset"]])[0],
+            center=oracle.vector(of["xyz"]), radius=oracle.vector([of["radius"]])[0], friction=oracle.vector([of["friction"]])[0],
+            restitution=oracle.vector([of["restitution"]])[0], gravity=oracle.vector(scene.gravity), h=oracle.vector([4e-3])[0],
+        )
+        for i in range(40)
+    ]  # fmt: skip
+    path = scene.simulate(q, qd, dt=4e-3, steps=1, tau=tau)
+    assert (np.abs(path.contacts.impulse["ground"][:, 1]).max(axis=-1) > 0).any() == rebounds
+    bars = random.uniform(-1, 1, (2, 40, 6))
+    rows = np.zeros((2, 40, 2, 6))
+    rows[:, :, 1] = bars
+    found = path.vjp(*rows, parameters=True)
+
+    def more(name: str, entry: int) -> Any:
+        def change(body: oracle.Body, by: Any) -> oracle.Body:
+            values = list(getattr(body, name))
+            values[entry] += by
+            return oracle.replace(body, **{name: values if name == "parameters" else oracle.vector(values)})
+
+        return change
+
+    changes = [lambda body, by, i=i: body.moved(i, by) for i in range(6)]
+    changes += [more("velocity", i) for i in range(6)] + [more("torque", i) for i in range(6)] + [more("parameters", i) for i in range(10)]
+    changes += [lambda body, by, name=name: oracle.replace(body, **{name: getattr(body, name) + by}) for name in ("friction", "restitution", "offset")]
+    ground = found.contacts["ground"]
+    checked = 0
+    for i, body in enumerate(bodies):
+        # States in this mode whose path is not so curved that a projection follows, which the dense step does not have.
+        if checked == 8 or path.contacts.depth[i] > 0.0 or not body.ends_at(path.qd[i, 1], mode):
+            continue
+        checked += 1
+        expected = oracle.gradient(body, mode, (bars[0, i], bars[1, i]), changes)
+        own = np.concatenate(
+            [found.q[i], found.qd[i], found.tau[i], found.parameters[i, 0], [ground.friction[i], ground.restitution[i], ground.offset[i]]]
+        )
+        assert_near(own, expected, 1e-3 * CONTACT_GRADIENT * np.abs(expected).max())
+    assert checked == 8
+
+
+def puck(friction: float = 0.3) -> phipsi.Scene:
+    builder = phipsi.SceneBuilder().link("puck", mass=1.0, inertia=np.diag([0.01, 0.01, 0.02]))
+    for i, (x, y) in enumerate([(0.1, 0.0), (-0.05, 0.08), (-0.05, -0.08)]):
+        builder.contact(f"leg{i}", "puck", xyz=(x, y, 0.0), friction=friction)
+    return builder.build(floating_base=True)
+
+
+REST = np.array([0, 0, 0, 0, 0, 0, 1.0])
+AHEAD = np.array([1.0, 0, 0, 0, 0, 0])
+
+
+def test_closed_forms_of_a_slide_that_stops() -> None:
+    v, mu, g = 1.0, 0.3, 9.81
+    path = puck(mu).simulate(REST, AHEAD, dt=1e-3, steps=600)
+    by_q = np.zeros((601, 6))
+    by_q[-1, 0] = 1.0
+    found = path.vjp(by_q)
+    # The distance v^2 / (2 mu g), to the first order of the step.
+    assert np.isclose(found.qd[0], v / (mu * g), rtol=1e-2)
+    assert np.isclose(sum(leg.friction for leg in found.contacts.values()), -(v**2) / (2 * mu**2 * g), rtol=1e-2)
+    stops = [change for change in found.mode_changes if change.step > 0]
+    assert {change.contact for change in stops} == {"leg0", "leg1", "leg2"} and {change.after for change in stops} == {STICKING}
+    assert all(change.before == SLIDING and abs(change.step - v / (mu * g * 1e-3)) < 3 and change.state is None for change in stops)
+
+
+def test_the_time_of_an_impact_is_not_part_of_a_gradient() -> None:
+    builder = phipsi.SceneBuilder().link("ball", mass=0.5, inertia=0.002 * np.eye(3))
+    scene = builder.contact("ground", "ball", friction=0.0, restitution=0.8).build(floating_base=True)
+    path = scene.simulate([0, 0, 0.1, 0, 0, 0, 1.0], np.zeros(6), dt=1e-3, steps=200)
+    by_q = np.zeros((201, 6))
+    by_q[-1, 2] = 1.0
+    found = path.vjp(by_q)
+    assert np.isclose(found.q[2], 1.0, atol=1e-9)
+    [bounce] = [change for change in found.mode_changes if change.after != OPEN]
+    # After the impact at n h, z = e v (T - n h) + ...
+    speed, left = 9.81 * bounce.step * 1e-3, (200 - bounce.step) * 1e-3
+    assert np.isclose(found.contacts["ground"].restitution, speed * left, rtol=2e-2)
+
+
+def test_margins_are_distances_from_other_modes() -> None:
+    path = puck(0.3).simulate(REST, 0.5 * AHEAD, dt=1e-3, steps=20)
+    margin = path.vjp(path.qd).contacts["leg0"].margin
+    # It slides at least this fast, and the normal velocity is held by 9.81 h at the least.
+    assert 0.0 < margin <= path.qd[-1, 0]
+    held = puck(0.3).simulate(REST, np.zeros(6), dt=1e-3, steps=20, tau=[2.9, 0, 0, 0, 0, 0]).vjp(path.qd).contacts["leg0"]
+    almost = puck(0.3).simulate(REST, np.zeros(6), dt=1e-3, steps=20, tau=[2.942, 0, 0, 0, 0, 0]).vjp(path.qd).contacts["leg0"]
+    assert 0.0 < almost.margin < 0.1 * held.margin and 0 <= held.margin_step < 20
+
+
+def test_a_contact_that_holds_has_no_gradient_by_its_friction() -> None:
+    path = puck(0.3).simulate(REST, np.zeros(6), dt=1e-3, steps=50, tau=[1.0, 0, 0, 0, 0, 0])
+    found = path.vjp(np.ones((51, 6)), np.ones((51, 6)))
+    assert all(leg.friction == 0.0 for leg in found.contacts.values()) and abs(found.tau[0]) < 1e-9 and found.mode_changes == []
+
+
+def test_one_state_a_batch_and_checkpoints_agree() -> None:
+    random = np.random.default_rng(8)
+    robot = block(0.4, 0.5)
+    q, qd = states(robot, 9, random, fall=2.0)
+    given = {"dt": 2e-3, "steps": 12, **properties(6, random)}
+    scene = robot.build()
+    path = scene.simulate(q, qd, **given)
+    bars = np.zeros((2, *path.qd.shape))
+    bars[:, :, [0, 6, 12]] = random.uniform(-1, 1, (2, 9, 3, 6))
+    whole = path.vjp(*bars, parameters=True)
+    for i in range(9):
+        alone = scene.simulate(q[i], qd[i], **given).vjp(bars[0, i], bars[1, i], parameters=True)
+        for name in ("q", "qd", "tau", "armature", "damping", "stiffness", "friction", "parameters"):
+            assert_same_bits(getattr(alone, name), getattr(whole, name)[i], name)
+        assert_same_bits(alone.contacts["corner0"].normal, whole.contacts["corner0"].normal[i])
+        assert [change[:4] for change in alone.mode_changes] == [change[:4] for change in whole.mode_changes if change.state == i]
+    sparse = scene.simulate(q, qd, **given, record_every=6).vjp(*bars[:, :, ::6], parameters=True)
+    for name in ("q", "qd", "tau", "parameters"):
+        expected = getattr(whole, name)
+        assert_near(getattr(sparse, name), expected, 1e-2 * CONTACT_GRADIENT * np.abs(expected).max())
+
+
+def test_torques_of_steps_and_of_a_scene_without_contacts() -> None:
+    scene = puck()
+    path = scene.simulate(REST, AHEAD, dt=1e-3, steps=20, tau_steps=np.zeros((20, 6)))
+    found = path.vjp(cotangent_qd=np.ones((21, 6)))
+    assert found.tau.shape == (20, 6) and np.all(found.tau[:, 0] > 0)
+    constant = scene.simulate(REST, AHEAD, dt=1e-3, steps=20).vjp(cotangent_qd=np.ones((21, 6)))
+    assert_near(constant.tau, found.tau.sum(axis=0), 1e-12 * np.abs(found.tau).sum())
+    free = scene.without_contacts().simulate(REST, AHEAD, dt=1e-3, steps=20).vjp(np.ones((21, 6)))
+    assert free.contacts == {} and free.mode_changes == []
+
+
+def test_rows_that_steps_do_not_reproduce() -> None:
+    scene = puck()
+    path = scene.simulate(REST, AHEAD, dt=1e-3, steps=5)
+    zero = np.zeros((6, 6))
+    scene.simulate_vjp(path.q, path.qd, zero, zero, dt=1e-3, steps=5)
+    wrong = path.qd.copy()
+    wrong[3, 0] += 0.1
+    with pytest.raises(ArgumentError, match="found a row after step [34] that the step recomputed"):
+        scene.simulate_vjp(path.q, wrong, zero, zero, dt=1e-3, steps=5)
