@@ -29,14 +29,6 @@ def rotations(q: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def turned(vectors: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Vectors rotated by rotation vectors, by Rodrigues' formula, (..., 3)."""
-    angle = np.linalg.norm(by, axis=-1, keepdims=True)
-    first, second = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    once = np.cross(by, vectors)
-    return vectors + first * once + second * np.cross(by, once)
-
-
 def in_base(path: phipsi.Trajectory, entries: slice) -> np.ndarray:
     """Velocities of a free body in the base frame, (..., rows, 3)."""
     return np.einsum("...ij,...j->...i", rotations(path.q), path.qd[..., entries])
@@ -324,9 +316,10 @@ def steps_of(scene: phipsi.Scene, path: phipsi.Trajectory, dt: float) -> Steps:
     q, qd, end = flat(path.q[:, :-1]), flat(path.qd[:, :-1]), flat(path.qd[:, 1:]).copy()
     acceleration = scene.without_contacts().forward_dynamics(q, qd, np.zeros_like(qd))
     if scene.nq > scene.nv:
-        # The step is in axes that do not rotate; those of the recorded velocities have rotated.
+        # The step is in the axes at its start; recorded velocities are in those of their row.
         acceleration[:, :3] += np.cross(qd[:, 3:6], qd[:, :3])
-        end[:, :3] = turned(end[:, :3], dt * end[:, 3:6])
+        before, after = (rotations(flat(rows)) for rows in (path.q[:, :-1], path.q[:, 1:]))
+        end[:, :3] = np.einsum("sji,sjk,sk->si", before, after, end[:, :3])
     units = [scene.contact_velocities(q, np.broadcast_to(unit, end.shape)) for unit in np.eye(scene.nv)]
     told = [np.stack([flat(part[name][:, 1:]) for name in scene.contact_names], axis=1) for part in (path.contacts.force, path.contacts.impulse)]
     gap = np.maximum(scene.contact_gaps(q), 0.0)
