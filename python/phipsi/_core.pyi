@@ -698,8 +698,9 @@ class Scene:
         Returns
         -------
         gradients : RolloutGradients
-            Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters) per state: (..., nv) each; tau
-            is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None.
+            Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes): (...,
+            nv) each; tau is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None; contacts has the
+            gradients by each contact.
 
         Raises
         ------
@@ -713,7 +714,8 @@ class Scene:
         Notes
         -----
         O(N) per stage. Steps between rows are recomputed, none with record_every=1. The memory of a thread grows with
-        the square root of the number of steps between two rows. Steps after the last row have no effect.
+        the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
+        differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md.
 
         Examples
         --------

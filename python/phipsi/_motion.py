@@ -433,7 +433,8 @@ class Trajectory(TrajectoryFiles):
         Notes
         -----
         Recorded rows are checkpoints; the steps between them are recomputed. With record_every=1 nothing is
-        recomputed. The cost is O(N) per stage of a step.
+        recomputed, except steps with contacts, which are differentiated in the modes of their contacts (open, sticking,
+        sliding; docs/motion.md). The cost is O(N) per stage of a step.
 
         Examples
         --------

@@ -457,7 +457,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
         }
         let (state, every) = (job.states.start, job.rows.every);
         let mut row = Vec::new();
-        if (n + 1) % every == 0 {
+        if (n + 1).is_multiple_of(every) {
             job.row((n + 1) / every, &mut row);
         }
         let recorded = (!row.is_empty()).then(|| row.split_at(job.scene.nq()));

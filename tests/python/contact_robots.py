@@ -131,11 +131,16 @@ class Run:
         return np.einsum("...ri,...ri->...", self.bars[0], moved) + np.einsum("...ri,...ri->...", self.bars[1], path.qd)
 
     @staticmethod
-    def slope(at: Callable[[float], np.ndarray], step: float = STEP) -> np.ndarray:
-        return (8 * (at(step) - at(-step)) - (at(2 * step) - at(-2 * step))) / (12 * step)
+    def slope(at: Callable[[float], np.ndarray], step: float) -> np.ndarray:
+        """The derivative, and the difference from that with twice the step: (2, ...)."""
+        once, twice, four = ((at(k * step) - at(-k * step)) / (2 * k * step) for k in (1, 2, 4))
+        fine, coarse = (4 * once - twice) / 3, (4 * twice - four) / 3
+        return np.stack([fine, np.abs(fine - coarse)])
 
     def compared(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-        """Name, gradients and differences, (..., entries), of everything that has a gradient."""
+        """Name, gradients (..., entries), and differences with their estimated errors (2, ..., entries), of everything that has
+        a gradient.
+        """
         found = self.path.vjp(*self.bars, parameters=True)
         robot, q, qd, given, unit = self.robot, self.q, self.qd, self.given, np.eye(self.scene.nv)
 

@@ -110,7 +110,7 @@ def test_a_batch_has_the_gradients_of_its_states(restitution: float) -> None:
     whole = path.vjp(*weights)
     for i in range(11):
         alone = scene.simulate(q[i], qd[i], **given).vjp(*weights[:, i])
-        for one, of_all in zip(alone[:-1], whole[:-1], strict=True):
+        for one, of_all in zip(alone[:7], whole[:7], strict=True):
             assert_near(one, of_all[i], product(3 * 200, size(of_all[i])))
     before = phipsi.get_num_threads()
     try:
@@ -118,5 +118,5 @@ def test_a_batch_has_the_gradients_of_its_states(restitution: float) -> None:
         again = path.vjp(*weights)
     finally:
         phipsi.set_num_threads(before)
-    for one, other in zip(again[:-1], whole[:-1], strict=True):
+    for one, other in zip(again[:7], whole[:7], strict=True):
         assert_same_bits(one, other)

@@ -16,8 +16,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 #: Short examples by name, with the optional packages that they need.
 SHORT = {
-    "ant": ("mujoco",), "computed_torque": (), "dropped_box": (), "four_bar": (), "friction_from_a_slide": ("scipy",), "gripper": (), "hopper": ("scipy",), "humanoid": (), "inverse_kinematics": (), "lift": (), "lqr": (), "own_urdf": (),
-    "push_block": ("scipy",), "quadruped": (), "xacro_snake": ("xacro",),
+    "ant": ("mujoco",), "computed_torque": (), "dropped_box": (), "four_bar": (), "gripper": (), "humanoid": (), "inverse_kinematics": (), "lift": (), "lqr": (), "own_urdf": (),
+    "quadruped": (), "xacro_snake": ("xacro",),
 }  # fmt: skip
 RUN = "import runpy, sys; found = runpy.run_path(sys.argv[1]); print('rows', len(found['path'].q if 'path' in found else found['q']))"
 

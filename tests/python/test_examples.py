@@ -52,6 +52,16 @@ def test_the_arm_reaches_its_goal_by_gradients() -> None:
     assert off < 5e-3 and speed < 2e-2 and after < 0.01 * before
 
 
+
+@pytest.mark.parametrize("name", ["push_block", "friction_from_a_slide", "hopper"])
+def test_gradients_through_contact_lead_to_the_goal(name: str, tmp_path: Path) -> None:
+    """The examples assert their results; as a script they also write a page, which needs the viewer."""
+    command = [sys.executable, "-W", "error", "-c", "import runpy, sys; runpy.run_path(sys.argv[1])", str(PAPER.with_name(f"{name}.py"))]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr
+    assert "assert" in PAPER.with_name(f"{name}.py").read_text(encoding="utf-8") and run.stdout and not list(tmp_path.iterdir())
+
+
 GYM = PAPER.with_name("gymnasium_cart_pole.py")
 
 

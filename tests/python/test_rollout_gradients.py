@@ -201,7 +201,7 @@ def test_more_checkpoints_change_nothing_but_rounding(mixed: phipsi.Scene) -> No
         last[-1] = np.linspace(-1, 1, mixed.nv)
         found.append(path.vjp(last, -last))
     for other in found[1:]:
-        for one, same in zip(found[0][:-1], other[:-1], strict=True):
+        for one, same in zip(found[0][:7], other[:7], strict=True):
             assert_same_bits(one, same)
 
 
@@ -220,11 +220,11 @@ def test_one_state_a_batch_and_threads_have_the_same_bits(mixed: phipsi.Scene, m
     finally:
         phipsi.set_num_threads(before)
     for other in several[1:]:
-        for one, same in zip(several[0], other, strict=True):
+        for one, same in zip(several[0][:8], other[:8], strict=True):
             assert_same_bits(one, same)
     for i in (0, 7, 20):
         alone = mixed.simulate(q[i], qd[i], tau=tau[i], **given).vjp(by_q[i], by_qd[i], parameters=True)
-        for one, all_of_them in zip(alone, several[0], strict=True):
+        for one, all_of_them in zip(alone[:8], several[0][:8], strict=True):
             assert_near(one, all_of_them[i], product(mixed.nv * 64, size(all_of_them[i])))
 
 
@@ -261,11 +261,11 @@ def test_shapes_and_what_broadcasts(mixed: phipsi.Scene) -> None:
     q, qd, tau = random_states(mixed, 1, (3, 1))
     path = mixed.simulate(q, qd[0, 0], dt=1e-3, steps=10, tau=np.zeros((2, mixed.nv)), record_every=3)
     found = path.vjp(np.ones((4, mixed.nv)))
-    assert all(part.shape == (3, 2, mixed.nv) for part in found[:-1]) and found.parameters is None
+    assert all(part.shape == (3, 2, mixed.nv) for part in found[:7]) and found.parameters is None
     of_steps = mixed.simulate(q, qd, dt=1e-3, steps=10, tau_steps=np.zeros((10, mixed.nv))).vjp(None, np.ones((11, mixed.nv)))
     assert of_steps.tau.shape == (3, 1, 10, mixed.nv)
     nothing = path.vjp()
-    assert not any(np.any(part) for part in nothing[:-1])
+    assert not any(np.any(part) for part in nothing[:7])
 
 
 def test_steps_after_the_last_row_change_nothing(mixed: phipsi.Scene) -> None:

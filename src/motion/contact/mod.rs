@@ -16,6 +16,8 @@
 //!
 //! Free joints are integrated in axes that are fixed during the step: in rotating body axes, a rolling body would gain
 //! speed.
+//!
+//! `backward` differentiates a step in the modes of its contacts, and `reverse` sums the gradients over all steps.
 
 mod backward;
 mod closed;
