@@ -97,8 +97,13 @@ impl<T: Real> ContactKernel<T> {
             let Touching { frame, step, radius, .. } = contact;
             let place = placement_along(scene, scratch, (&of.path, *step), (frame, &[zero; 3]));
             *gap = contact.gap(&place);
-            let forces: [_; 3] = std::array::from_fn(|row| place.rotate_back(&contact.axis(row)));
-            let arm = forces[2].map(|n| -(n * *radius));
+            // Without closures, which are compiled for the baseline where they are not inlined.
+            let mut forces = [Vector3::new(zero, zero, zero); 3];
+            for (row, force) in forces.iter_mut().enumerate() {
+                *force = place.rotate_back(&contact.axis(row));
+            }
+            let n = &forces[2];
+            let arm = Vector3::new(-(n[0] * *radius), -(n[1] * *radius), -(n[2] * *radius));
             for (unit, force) in units.iter_mut().zip(&forces) {
                 *unit = frame.force_to_parent(&spatial(&cross(&arm, force), force));
             }
@@ -147,7 +152,9 @@ impl<T: Real> ContactKernel<T> {
             }
             // A force on a body reduces the force that its joint transmits.
             for (z, unit) in forces[contact.step].z.iter_mut().zip(units) {
-                *z = unit.map(|x| -x).into();
+                for i in 0..6 {
+                    z[i] = -unit[i];
+                }
             }
             whitened.innovations_of(at, scene, scratch, (forces, torque));
         }
