@@ -152,10 +152,7 @@ impl Contact {
             }
             _ => {}
         }
-        let (found, expected) = match frame_fault(&self.other_frame) {
-            Some(fault) => fault,
-            None => return Ok(()),
-        };
+        let Some((found, expected)) = frame_fault(&self.other_frame) else { return Ok(()) };
         Err(self.fault(format!("a second frame {found}"), expected))
     }
 

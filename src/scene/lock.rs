@@ -71,7 +71,7 @@ impl Scene {
 
     /// Removes the contacts of links that cannot move, or cannot move against each other.
     fn lock_contacts(&self, source: &mut super::SceneBuilder) -> Result<(), Error> {
-        if source.contacts.is_empty() {
+        if self.contacts().is_empty() {
             return Ok(());
         }
         let contacts = std::mem::take(&mut source.contacts);
