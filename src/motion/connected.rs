@@ -12,12 +12,12 @@ use super::step_settings::StepSettings;
 use crate::batch::connected::{self, factor_rows};
 use crate::batch::factor;
 use crate::batch::instruction_set::{Target, Vectorized, Work};
-use crate::dynamics::constraints::{CLOSED, ConstraintKernel, FARTHEST, ROUNDED, Residuals, extent};
+use crate::dynamics::constraints::{CLOSED, ConstraintKernel, FARTHEST, ROUNDED, Residuals, extent, largest_of};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
-use crate::scalar::{Real, lanes_but, larger};
+use crate::scalar::{Real, lanes_but};
 use crate::scene::Scene;
 
 /// Largest number of steps of a projection; a state that needs more is projected by the checked step.
@@ -249,14 +249,13 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
             rows.step_against(Residuals::Errors, innovations);
             change.copy_from_slice(innovations);
             factor::smooth(target, scene, sweeps, change);
-            let longest = change.iter().fold(zero, |longest, x| larger(longest, x.abs()));
+            let longest = largest_of(change, zero);
             doubt |= open & lanes_but::<T>(|lane| longest.lane(lane) <= FARTHEST);
             advance(scene.0, q_next, change, moved);
             replace(q_next, moved, open);
         }
         doubt |= of_factor;
-        let fastest = v_next.iter().fold(zero, |most, v| larger(most, v.abs()));
-        let speed = fastest.mul_add(size, zero.constant(1.0));
+        let speed = largest_of(v_next, zero).mul_add(size, zero.constant(1.0));
         (before, step) = (zero.constant(f64::INFINITY), 0);
         loop {
             let left = rows.largest(Residuals::Rates);

@@ -178,7 +178,7 @@ impl<T: Real> ConstraintKernel<T> {
     pub fn factor(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
         let zero = scene.0.gravity[0].constant(0.0);
         self.whitened.sizes.fill(zero);
-        let speed = qd.iter().fold(zero.constant(1.0), |most, v| larger(most, v.abs()));
+        let speed = largest_of(qd, zero.constant(1.0));
         self.fastest = speed * zero.constant(self.slack);
         let mut regular = zero.constant(1.0);
         for at in 0..self.connections.len() {
@@ -415,7 +415,22 @@ impl<T: Real> Row<T> {
 /// J qd of a row of joint coordinates.
 #[inline(always)]
 fn joints_rate<T: Real>(torques: &[Option<(usize, T)>; 2], qd: &[T], zero: T) -> T {
-    torques.iter().flatten().fold(zero, |rate, &(row, torque)| torque.mul_add(qd[row], rate))
+    let mut rate = zero;
+    for &(row, torque) in torques.iter().flatten() {
+        rate = torque.mul_add(qd[row], rate);
+    }
+    rate
+}
+
+/// The largest absolute value, at least `least`. A loop, because a closure that is not inlined is compiled for the
+/// baseline.
+#[inline(always)]
+pub(crate) fn largest_of<T: Real>(x: &[T], least: T) -> T {
+    let mut most = least;
+    for x in x {
+        most = larger(most, x.abs());
+    }
+    most
 }
 
 /// The motion of the first frame of a connection relative to the second, and the rows of the pair. None for joint

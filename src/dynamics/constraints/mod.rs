@@ -37,7 +37,7 @@ mod solution;
 pub(crate) use derivatives::constrained_derivatives;
 pub(crate) use elimination::Elimination;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
-pub(crate) use kernel::{ConstraintKernel, Residuals};
+pub(crate) use kernel::{ConstraintKernel, Residuals, largest_of};
 pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities};
 pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows};
 pub use scratch::ConstraintScratch;

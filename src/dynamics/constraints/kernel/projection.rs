@@ -23,7 +23,10 @@ impl<T: Real> ConstraintKernel<T> {
         for (connection, of) in self.connections.iter().zip(&self.whitened.paths) {
             let LaneTie::Joints(_, Followed { coordinates, offset }) = &connection.tie else { continue };
             let row = &mut self.rows[of.rows.start];
-            row.error = coordinates.iter().flatten().fold(-*offset, |sum, &(at, factor)| factor.mul_add(q[at], sum));
+            row.error = -*offset;
+            for &(at, factor) in coordinates.iter().flatten() {
+                row.error = factor.mul_add(q[at], row.error);
+            }
             row.stabilize(self.alpha);
         }
     }
@@ -49,10 +52,12 @@ impl<T: Real> ConstraintKernel<T> {
     #[inline(always)]
     pub fn largest(&self, which: Residuals) -> T {
         let zero = self.weight.constant(0.0);
-        self.rows.iter().fold(zero, |most, row| {
+        let mut most = zero;
+        for row in &self.rows {
             let left = if which == Residuals::Errors { row.error } else { row.rate };
-            larger(most, left.abs())
-        })
+            most = larger(most, left.abs());
+        }
+        most
     }
 
     /// The innovations of the forces -G^-1 residual, which remove the residuals to first order, into `innovations`.
