@@ -143,7 +143,7 @@ def written(rows: list[list[str]]) -> str:
 
 Written by `make rust-crate` (benches/rust_crate.py) with {rustc} on {platform.machine()}: a program that computes the forward dynamics of a chain of seven links, built with `cargo build --release` into an empty target folder, with `default-features = false` except where the set contains `default`. CPU time is the
 user and system time of all processes of the build, including the dependencies; the elapsed time is for a machine with {os.cpu_count()} processors that also did other work. "none" has no derivatives; "one-unit" is the release profile with `codegen-units = 1`, and "small" that with `opt-level = "s"`, `codegen-units = 1`, `lto = true` and `panic = "abort"`. The times per call are the shortest of 20, on
-one thread, with `Form::Auto`.
+one thread, with `Form::Auto`; on a busy machine they are upper bounds.
 
 {table}
 

@@ -269,6 +269,20 @@ fn gather_state<T: Vectorized>([q, qd, u]: [&mut [T]; 3], states: &[&Arguments<'
     fault
 }
 
+/// Gathers the vectors of the seed of every state into lanes. Returns zero if all values are finite, otherwise NaN.
+#[cfg(feature = "derivatives")]
+#[inline(always)]
+fn gather_seeds<T: Vectorized>(seeds: &mut [Vec<T>; 3], states: &[&Arguments<'_, T::Number>; MOST_LANES]) -> T {
+    let mut fault = T::zero();
+    for (i, seed) in seeds.iter_mut().enumerate() {
+        if !states[0].seed[i].is_empty() {
+            seed.resize(states[0].seed[i].len(), T::zero());
+            fault += gather(seed, states, |state| state.seed[i]);
+        }
+    }
+    fault
+}
+
 /// The lanes with a quaternion that is not normalized, or with a value that is not finite.
 #[inline(always)]
 fn doubtful<T: Real>(states: usize, nearness: T, fault: T) -> u64 {
@@ -361,13 +375,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         #[cfg(feature = "derivatives")]
         if let (Algorithm::Products(which), true) = (algorithm, GROUP == PRODUCTS) {
             let kernel = products.get_or_insert_with(|| Box::new(ProductKernel::new(model, sweeps)));
-            let mut fault = T::zero();
-            for (i, seed) in kernel.seeds.iter_mut().enumerate() {
-                if !given[0].seed[i].is_empty() {
-                    seed.resize(given[0].seed[i].len(), T::zero());
-                    fault += gather(seed, &given, |state| state.seed[i]);
-                }
-            }
+            let fault = gather_seeds(&mut kernel.seeds, &given);
             for lane in 0..states.len() {
                 doubt |= u64::from(fault.lane(lane) != 0.0) << lane;
             }
