@@ -97,7 +97,7 @@ fn batches_are_their_states() {
         scene.evaluate(&mut evaluator, Algorithm::ForwardDynamics(form), &states, &mut out).unwrap();
         workspace.form = form;
         for ((q, qd, tau), found) in all.iter().zip(out.chunks_exact(7)) {
-            let mut qdd = [f64::NAN; 7];
+            let mut qdd = vec![f64::NAN; 7];
             scene.forward_dynamics(&mut workspace, q, qd, tau, &[], &mut qdd).unwrap();
             assert_eq!(qdd, found, "{form:?}");
         }
