@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import warnings
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,8 @@ from ._motion_parts import (
     MotionEnergy,
     StopImpact,
     Violation,
+    contact_wrenches,
+    first_rows,
 )
 from ._recorded import Recorded
 from ._trajectory_files import TrajectoryFiles
@@ -47,7 +49,6 @@ __all__ = [
 ]
 
 _Array = NDArray[np.float64]
-_Number = TypeVar("_Number", np.float64, np.int8)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -346,25 +347,8 @@ class Trajectory(TrajectoryFiles):
             scene = scene.with_properties(armature=self.armature)
         given = {} if self.given is None or "compliance" not in self.given else {"compliance": self.given["compliance"]}
         if self.contacts is not None:
-            given["wrenches"] = self._contact_wrenches()
+            given["wrenches"] = contact_wrenches(self.scene, self.q, self.contacts)
         return dict(scene.constrained_dynamics(self.q, self.qd, self.torques(), errors="nan", **given).forces)
-
-    def _contact_wrenches(self) -> dict[str, _Array]:
-        """Contact forces as wrenches (moment, force) on links, in their frames, by name of the link, (..., rows, 6)."""
-        assert self.contacts is not None
-        scene, wrenches = self.scene, dict[str, _Array]()
-        places, points = scene.placements(self.q), scene._contact_points(self.q)
-        for at, (name, link, *rest) in enumerate(scene._contacts()):
-            other = rest[6]
-            for body, sign in ((link, 1.0), (other, -1.0)):
-                if body is None:
-                    continue
-                turn, origin = places[body][..., :3, :3], places[body][..., :3, 3]
-                force = sign * self.contacts.force[name]
-                moment = np.cross(points[..., at, :] - origin, force)
-                local = [np.einsum("...ji,...j->...i", turn, vector) for vector in (moment, force)]
-                wrenches[body] = wrenches.get(body, 0.0) + np.concatenate(local, axis=-1)
-        return wrenches
 
     def _displacement(self, rest: _Array, q: _Array) -> _Array:
         """Displacement from rest to q, (..., nv), as springs measure it: for a free joint the distance in the child
@@ -544,7 +528,7 @@ def trajectory_of(
     if rows < q.shape[-2]:
         q, qd = q[..., :rows, :], qd[..., :rows, :]
         if about.get("contacts") is not None:
-            about["contacts"] = _first_rows(about["contacts"], rows, q.ndim - 2)
+            about["contacts"] = first_rows(about["contacts"], rows, q.ndim - 2)
     tau = given.get("tau")
     applied = tau.rows(q.shape[:-2], rows, qd.shape[-1]) if isinstance(tau, Recorded) else None
     return Trajectory(scene, t, q, qd, dt, steps, record_every=record_every, given=_kept(given), applied=applied, **_outcome(about))
@@ -577,17 +561,6 @@ def contacts_of(names: tuple[str, ...], rows: _Array, totals: _Array) -> Contact
 
 #: Indices of the gap, slip velocity, force and impulse in the values of a contact.
 _PARTS: tuple[int | slice, ...] = (0, slice(1, 4), slice(4, 7), slice(7, 10))
-
-
-def _first_rows(contacts: ContactMotion, rows: int, axis: int) -> ContactMotion:
-    """The rows that were filled."""
-    which = (slice(None),) * axis + (slice(rows),)
-
-    def first(of: dict[str, NDArray[_Number]]) -> dict[str, NDArray[_Number]]:
-        return {name: values[which] for name, values in of.items()}
-
-    gap, slip, force, impulse = first(contacts.gap), first(contacts.slip), first(contacts.force), first(contacts.impulse)
-    return contacts._replace(gap=gap, slip=slip, force=force, impulse=impulse, state=first(contacts.state))
 
 
 def only_now(q: _Array, qd: _Array, *, scene: Scene, dt: float, steps: int, **about: Any) -> Trajectory:

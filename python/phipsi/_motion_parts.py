@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from ._core import Scene
 
 __all__ = [
     "PD",
@@ -22,6 +25,7 @@ __all__ = [
 ]
 
 _Array = NDArray[np.float64]
+_Number = TypeVar("_Number", np.float64, np.int8)
 
 
 class PD(NamedTuple):
@@ -326,3 +330,31 @@ class Violation(NamedTuple):
     """Time of the first row beyond the limit, s."""
     rows: int
     """Number of rows beyond the limit, over all states."""
+
+
+def contact_wrenches(scene: Scene, q: _Array, contacts: ContactMotion) -> dict[str, _Array]:
+    """Contact forces as wrenches (moment, force) on links, in their frames, by name of the link, (..., rows, 6)."""
+    wrenches = dict[str, _Array]()
+    places, points = scene.placements(q), scene._contact_points(q)
+    for at, (name, link, *rest) in enumerate(scene._contacts()):
+        other = rest[6]
+        for body, sign in ((link, 1.0), (other, -1.0)):
+            if body is None:
+                continue
+            turn, origin = places[body][..., :3, :3], places[body][..., :3, 3]
+            force = sign * contacts.force[name]
+            moment = np.cross(points[..., at, :] - origin, force)
+            local = [np.einsum("...ji,...j->...i", turn, vector) for vector in (moment, force)]
+            wrenches[body] = wrenches.get(body, 0.0) + np.concatenate(local, axis=-1)
+    return wrenches
+
+
+def first_rows(contacts: ContactMotion, rows: int, axis: int) -> ContactMotion:
+    """The rows that were filled."""
+    which = (slice(None),) * axis + (slice(rows),)
+
+    def first(of: dict[str, NDArray[_Number]]) -> dict[str, NDArray[_Number]]:
+        return {name: values[which] for name, values in of.items()}
+
+    gap, slip, force, impulse = first(contacts.gap), first(contacts.slip), first(contacts.force), first(contacts.impulse)
+    return contacts._replace(gap=gap, slip=slip, force=force, impulse=impulse, state=first(contacts.state))
