@@ -129,7 +129,7 @@ OTHER := aarch64-unknown-linux-gnu
 check: export CARGO_INCREMENTAL = 0
 check: $(VENV)/test
 	cargo fmt --check
-	cargo clippy --locked --all-targets -- -D warnings
+	cargo clippy --locked --all-targets --no-default-features -- -D warnings
 	cargo clippy --locked --all-targets --features $(ALL_FEATURES) -- -D warnings
 	cargo clippy --locked --all-targets --features python,avx512,float32 -- -D warnings
 	if rustup target add $(OTHER); then cargo clippy --locked --lib --features $(ALL_FEATURES) --target $(OTHER) -- -D warnings; \
