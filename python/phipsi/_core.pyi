@@ -713,7 +713,7 @@ class Scene:
 
         Notes
         -----
-        O(N) per stage. Steps between rows are recomputed, none with record_every=1. The memory of a thread grows with
+        O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
         the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
         differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md.
 
