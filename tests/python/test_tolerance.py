@@ -33,6 +33,7 @@ LOOP = four_bar()
 START = LOOP.project([np.pi / 2, -np.pi / 2, -np.pi / 2]).q
 ONES = np.ones(N)
 Q = SCENE.neutral()
+BALL = phipsi.SceneBuilder().link("ball", 1.0, inertia=np.eye(3)).contact("foot", "ball", friction=0.5, xyz=(0.1, 0.0, 0.0)).build(floating_base=True)
 LINK = SCENE.link_names[-1]
 
 CALLS = {
@@ -48,6 +49,7 @@ CALLS = {
     "constrained_dynamics": lambda **k: LOOP.constrained_dynamics(START, np.zeros(3), np.ones(3), **k).qdd,
     "constrained_inverse_dynamics": lambda **k: LOOP.constrained_inverse_dynamics(START, np.zeros(3), np.zeros(3), **k).tau,
     "constrained_mass_matrix_inverse": lambda **k: LOOP.constrained_mass_matrix_inverse(START, **k),
+    "contact_gram": lambda **k: BALL.contact_gram(BALL.neutral(), **k),
     "factor": lambda **k: SCENE.factor(Q, **k).solve(ONES),
     "simulate": lambda **k: SCENE.simulate(Q, ONES, dt=1e-3, steps=3, **k).q,
     "simulate_vjp": lambda **k: SCENE.simulate_vjp(
