@@ -79,7 +79,8 @@ fn what_is_watched_tells_where_digits_are_lost() {
             let program = Program::new(&scene, &function).unwrap();
             for (which, (q, qd, u)) in states_of_people(&scene).into_iter().enumerate() {
                 tame += usize::from(is_tame);
-                let given = &[q, qd, u][..program.arguments.len()];
+                let seeds = [21, 22, 23].map(|seed| Random::new(seed).array(scene.nv(), 1.0));
+                let given = &[&[q, qd, u][..], &seeds].concat()[..program.arguments.len()];
                 let (mut workspace, mut expected) = (scene.workspace(), vec![f64::NAN; function.width(&scene) - 1]);
                 match function {
                     Function::ForwardDynamicsWatched => {
@@ -88,6 +89,18 @@ fn what_is_watched_tells_where_digits_are_lost() {
                     Function::MassMatrixInverseWatched => {
                         let mut scratch = scene.inverse_scratch();
                         scene.mass_matrix_inverse(&mut workspace, &mut scratch, &given[0], &mut expected)
+                    }
+                    Function::ForwardDynamicsDerivativesWatched => {
+                        let [q, qd, u] = [0, 1, 2].map(|i| &given[i][..]);
+                        scene.forward_dynamics_derivatives(&mut workspace, q, qd, u, &[], &mut expected)
+                    }
+                    Function::ForwardDynamicsJvpWatched => {
+                        let ([q, qd, u], along) = ([0, 1, 2].map(|i| &given[i][..]), [3, 4, 5].map(|i| &given[i][..]));
+                        scene.forward_dynamics_jvp(&mut workspace, q, qd, u, &[], along, &mut expected)
+                    }
+                    Function::ForwardDynamicsVjpWatched => {
+                        let [q, qd, u, cotangent] = [0, 1, 2, 3].map(|i| &given[i][..]);
+                        scene.forward_dynamics_vjp(&mut workspace, q, qd, u, &[], cotangent, &mut expected)
                     }
                     _ => Ok(()),
                 }
@@ -259,7 +272,7 @@ fn programs_go_through_connections() {
     let (mut workspace, mut scratch) = (scene.workspace(), scene.constraint_scratch());
     for seed in 0..4 {
         let mut random = Random::new(seed);
-        let (mut q, mut qd, tau) = (random.array(6, 0.1), random.array(6, 1.0), random.array(6, 5.0));
+        let (mut q, mut qd, tau) = (random.array(6, 1.0), random.array(6, 1.0), random.array(6, 5.0));
         scene.project(&mut workspace, &mut scratch, &mut q, Some(&mut qd)).unwrap();
         let given = [q, qd, tau, vec![0.0; scene.constraint_rows()]];
         for (function, watched) in [

@@ -62,11 +62,12 @@ fn rust_crates_pass_their_own_tests() {
         ("arm", scenes::chain(7).unwrap()),
         ("one", scenes::chain(1).unwrap()),
     ] {
-        let directory = directory(name, &rust_sources(&scene, name, &FUNCTIONS).unwrap());
+        let functions = Function::of(&scene);
+        let directory = directory(name, &rust_sources(&scene, name, &functions).unwrap());
         library(&directory, name, true);
         run(rustc(&directory).args(["--test", "tests/reference.rs", "-o", "reference", "--extern", name]));
         let said = run(&mut Command::new(directory.join("reference")));
-        assert!(said.contains(&format!("{} passed; 0 failed", 2 * FUNCTIONS.len())), "{said}");
+        assert!(said.contains(&format!("{} passed; 0 failed", 2 * functions.len())), "{said}");
         std::fs::remove_dir_all(&directory).unwrap();
     }
 }
@@ -91,7 +92,7 @@ fn what_legs_repeat_is_a_loop_in_rust_and_in_kernels() {
 /// A program that reads states and prints the results of each function with this scalar type.
 fn program(scene: &Scene, numbers: &str) -> String {
     let mut text = format!("{numbers}{READER}");
-    for function in FUNCTIONS {
+    for function in Function::of(scene) {
         let arguments = function.arguments(scene);
         let given = arguments.iter().map(|array| match array.name {
             "q" => "&q",
@@ -199,7 +200,8 @@ fn compare(directory: &Path, scene: &Scene, (text, is_single): (&str, bool)) {
 fn rust_gives_what_the_methods_give_in_numbers_of_any_kind() {
     for seed in [4, 5] {
         let scene = tree(seed, 5);
-        let directory = directory(&format!("numbers{seed}"), &rust_sources(&scene, "arm", &FUNCTIONS).unwrap());
+        let directory =
+            directory(&format!("numbers{seed}"), &rust_sources(&scene, "arm", &Function::of(&scene)).unwrap());
         library(&directory, "arm", true);
         compare(&directory, &scene, (&program(&scene, &PLAIN.replace("NUMBER", "f64")), false));
         compare(&directory, &scene, (&program(&scene, &PLAIN.replace("NUMBER", "f32")), true));
@@ -270,8 +272,9 @@ fn kernels_as_c_pass_their_own_test() {
     for (name, width) in [("double", Width::Double), ("single", Width::Single)] {
         // In single precision a chain with a well-conditioned mass matrix.
         let scene = if width == Width::Double { tree(5, 5) } else { scenes::chain(3).unwrap() };
-        let said = by_the_c_compiler(name, name, &cuda_sources(&scene, name, &FUNCTIONS, width).unwrap());
-        let results: usize = FUNCTIONS.iter().map(|function| function.results(&scene).len()).sum();
+        let functions = Function::of(&scene);
+        let said = by_the_c_compiler(name, name, &cuda_sources(&scene, name, &functions, width).unwrap());
+        let results: usize = functions.iter().map(|function| function.results(&scene).len()).sum();
         assert_eq!(said.lines().count(), results, "{said}");
     }
 }

@@ -131,7 +131,7 @@ fn states_in_lanes_step_as_alone() {
                     assert_eq!(run(arm, i..i + 1)[0], *own, "{arm}: state {i}");
                     // Positions and velocities.
                     let apart: Vec<f64> = own.iter().zip(expected).take(13).map(|(a, b)| a - b).collect();
-                    assert!(tolerance::size(&apart) <= tolerance::SAME_STEPS, "{arm}: state {i}: {apart:?}");
+                    assert!(tolerance::size(&apart) <= tolerance::SAME_CONTACTS, "{arm}: state {i}: {apart:?}");
                 }
             }
         }
