@@ -183,7 +183,7 @@ fn compare(directory: &Path, scene: &Scene, (text, is_single): (&str, bool)) {
             &Function::InverseDynamics,
             &given(scene, &Function::InverseDynamics, state),
         ));
-        for function in FUNCTIONS {
+        for function in Function::of(scene) {
             let expected = by_method(scene, &function, &given(scene, &function, state));
             let found: Vec<f64> = lines.next().unwrap().split(' ').map(|x| x.parse().unwrap()).collect();
             let is_bias = function == Function::BiasTorque;
