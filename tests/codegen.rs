@@ -7,6 +7,7 @@ use crate::common::{Random, random_inertial, tolerance};
 use phipsi::codegen::{Function, Program, WATCHED, Width, sources};
 use phipsi::kinematics::{REFERENCE_FRAMES, ReferenceFrame};
 use phipsi::scene::{Connection, ConnectionKind, JointDescription, JointKind, LinkDescription, Mimic, MimicJoints};
+use phipsi::spatial::RigidShift;
 use phipsi::{Scene, SceneBuilder, scenes};
 use std::process::Command;
 
@@ -257,10 +258,16 @@ fn names_that_are_none_in_c_are_refused() {
     assert!(error.contains("functions"), "{error}");
 }
 
-/// A chain whose tip is held at a point and whose second joint follows the first.
+/// A configuration of [`held_chain`].
+const BENT: [f64; 6] = [0.3, 0.8, -0.4, 0.6, -0.5, 0.7];
+
+/// A chain whose tip is held where it is in a bent configuration, and two of whose joints are geared.
 fn held_chain() -> Scene {
     let mut tip = Connection::new("tip", ConnectionKind::Point, "link5", None);
     tip.frame.lever = [0.0, 0.0, 0.3].into();
+    let place = scenes::chain(6).unwrap().placement(&BENT, "link5").unwrap();
+    let lever = place.rotate(&tip.frame.lever) + place.lever;
+    tip.other_frame = Some(RigidShift { lever, ..RigidShift::identity() });
     let coupling = ConnectionKind::Joint { multiplier: -0.5, offset: 0.0 };
     let gear = Connection::new("gear", coupling, "j2", Some("j1"));
     scenes::chain(6).unwrap().source().clone().connect(tip).connect(gear).build().unwrap()
@@ -272,7 +279,8 @@ fn programs_go_through_connections() {
     let (mut workspace, mut scratch) = (scene.workspace(), scene.constraint_scratch());
     for seed in 0..4 {
         let mut random = Random::new(seed);
-        let (mut q, mut qd, tau) = (random.array(6, 1.0), random.array(6, 1.0), random.array(6, 5.0));
+        let (mut q, mut qd, tau) = (random.array(6, 0.1), random.array(6, 1.0), random.array(6, 5.0));
+        q.iter_mut().zip(BENT).for_each(|(q, bent)| *q += bent);
         scene.project(&mut workspace, &mut scratch, &mut q, Some(&mut qd)).unwrap();
         let given = [q, qd, tau, vec![0.0; scene.constraint_rows()]];
         for (function, watched) in [
