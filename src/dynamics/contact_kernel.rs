@@ -171,7 +171,7 @@ impl<T: Real> ContactKernel<T> {
     pub fn velocities_after(&self, before: &[T], impulses: &[T], out: &mut [T]) {
         let (m, gram) = (before.len(), self.gram());
         for (i, out) in out.iter_mut().enumerate() {
-            let own = &gram[i * m..i * m + i + 1];
+            let own = &gram[i * m..=i * m + i];
             let mut sum = before[i];
             for (&g, &p) in own.iter().zip(impulses) {
                 sum = g.mul_add(p, sum);

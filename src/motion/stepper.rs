@@ -2,7 +2,7 @@
 
 use super::connected::Connected;
 use super::constrained::{Constrained, ConstrainedScratch};
-use super::contact::{ContactStepper, Touching, record};
+use super::contact::{ContactStepper, Touching};
 use super::faults::{LARGEST_STEP, fault_of};
 use super::job::{Impacts, Job};
 use super::limit_rows::limit_rows;
@@ -205,25 +205,8 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
         let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = settings.width(scene);
-        take_states(&mut s.q, count, |lane| &current[lane * width..][..nq]);
-        take_states(&mut s.v, count, |lane| &current[lane * width + nq..][..nv]);
-        take_states(&mut s.totals, count, |lane| &current[lane * width + nq + nv..][..TOTALS]);
         let (kept, end) = (nq + nv + TOTALS, nq + nv + TOTALS + CONSERVED * settings.roots.len());
-        if s.momentum.is_active() {
-            take_states(&mut s.momentum.start, count, |lane| &current[lane * width + kept..][..end - kept]);
-            take_states(&mut s.momentum.largest, count, |lane| &current[lane * width + end..][..2]);
-        }
-        if let Some(gains) = &settings.gains {
-            take_states(&mut s.target, count, |lane| of_state(&gains.target, nq, states.start + lane));
-            take_states(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.start + lane));
-        }
-        if let Torque::Constant(torque) = torque {
-            take_states(&mut s.torque, count, |lane| torque.state(states.start + lane));
-        } else {
-            for u in &mut s.torque {
-                *u = u.constant(0.0);
-            }
-        }
+        begin(s, settings, (&states, &*current, width), torque, (nq, nv));
         let mut kernels = Kernels::new(target, form, connected);
         kernels.factors = touching.is_some();
         let points = scene.contact_points();
@@ -233,8 +216,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             for (lane, state) in states.clone().enumerate() {
                 let Some(to) = rows.of_contacts(state, 0, points.len()) else { break };
                 let (moving, kept) = current[lane * width..(lane + 1) * width].split_at(nq + nv);
-                let (state, kept) = (moving.split_at(nq), (&kept[TOTALS..], settings.step));
-                record(scene.model(), points, touching.rows(scene, settings, form), state, kept, to);
+                touching.record((scene, settings, form), moving.split_at(nq), &kept[TOTALS..], to);
             }
         }
         if let Some(connected) = &mut kernels.connected {
@@ -302,8 +284,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                     let (q, v) = (rows.q[at * nq..(at + 1) * nq].to_vec(), rows.qd[at * nv..(at + 1) * nv].to_vec());
                     let Some(to) = rows.of_contacts(states.start + lane, row, points.len()) else { continue };
                     let kept = &mut current[lane * width + kept..(lane + 1) * width];
-                    let of = touching.rows(scene, settings, form);
-                    record(scene.model(), points, of, (&q, &v), (kept, settings.step), to);
+                    touching.record((scene, settings, form), (&q, &v), kept, to);
                     kept[3 * points.len()..6 * points.len()].fill(0.0);
                 }
             }
@@ -321,6 +302,37 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             }
         }
         outcome
+    }
+}
+
+/// Reads the initial state of each lane, and what is constant during the run.
+#[inline(always)]
+fn begin<T: Vectorized<Number = f64>>(
+    s: &mut Scratch<T>,
+    settings: &StepSettings,
+    (states, current, width): (&Range<usize>, &[f64], usize),
+    torque: &Torque<'_>,
+    (nq, nv): (usize, usize),
+) {
+    let (count, kept) = (states.len(), nq + nv + TOTALS);
+    let end = kept + CONSERVED * settings.roots.len();
+    take_states(&mut s.q, count, |lane| &current[lane * width..][..nq]);
+    take_states(&mut s.v, count, |lane| &current[lane * width + nq..][..nv]);
+    take_states(&mut s.totals, count, |lane| &current[lane * width + nq + nv..][..TOTALS]);
+    if s.momentum.is_active() {
+        take_states(&mut s.momentum.start, count, |lane| &current[lane * width + kept..][..end - kept]);
+        take_states(&mut s.momentum.largest, count, |lane| &current[lane * width + end..][..2]);
+    }
+    if let Some(gains) = &settings.gains {
+        take_states(&mut s.target, count, |lane| of_state(&gains.target, nq, states.start + lane));
+        take_states(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.start + lane));
+    }
+    if let Torque::Constant(torque) = torque {
+        take_states(&mut s.torque, count, |lane| torque.state(states.start + lane));
+    } else {
+        for u in &mut s.torque {
+            *u = u.constant(0.0);
+        }
     }
 }
 

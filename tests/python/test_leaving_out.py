@@ -227,13 +227,12 @@ def many_links(count: int) -> phipsi.Scene:
 
 def test_the_plan_takes_time_in_proportion_to_the_links() -> None:
     """Eight times the links took sixty times as long when each was searched among all."""
-    times = []
-    for count in (1_000, 8_000):
-        scene = many_links(count)
-        runs = []
-        for _ in range(5):
+    scenes = [many_links(count) for count in (1_000, 8_000)]
+    times = [np.inf, np.inf]
+    # In turns, because other work slows a machine down for a while.
+    for _ in range(20):
+        for i, scene in enumerate(scenes):
             begin = time.perf_counter()
             scene.plan()
-            runs.append(time.perf_counter() - begin)
-        times.append(min(runs))
+            times[i] = min(times[i], time.perf_counter() - begin)
     assert times[1] < 24 * times[0]

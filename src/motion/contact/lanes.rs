@@ -17,11 +17,12 @@ use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::project::{TOUCHES, out_of_planes};
 use super::report::ContactReport;
 use super::step::{ContactStep, LATE, Outcome, keep, report};
+use super::stepper::record;
 use crate::batch::factor;
 use crate::batch::instruction_set::{Target, Vectorized, Work};
 use crate::contact::{Cone, Effort, Limits, SolveReport, passive};
 use crate::dynamics::contact_kernel::ContactKernel;
-use crate::dynamics::contacts::{ContactScratch, LimitRow};
+use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::sweeps::{SweepScratch, place};
 use crate::filter::Form;
 use crate::model::Model;
@@ -82,9 +83,16 @@ impl<T: Vectorized<Number = f64>> Touching<T> {
         }
     }
 
-    /// The rows of the contacts at a state, for records.
-    pub fn rows(&mut self, scene: &Scene, settings: &StepSettings, form: Form) -> &mut ContactScratch {
-        &mut alone(&mut self.alone, scene, settings, form).0.rows
+    /// Writes a row of the contacts of one state.
+    pub fn record(
+        &mut self,
+        (scene, settings, form): (&Scene, &StepSettings, Form),
+        state: (&[f64], &[f64]),
+        kept: &[f64],
+        to: &mut [f64],
+    ) {
+        let rows = &mut alone(&mut self.alone, scene, settings, form).0.rows;
+        record(scene.model(), scene.contact_points(), rows, state, (kept, settings.step), to);
     }
 
     /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the
@@ -290,13 +298,12 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
                 take_end(one, s, lane);
                 let ends = (&mut one.q_next[..], &mut one.q_stage[..]);
                 let workspace = &mut step.solver.workspace;
-                match out_of_planes((scene, &one.model), workspace, &mut step.rows, ends, None) {
-                    Ok(found) => (depth, iterations) = found,
-                    Err(_) => {
-                        fallback |= 1 << lane;
-                        continue;
-                    }
-                }
+                let found = out_of_planes((scene, &one.model), workspace, &mut step.rows, ends, None);
+                let Ok(found) = found else {
+                    fallback |= 1 << lane;
+                    continue;
+                };
+                (depth, iterations) = found;
                 fill(&mut s.q_next, lane, &one.q_next);
             }
             let mut nothing = Outcome::nothing();

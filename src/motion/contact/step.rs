@@ -21,8 +21,10 @@ use crate::dynamics::contacts::ContactScratch;
 use crate::dynamics::forward::factorise;
 use crate::error::Error;
 use crate::filter::Form;
+use crate::model::Model;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
+use crate::workspace::Workspace;
 use nalgebra::{DVector, Matrix3};
 
 /// An inactive contact becomes active if the step ends with a larger penetration, m.
@@ -155,10 +157,7 @@ impl ContactStep {
         }
         // With connections, the projection of the velocities has left the factor.
         if rows.closed.is_none() {
-            let pivots = factorise(&s.model, workspace, &s.q);
-            if let Some(lost) = workspace.lost_pivot(&s.model, &pivots) {
-                return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
-            }
+            factorised(scene, (&s.model, &s.q), workspace)?;
         }
         // The velocity that gravity adds in a step: slower rebounds would last less than two steps.
         let rest_speed = s.model.gravity.norm() * h;
@@ -186,11 +185,7 @@ impl ContactStep {
                 warm = None;
                 hit = Some(struck);
             }
-            let mut c = u.clone();
-            for (at, &i) in near.iter().enumerate() {
-                c[3 * at + 2] -=
-                    if i < n { -gaps[i].max(0.0) / h } else { least_velocity(gaps[i], start[3 * i + 2], h) };
-            }
+            let mut c = to_least_velocities(&u, (&near, n), before, h);
             let mut limits = Limits::beside(&c);
             limits.scale = limits.scale.max(free_here.amax());
             let (held, mut solved) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
@@ -272,6 +267,27 @@ impl ContactStep {
             s.totals[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
         }
     }
+}
+
+/// Factorizes M at `q`.
+fn factorised(
+    scene: &Scene,
+    (model, q): (&Model<f64>, &[f64]),
+    workspace: &mut Workspace<f64>,
+) -> Result<(), (String, Error)> {
+    let pivots = factorise(model, workspace, q);
+    let lost = workspace.lost_pivot(model, &pivots);
+    lost.map_or(Ok(()), |lost| Err(pivot_fault(scene, lost.stage, scene.singular(lost))))
+}
+
+/// Velocities u of the contacts `near`, the first `n` of which are not joint limits, minus the least velocities with which
+/// they end the step at their surface or limit.
+fn to_least_velocities(u: &DVector<f64>, (near, n): (&[usize], usize), before: &StepStart, h: f64) -> DVector<f64> {
+    let (mut c, StepStart { gaps, start, .. }) = (u.clone(), before);
+    for (at, &i) in near.iter().enumerate() {
+        c[3 * at + 2] -= if i < n { -gaps[i].max(0.0) / h } else { least_velocity(gaps[i], start[3 * i + 2], h) };
+    }
+    c
 }
 
 /// Coefficient of restitution of each contact and joint limit in this step: zero if it does not rebound.
