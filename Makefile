@@ -121,7 +121,7 @@ docs: $(VENV)-docs/there
 	@echo "open target/site/index.html"
 
 # The short examples of docs/examples.md.
-EXAMPLES := $(patsubst %,examples/%.py,ant computed_torque dropped_box four_bar friction_from_a_slide gripper hopper humanoid inverse_kinematics lift lqr own_urdf push_block quadruped xacro_snake)
+EXAMPLES := $(patsubst %,examples/%.py,ant computed_torque dropped_box four_bar gripper humanoid inverse_kinematics lift lqr own_urdf quadruped xacro_snake)
 
 # Another processor architecture: its kernels are compiled, but not run.
 OTHER := aarch64-unknown-linux-gnu

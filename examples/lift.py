@@ -39,7 +39,9 @@ for n in range(2000):
 q, t = np.array(rows), np.arange(len(rows)) * 0.02
 
 raised = q[-1, scene.q_index("block")][2]
-held = sum(simulator.contacts.force[f"{name}{i}"][2] for name in ("left", "right") for i in range(4))
+contacts = simulator.contacts
+assert contacts is not None
+held = sum(contacts.force[f"{name}{i}"][2] for name in ("left", "right") for i in range(4))
 print(f"the block is {1000 * raised:.1f} mm above the table; friction carries {-held:.2f} N of {0.3 * 9.81:.2f} N")
 assert abs(raised - height) < 2e-3 and np.isclose(-held, 0.3 * 9.81, rtol=1e-3)
 assert np.abs(scene.contact_velocities(simulator.q, simulator.qd)[:8]).max() < 1e-6

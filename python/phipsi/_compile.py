@@ -149,7 +149,8 @@ class Compiled(Functions[_Array]):
         if wrenches is None and isinstance(errors, str) and errors in ("raise", "nan"):
             found = code((*state, self._rigid if compliance is None else compliance))
             if found is not None:
-                return ConstrainedDynamics(*by_connection(*found, self._rows))
+                vector, forces, rank, residual = found
+                return ConstrainedDynamics(*by_connection(vector, forces, rank, residual, self._rows))
         return self.scene.constrained_dynamics(*state, compliance=compliance, wrenches=wrenches, errors=errors, **self._keywords[("constrained_dynamics",)])
 
     def _several_placements(self, q: Any, links: tuple[str, ...], errors: _Errors) -> Any:
@@ -314,7 +315,7 @@ def compile(  # noqa: A001  # phipsi.compile
             if value is not None:
                 raise of_argument(ArgumentError, argument, f"found {value!r} with device='cuda', whose compiler is NVRTC; expected None")
         return compile_for_cuda(scene, known, dtype)
-    found = _command(compiler or os.environ.get("CC") or "cc")
+    command = _command(compiler or os.environ.get("CC") or "cc")
     kept: Literal["auto", "covariance"] = form or ("auto" if dtype == "float64" else "covariance")
     written = _written(known, WATCHED if kept == "auto" else {name: WATCHED[name] for name in through})
     judged = any(name in (*WATCHED.values(), WATCH) for name in written)
@@ -322,7 +323,7 @@ def compile(  # noqa: A001  # phipsi.compile
     files = scene.to_c(name="robot", functions=written, dtype=dtype, batches=True, tolerance=accepted if judged else None)
     own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
     told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
-    key = _key(files, found, told)
+    key = _key(files, command, told)
     into = _writable((_caches() if cache is None else Path(cache)) / key)
     library = into / "robot.so"
     made = None
@@ -333,7 +334,7 @@ def compile(  # noqa: A001  # phipsi.compile
         if (operations := files["robot.c"].count("\n    const lanes ")) > LONG:
             message = f"functions: found {operations} operations in all, which a compiler takes about {operations * SECONDS_EACH:.0f} s for; expected fewer functions, or some patience"
             warnings.warn(message, LongCodeWarning, stacklevel=2)
-        _build(files, [*found, *told], library)
+        _build(files, [*command, *told], library)
         made = Compiled(scene, known, library, kept, dtype, tolerance)
     made._options |= {"compiler": compiler, "flags": None if flags is None else list(flags), "cache": cache}
     return made

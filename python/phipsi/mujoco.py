@@ -73,7 +73,7 @@ def _add_contacts(builder: SceneBuilder, model: mujoco.MjModel, names: Names) ->
         builder.contact(point.name, names.bodies[point.body], friction=point.friction, xyz=point.center, radius=point.radius, **plane)
     for pair in pairs(model):
         other = names.bodies[pair.other] if pair.other else None
-        sphere = {"xyz": pair.center, "radius": pair.radius, "friction": pair.friction}
+        sphere: dict[str, Any] = {"xyz": pair.center, "radius": pair.radius, "friction": pair.friction}
         builder.contact(pair.name, names.bodies[pair.body], other=other, other_xyz=pair.origin, other_rotation=pair.rotation, **sphere, **pair.shape)
 
 
