@@ -144,15 +144,15 @@ def own(scenario: Scenario, scene: phipsi.Scene, dt: float) -> Motion:
     path = scene.simulate(*start(scenario, scene), dt=dt, steps=steps, limits="report", **forces(scenario, scene, steps), **scenario.options)
     if path.contacts is None or not scene.contact_names:
         return Motion(path.q, path.qd, np.zeros((steps + 1, 0)), np.zeros((0, 7)), np.zeros((steps, 3)))
-    end = path.qd[1:].copy()
+    end, moved = path.qd[1:].copy(), scene.difference(path.q[:-1], path.q[1:])
     for i in free_joints(scene):
-        # At the axes of the start of the step.
-        end[:, i : i + 3] = turned(end[:, i : i + 3], dt * end[:, i + 3 : i + 6])
+        # In the axes at the start of the step.
+        end[:, i : i + 3] = turned(end[:, i : i + 3], moved[:, i + 3 : i + 6])
     velocity = scene.contact_velocities(path.q[:-1], end)
     velocity[..., 2] += np.maximum(scene.contact_gaps(path.q[:-1]), 0.0) / dt
     held = np.stack([path.contacts.force[name][1:] * dt for name in scene.contact_names], axis=1)
     struck = np.stack([path.contacts.impulse[name][1:] for name in scene.contact_names], axis=1)
-    friction = np.array([contact[-2] for contact in scene._contacts()])
+    friction = np.array([contact[6] for contact in scene._contacts()])
     near = held[..., 2] > 0
     order = [2, 0, 1]
     pushes = np.concatenate([held[near][:, order], velocity[near][:, order], np.broadcast_to(friction, near.shape)[near][:, None]], axis=1)
