@@ -90,8 +90,8 @@ impl Scene {
         ))
     }
 
-    /// Returns an error if the scene has contacts with other surfaces than planes of the base, for functions that do not
-    /// support them.
+    /// Returns an error if the scene has contacts with other surfaces than planes of the base, for functions that do
+    /// not support them.
     pub(crate) fn check_no_pairs(&self, what: &str) -> Result<(), Error> {
         let Some(point) = self.tree().contact_points().iter().find(|point| point.other.is_some()) else {
             return Ok(());

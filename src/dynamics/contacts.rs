@@ -2,8 +2,8 @@
 //! velocities.
 //!
 //! The rows of a contact are t1, t2, n of its surface: u = J v is the velocity of the material point of the link
-//! nearest to the surface, relative to the link of the surface. The innovations W of a unit force along each row, and of
-//! the opposite force on the other link, are propagated inward to the base. G = W* W as for
+//! nearest to the surface, relative to the link of the surface. The innovations W of a unit force along each row, and
+//! of the opposite force on the other link, are propagated inward to the base. G = W* W as for
 //! [connections](super::constraints), without subtraction.
 //!
 //! With connections or coupled joints, W is first projected onto the complement of their rows

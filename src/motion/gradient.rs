@@ -92,8 +92,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// The rollout must have been created like this one and advanced by `steps` steps with these torques. Only the
     /// number of states of this rollout is used. Uses the adjoint of every step, O(N) per stage; steps after the last
     /// row do not contribute. `parameters` requests the gradients by inertial parameters. The form is that of the
-    /// rollout; a step whose error estimate exceeds the tolerance is recomputed with all checks. Steps with contacts are
-    /// all recomputed, and differentiated in the modes of their contacts (open, sticking, sliding).
+    /// rollout; a step whose error estimate exceeds the tolerance is recomputed with all checks. Steps with contacts
+    /// are all recomputed, and differentiated in the modes of their contacts (open, sticking, sliding).
     ///
     /// ```
     /// use phipsi::motion::{RecordedRows, Records, Rollout, Settings, Torque};

@@ -33,8 +33,8 @@ pub struct Records<'a> {
     pub qd: &'a mut [f64],
     /// For a scene with contacts, (states, rows, contacts, 11) in the base frame: gap (m), slip velocity (3, m/s),
     /// force on the first link during the step that ends at the row (3, N), sum of the impulses of impacts since the
-    /// previous row (3, N s), and the index of the [`ContactState`](super::ContactState) during that step, open in the first row. Empty if
-    /// contacts are not recorded.
+    /// previous row (3, N s), and the index of the [`ContactState`](super::ContactState) during that step, open in the
+    /// first row. Empty if contacts are not recorded.
     pub contacts: &'a mut [f64],
     /// Number of steps between rows.
     pub every: usize,

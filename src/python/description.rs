@@ -58,7 +58,8 @@ pub(super) struct Description(
     Beyond,
 );
 
-/// Parts beyond a kinematic tree: the treatment of mimic joints, connections, contacts, the tolerance of linkages, shapes.
+/// Parts beyond a kinematic tree: the treatment of mimic joints, connections, contacts, the tolerance of linkages,
+/// shapes.
 type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>, Vec<String>);
 
 /// Index of the links in a description.

@@ -6,8 +6,8 @@ use crate::joints::JointKind;
 use std::ops::Range;
 
 impl Joint {
-    /// Indices in q of a part of the coordinates: "position" (3) and "quaternion" (4) of a free joint, "quaternion" of a
-    /// spherical joint.
+    /// Indices in q of a part of the coordinates: "position" (3) and "quaternion" (4) of a free joint, "quaternion" of
+    /// a spherical joint.
     ///
     /// ```
     /// # fn main() -> Result<(), phipsi::Error> {

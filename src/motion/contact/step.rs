@@ -280,8 +280,8 @@ fn factorised(
     lost.map_or(Ok(()), |lost| Err(pivot_fault(scene, lost.stage, scene.singular(lost))))
 }
 
-/// Velocities u of the contacts `near`, the first `n` of which are not joint limits, minus the least velocities with which
-/// they end the step at their surface or limit.
+/// Velocities u of the contacts `near`, the first `n` of which are not joint limits, minus the least velocities with
+/// which they end the step at their surface or limit.
 fn to_least_velocities(u: &DVector<f64>, (near, n): (&[usize], usize), before: &StepStart, h: f64) -> DVector<f64> {
     let (mut c, StepStart { gaps, start, .. }) = (u.clone(), before);
     for (at, &i) in near.iter().enumerate() {
@@ -326,8 +326,8 @@ fn states_of_rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [Contac
 }
 
 /// The report of a step, for contact velocities at its `start`, u before the persistent impulses, and `after` them; the
-/// first rows are those of contacts. Friction acts at the mean of the velocities at start and end, which also counts the
-/// energy that a jam takes (Painleve's paradox).
+/// first rows are those of contacts. Friction acts at the mean of the velocities at start and end, which also counts
+/// the energy that a jam takes (Painleve's paradox).
 pub(super) fn report(
     solved: &SolveReport,
     iterations: usize,
