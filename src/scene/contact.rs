@@ -45,14 +45,15 @@ pub enum Surface {
 /// scene.contact_gaps(&scene.neutral(), &mut gap)?;
 /// assert!(gap[0] > 0.0);
 ///
-/// // The tip and a box of 0.2 m on the first rod.
+/// // A point beside the tip, and a box of 0.2 m on the first rod.
 /// use phipsi::scene::Surface;
 /// let size = [0.2; 3].into();
-/// let pair = Contact::new("pair", "link2").with_point([0.0, 0.0, 0.3]).with_other("link0".to_owned());
+/// let pair = Contact::new("pair", "link2").with_point([0.05, 0.0, 0.3]).with_other("link0".to_owned());
 /// let pair = pair.with_surface(Surface::Box { size });
 /// let scene = phipsi::scenes::chain(3)?.source().clone().contact(pair).build()?;
 /// scene.contact_gaps(&scene.neutral(), &mut gap)?;
-/// assert!((gap[0] - 0.8).abs() < 1e-12);
+/// // The nearest point of the box is on an edge.
+/// assert!((gap[0] - 0.5_f64.hypot(0.2)).abs() < 1e-12);
 /// # Ok(())
 /// # }
 /// ```
