@@ -17,6 +17,7 @@ use super::super::backward::{BackwardSolver, StepGradients, backward, gradients_
 use super::super::limit_rows::least_slopes;
 use super::super::scratch::{Scratch, clear};
 use super::super::step_settings::StepSettings;
+use super::faults::factorised;
 use super::free_axes::{free_joints, rotation};
 use super::laws::{Chain, Response};
 use super::project::Push;
@@ -28,7 +29,6 @@ use crate::dynamics;
 use crate::dynamics::contacts::ContactScratch;
 use crate::dynamics::contacts::derivatives::RowDerivatives;
 use crate::dynamics::derivatives::{self, Constants, Parameters, ProductScratch};
-use crate::dynamics::forward::factorise;
 use crate::error::Error;
 use crate::joints::vectors::triple;
 use crate::model::Model;
@@ -99,10 +99,7 @@ impl At<'_> {
     /// Rows and factor of M at `q`.
     fn place(&mut self, scene: &Scene, q: &[f64]) -> Result<(), (String, Error)> {
         self.rows.place(self.model, self.points, q);
-        let pivots = factorise(self.model, self.workspace, q);
-        let Some(lost) = self.workspace.lost_pivot(self.model, &pivots) else { return Ok(()) };
-        let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-        Err((joint, scene.singular(lost)))
+        factorised(scene, (self.model, q), self.workspace)
     }
 }
 

@@ -69,7 +69,7 @@ fn check(
 ) -> Result<(), (String, Error)> {
     let projected = projected.map_err(|at| (String::new(), scene.no_direction(at)))?;
     if let Some(lost) = workspace.lost_pivot(model, &projected.pivots) {
-        return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
+        return Err(pivot_fault(scene, lost));
     }
     let Some(row) = projected.stays else { return Ok(()) };
     Err((String::new(), scene.open_at("the end of a step", row, projected.left, unit, SMALLER)))

@@ -1,8 +1,12 @@
 //! Faults of steps with contacts.
 
 use crate::contact::{Cone, SolveReport};
+use crate::dynamics::forward::factorise;
 use crate::error::Error;
+use crate::filter::pivots::LostPivot;
+use crate::model::Model;
 use crate::scene::Scene;
+use crate::workspace::Workspace;
 
 /// A residual above this is an error; a residual between the tolerance and this value is accepted.
 pub(super) const REFUSED: f64 = 1e-5;
@@ -34,9 +38,21 @@ fn named(scene: &Scene, which: &[usize]) -> String {
     format!("contact{} {}{more}", if which.len() == 1 { "" } else { "s" }, names.join(", "))
 }
 
+/// Factorizes M at `q`; the error of a singular pivot names its joint.
+pub(super) fn factorised(
+    scene: &Scene,
+    (model, q): (&Model<f64>, &[f64]),
+    workspace: &mut Workspace<f64>,
+) -> Result<(), (String, Error)> {
+    let pivots = factorise(model, workspace, q);
+    let lost = workspace.lost_pivot(model, &pivots);
+    lost.map_or(Ok(()), |lost| Err(pivot_fault(scene, lost)))
+}
+
 /// The fault of a singular pivot, with its joint.
-pub(super) fn pivot_fault(scene: &Scene, body: usize, error: Error) -> (String, Error) {
-    (scene.joint_of_body(body).map(|joint| joint.name.clone()).unwrap_or_default(), error)
+pub(super) fn pivot_fault(scene: &Scene, lost: LostPivot) -> (String, Error) {
+    let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
+    (joint, scene.singular(lost))
 }
 
 /// Returns an error for two spheres without a normal.

@@ -2,10 +2,9 @@
 
 use super::super::manifold::advance;
 use super::closed::positions_onto_connections;
-use super::faults::pivot_fault;
+use super::faults::factorised;
 use crate::contact::{Cone, Effort, Limits};
 use crate::dynamics::contacts::ContactScratch;
-use crate::dynamics::forward::factorise;
 use crate::error::Error;
 use crate::model::Model;
 use crate::scene::Scene;
@@ -58,10 +57,7 @@ pub(super) fn out_of_planes(
         }
         // The displacement can push contacts under the surface whose gap is below the largest penetration.
         let mut near: Vec<usize> = (0..rows.gaps.len()).filter(|&i| rows.gaps[i] < depth).collect();
-        let pivots = factorise(model, workspace, q);
-        if let Some(lost) = workspace.lost_pivot(model, &pivots) {
-            return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
-        }
+        factorised(scene, (model, q), workspace)?;
         if let Some(closed) = &mut rows.closed {
             closed.factorize(model, workspace, q).map_err(|at| (String::new(), scene.no_direction(at)))?;
         }

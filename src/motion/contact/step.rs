@@ -10,7 +10,7 @@ use super::super::substeps::StopImpact;
 use super::super::totals::STOPS;
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
-use super::faults::{check, check_movable, check_normals, pivot_fault};
+use super::faults::{check, check_movable, check_normals, factorised};
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::pairs::{from_fixed_axes, into_fixed_axes};
 use super::project::out_of_planes;
@@ -18,13 +18,10 @@ use super::record::{Laws, StepRecord};
 use super::report::ContactReport;
 use crate::contact::{Cone, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
 use crate::dynamics::contacts::ContactScratch;
-use crate::dynamics::forward::factorise;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::model::Model;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
-use crate::workspace::Workspace;
 use nalgebra::{DVector, Matrix3};
 
 /// An inactive contact becomes active if the step ends with a larger penetration, m.
@@ -267,17 +264,6 @@ impl ContactStep {
             s.totals[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
         }
     }
-}
-
-/// Factorizes M at `q`.
-fn factorised(
-    scene: &Scene,
-    (model, q): (&Model<f64>, &[f64]),
-    workspace: &mut Workspace<f64>,
-) -> Result<(), (String, Error)> {
-    let pivots = factorise(model, workspace, q);
-    let lost = workspace.lost_pivot(model, &pivots);
-    lost.map_or(Ok(()), |lost| Err(pivot_fault(scene, lost.stage, scene.singular(lost))))
 }
 
 /// Velocities u of the contacts `near`, the first `n` of which are not joint limits, minus the least velocities with
