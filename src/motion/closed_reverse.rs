@@ -126,7 +126,8 @@ impl ClosedReverse {
         adjoint.begin();
         if alpha.is_none() {
             let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-            let through = through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &free), gradients);
+            let through =
+                through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &free), gradients);
             s.model.system.noise = noise;
             through.map_err(|error| (String::new(), error))?;
         }
@@ -138,9 +139,7 @@ impl ClosedReverse {
         add_scaled(&mut gradients.acting[ARMATURE], 1.0, &adjoint.noise);
         add_scaled(gradients.parameters.as_flattened_mut(), 1.0, adjoint.parameters.as_flattened());
         let mut results = gradients.results();
-        results
-            .try_for_each(|numbers| scene.check_result("gradients", numbers))
-            .map_err(|error| (String::new(), error))
+        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
     }
 }
 
@@ -161,7 +160,12 @@ fn through_projections(
     adjoint
         .of_velocities(system, (workspace, rows), (moving.0, moving.1, change), (of_v, compliance), of_q)
         .map_err(|at| scene.no_direction(at))?;
-    let mut of_sum = vec![0.0; p.len()];
+    // The steps end where the next one would be rounding. Perturbed configurations are moved by this step too.
+    adjoint
+        .of_last_step(system, (workspace, rows), moving.0, (of_q, compliance))
+        .map_err(|at| scene.no_direction(at))?;
+    let mut of_sum: Vec<f64> = vec![0.0; p.len()];
+    subtract_products(&mut of_sum, compliance, &adjoint.r);
     for NewtonStep { q, x, p } in newton.iter().rev() {
         let share = share(x);
         let moved: Vec<f64> = x.iter().map(|x| share * x).collect();
@@ -182,10 +186,15 @@ fn through_projections(
         adjoint
             .of_position_step(system, (workspace, rows), step, (&of_x, &of_p, compliance), &mut of_start)
             .map_err(|at| scene.no_direction(at))?;
-        for ((sum, c), r) in of_sum.iter_mut().zip(compliance).zip(&adjoint.r) {
-            *sum -= c * r;
-        }
+        subtract_products(&mut of_sum, compliance, &adjoint.r);
         of_q.copy_from_slice(&of_start);
     }
     Ok(())
+}
+
+/// sum -= c r, entry by entry; an empty c is zero.
+fn subtract_products(sum: &mut [f64], c: &[f64], r: &[f64]) {
+    for ((sum, c), r) in sum.iter_mut().zip(c).zip(r) {
+        *sum -= c * r;
+    }
 }

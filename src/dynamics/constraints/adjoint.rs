@@ -154,6 +154,21 @@ impl ConstraintAdjoint {
         Ok(())
     }
 
+    /// A Newton step from a configuration that satisfies the connections, with the factors of M and of the rows at `q`:
+    /// from the cotangent of its result to that of `q`, in place. The cotangent of the sum of forces is -c r.
+    pub fn of_last_step(
+        &mut self,
+        system: (&Model<f64>, &Constraints),
+        (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
+        q: &[f64],
+        (of_q, compliance): (&mut [f64], &[f64]),
+    ) -> Result<(), NoDirection> {
+        self.solve(system, (workspace, scratch), q, (of_q, &[]), compliance)?;
+        let negative: Vec<f64> = self.r.iter().map(|r| -r).collect();
+        scratch.add_torques(system.0, workspace, &negative, of_q);
+        Ok(())
+    }
+
     /// y and r for the cotangents of x and of p (empty for zero), with the factors of M and of the rows at `q`.
     fn solve(
         &mut self,
