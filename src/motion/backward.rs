@@ -297,8 +297,7 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
     solver: &mut S,
     solutions: Option<&[RowSolution]>,
 ) -> u64 {
-    // Stages of weight zero serve only the error estimate.
-    let last = scheme.tableau.weights.iter().rposition(|&weight| weight != 0.0).unwrap_or(0);
+    let last = scheme.tableau.last_stage();
     let mut fallback = 0;
     if settings.regularized {
         set_friction(by, s);

@@ -15,12 +15,13 @@ use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
 use crate::batch::accelerations::KernelArguments;
-use crate::dynamics;
 use crate::dynamics::constraints::{ConstraintAdjoint, Pushed, RowsAre, share};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::derivatives::Parameters;
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::error::{Error, in_language};
 use crate::filter::Form;
+use crate::model::Model;
 use crate::scene::Scene;
 
 /// One state.
@@ -31,6 +32,8 @@ pub(super) struct ClosedReverse {
     adjoint: ConstraintAdjoint,
     limits: Vec<LimitRow>,
     newton: Vec<NewtonStep>,
+    /// Forces of the connections in each stage.
+    forces: Vec<Vec<f64>>,
 }
 
 /// A step of the projection of positions.
@@ -40,16 +43,37 @@ struct NewtonStep {
     p: Vec<f64>,
 }
 
-/// The accelerations of the stages, and their adjoint.
+/// The accelerations of the stages, with their forces.
+struct Recorded<'a, 'b> {
+    forward: &'b mut Constrained<'a>,
+    forces: &'b mut Vec<Vec<f64>>,
+}
+
+impl Solver<f64> for Recorded<'_, '_> {
+    fn solve(
+        &mut self,
+        estimates: bool,
+        scene: (&Model<f64>, &SweepModel<f64>),
+        scratch: &mut SweepScratch<f64>,
+        state: (&[f64], &[f64], &[f64]),
+        qdd: &mut [f64],
+    ) -> u64 {
+        let lanes = self.forward.solve(estimates, scene, scratch, state, qdd);
+        self.forces.push(self.forward.scratch.rows.forces.clone());
+        lanes
+    }
+}
+
+/// The adjoint of the accelerations of the stages, from the last to the first. The step has set them.
 struct ClosedBackward<'a> {
     forward: Constrained<'a>,
     adjoint: &'a mut ConstraintAdjoint,
+    forces: &'a mut Vec<Vec<f64>>,
 }
 
 impl BackwardSolver<f64> for ClosedBackward<'_> {
-    fn factor(&mut self, call: KernelArguments<'_, f64>) -> u64 {
-        let KernelArguments { scene, scratch, state, qdd, .. } = call;
-        self.forward.solve(true, scene, scratch, state, qdd)
+    fn factor(&mut self, _: KernelArguments<'_, f64>) -> u64 {
+        0
     }
 
     fn gradients(
@@ -61,12 +85,10 @@ impl BackwardSolver<f64> for ClosedBackward<'_> {
     ) -> u64 {
         let KernelArguments { scene: (model, _), state: (q, qd, _), qdd, .. } = call;
         let Constrained { scene, scratch, alpha, compliance } = &mut self.forward;
-        if scratch.has_fault() {
-            out.fill(f64::NAN);
-            return 0;
-        }
         let ConstrainedScratch { workspace, rows, .. } = &mut **scratch;
-        dynamics::factorise(model, workspace, q);
+        if let Some(forces) = self.forces.pop() {
+            rows.forces = forces;
+        }
         let wanted = RowsAre { alpha: *alpha, compliance };
         let (system, room) = ((model, scene.constraints()), (workspace, rows));
         let found = self.adjoint.of_dynamics(system, room, (q, qd, qdd), (cotangent, wanted), (parameters, out));
@@ -86,13 +108,14 @@ impl ClosedReverse {
             adjoint: ConstraintAdjoint::new(scene.model(), scene.constraints(), parameters),
             limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
             newton: Vec::new(),
+            forces: Vec::new(),
             scratch,
         }
     }
 
     /// From `gradients.end` to all results of [`StepGradients`]. Returns the joint and the error if that fails.
     pub fn step(&mut self, scene: &Scene, settings: &StepSettings) -> Result<(), (String, Error)> {
-        let Self { scratch: s, gradients, closed, adjoint, limits, newton } = self;
+        let Self { scratch: s, gradients, closed, adjoint, limits, newton, forces } = self;
         let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
         let mut forward = Constrained { scene, scratch: closed, alpha, compliance: &settings.compliance };
         let by = (settings, &settings.scheme);
@@ -104,7 +127,8 @@ impl ClosedReverse {
             (None, Some(error)) => (String::new(), error),
             (None, None) => (String::new(), Error::argument("q, qd", "a failed step", "rows that simulate recorded")),
         };
-        step(by, s, &mut forward);
+        forces.clear();
+        step(by, s, &mut Recorded { forward: &mut forward, forces });
         let free = s.v_next.clone();
         newton.clear();
         let mut visit = |q: &[f64], x: &[f64], p: &[f64]| {
@@ -131,7 +155,9 @@ impl ClosedReverse {
             s.model.system.noise = noise;
             through.map_err(|error| (String::new(), error))?;
         }
-        let mut solver = ClosedBackward { forward, adjoint };
+        // Stages without weight have no adjoint.
+        forces.truncate(settings.scheme.tableau.last_stage() + 1);
+        let mut solver = ClosedBackward { forward, adjoint, forces };
         backward(by, s, gradients, &mut solver, None);
         if let Err(failure) = solver.forward.scratch.take_fault() {
             return Err(named(failure));

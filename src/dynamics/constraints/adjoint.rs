@@ -83,9 +83,8 @@ impl ConstraintAdjoint {
         self.parameters.as_flattened_mut().fill(0.0);
     }
 
-    /// Gradients by q, qd and tau of cotangent* qdd, (3 nv) into `out`, and by inertial parameters, at the last state
-    /// that [`constrained_dynamics`](super::constrained_dynamics) computed with this scratch, whose accelerations are
-    /// `qdd`. The workspace has the factor of M at this state.
+    /// Gradients by q, qd and tau of cotangent* qdd, (3 nv) into `out`, and by inertial parameters, at a state of
+    /// [`constrained_dynamics`](super::constrained_dynamics) with the accelerations `qdd` and the forces in the scratch.
     pub fn of_dynamics(
         &mut self,
         system: (&Model<f64>, &Constraints),
@@ -94,6 +93,8 @@ impl ConstraintAdjoint {
         (cotangent, wanted): (&[f64], RowsAre<'_>),
         (parameters, out): (&mut [Parameters<f64>], &mut [f64]),
     ) -> Result<(), NoDirection> {
+        dynamics::factorise(system.0, workspace, q);
+        scratch.factorise(system, workspace, q, wanted.compliance)?;
         self.solve(system, (workspace, scratch), q, (cotangent, &[]), wanted.compliance)?;
         let Self { rows, products, y, r, .. } = self;
         let negative: Vec<f64> = y.iter().map(|y| -y).collect();
