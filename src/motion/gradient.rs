@@ -93,7 +93,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// number of states of this rollout is used. Uses the adjoint of every step, O(N) per stage; steps after the last
     /// row do not contribute. `parameters` requests the gradients by inertial parameters. The form is that of the
     /// rollout; a step whose error estimate exceeds the tolerance is recomputed with all checks. Steps with contacts
-    /// are all recomputed, and differentiated in the modes of their contacts (open, sticking, sliding).
+    /// are all recomputed, and differentiated in the modes of their contacts (open, sticking, sliding). Steps with
+    /// connections are recomputed too, and differentiated through the connections and the projections at their ends. For
+    /// coupled joints, all arrays are those of the [`tree`](Scene::tree), and
+    /// [`Coupling::reduce`](crate::scene::Coupling::reduce) gives the gradients by the independent coordinates of the
+    /// start.
     ///
     /// ```
     /// use phipsi::motion::{RecordedRows, Records, Rollout, Settings, Torque};
@@ -117,7 +121,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Errors
     ///
     /// Wrong lengths of rows or torques, and values that are not finite; `conserve_momentum`, whose corrections have no
-    /// gradients; the errors of [`Rollout::advance`], with the failed step; gradients that are not finite.
+    /// gradients; contacts on robots with connections or coupled joints; a joint of a closed loop at a limit that acts as
+    /// a stop; the errors of [`Rollout::advance`], with the failed step; gradients that are not finite.
     pub fn gradients(
         &self,
         torque: &Torque<'_>,
@@ -126,7 +131,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
         parameters: bool,
     ) -> Result<RolloutGradients, StepFault> {
         let refuse = |error| StepFault { step: 0, state: 0, joint: String::new(), error };
-        self.scene().check_no_connections("gradients of a simulation").map_err(refuse)?;
+        let touches = self.settings.method == Method::Contact;
+        if touches {
+            self.scene().check_no_connections("gradients of a simulation with contacts").map_err(refuse)?;
+        }
         self.scene().check_no_pairs("gradients of a simulation").map_err(refuse)?;
         let torques = self.check_torque_from(0, torque, steps);
         torques.map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
@@ -135,7 +143,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let (scene, states) = (self.scene(), self.states());
         let (nv, bodies) = (scene.nv(), if parameters { scene.model().bodies.len() } else { 0 });
         let torques = if matches!(torque, Torque::Steps { .. }) { steps } else { 1 };
-        let touches = self.settings.method == Method::Contact;
         let contacts = if touches { scene.contacts().len() } else { 0 };
         let layout = Layout { nv, torques, bodies, contacts };
         let width = layout.width();
@@ -183,8 +190,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let expected = "false, because gradients of its corrections are not available";
             return Err(refuse(Error::argument("conserve_momentum", "true", expected)));
         }
-        if self.settings.coupling.is_some() {
-            let expected = "a scene with mimic=\"free\", because gradients of coupled joints are not available";
+        if self.settings.coupling.is_some() && self.settings.method == Method::Contact {
+            let expected =
+                "a scene with mimic=\"free\", because gradients of contacts of coupled joints are not available";
             return Err(refuse(Error::argument("scene", "joints that follow others (mimic)", expected)));
         }
         if every == 0 {

@@ -2,6 +2,7 @@
 
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
+use super::coupling::Expand;
 use super::errors::{asked_by, batch_index, fault, of_batch};
 use super::fresh::entries;
 use super::input::Input;
@@ -15,7 +16,7 @@ use crate::batch::{Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::motion::{ModeChange, RecordedRows, Rollout, RolloutGradients};
-use crate::scene::Scene;
+use crate::scene::{Coupling, Scene};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 
@@ -41,7 +42,7 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution
+    /// limits, restitution, baumgarte, compliance
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
@@ -52,7 +53,9 @@ impl PyScene {
     #[doc = section!(Notes)]
     /// O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
     /// the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
-    /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md.
+    /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. In closed loops,
+    /// steps are recomputed too, and a joint at a limit that acts as a stop raises. With coupled joints, gradients are
+    /// those by the independent coordinates, and parameters must be False.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=100, method="rk4")
@@ -65,11 +68,11 @@ impl PyScene {
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method=None,
                         record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
-                        limits=None, restitution=0.0),
+                        limits=None, restitution=0.0, baumgarte=None, compliance=None),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             parameters=False, limits=None, restitution=0.0)")]
+                             parameters=False, limits=None, restitution=0.0, baumgarte=None, compliance=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
@@ -95,12 +98,16 @@ impl PyScene {
         parameters: bool,
         limits: Option<&str>,
         restitution: f64,
+        baumgarte: Option<f64>,
+        compliance: Option<&Object<'py>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
-        scene.check_independent()?;
-        scene.check_no_connections("simulate_vjp")?;
-        let (nq, nv) = (scene.nq(), scene.nv());
+        let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
+        if parameters {
+            // A link on a joint that follows another has no entry in body_names.
+            scene.check_independent()?;
+        }
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let rows = steps / every + 1;
@@ -117,8 +124,8 @@ impl PyScene {
             form,
             tolerance,
             conserve_momentum: false,
-            baumgarte: None,
-            compliance: None,
+            baumgarte,
+            compliance,
             limits,
             restitution,
             accuracy: None,
@@ -152,7 +159,15 @@ impl PyScene {
             settings.gains = Some(pd.over(&batch, states)?);
         }
         let every_row = |i: usize| everyone(&inputs[i], &batch, states);
-        let [q, qd, by_q, by_qd] = [every_row(0)?, every_row(1)?, every_row(2)?, every_row(3)?];
+        // In the coordinates of the tree; a function of the independent joints has gradients by these alone.
+        let on_tree = |numbers: Vec<f64>, width: usize, expand: Expand| match scene.coupling() {
+            None => numbers,
+            Some(of) => numbers.chunks_exact(width.max(1)).flat_map(|row| expand(of, row)).collect(),
+        };
+        let q = on_tree(every_row(0)?, scene.nq(), Coupling::configuration);
+        let qd = on_tree(every_row(1)?, scene.nv(), Coupling::rates);
+        let by_q = on_tree(every_row(2)?, scene.nv(), Coupling::torques);
+        let by_qd = on_tree(every_row(3)?, scene.nv(), Coupling::torques);
         let first = |numbers: &[f64], width: usize| -> Vec<f64> {
             numbers.chunks_exact((rows * width).max(1)).flat_map(|state| &state[..width]).copied().collect()
         };
@@ -162,10 +177,31 @@ impl PyScene {
         let torque = given.torque(&batch, (steps, nv))?;
         let recorded = RecordedRows { q: &q, qd: &qd, every, by_q: &by_q, by_qd: &by_qd };
         let found = detached(py, || rollout.gradients(&torque, steps, &recorded, parameters))?;
-        let found = found.map_err(|stopped| fault(py, Fault { state: stopped.state, error: stopped.error }, &batch))?;
+        let mut found =
+            found.map_err(|stopped| fault(py, Fault { state: stopped.state, error: stopped.error }, &batch))?;
+        if let Some(coupling) = scene.coupling() {
+            reduce(coupling, &mut found);
+        }
         let links = if parameters { places_of_links(scene)? } else { Vec::new() };
         let of_steps = matches!(given, Given::Steps(_)).then_some(steps);
-        Output { py, batch: &batch, nv, scene }.tuple(&found, of_steps, parameters.then_some(&links[..]))
+        Output { py, batch: &batch, nv: scene.nv(), scene }.tuple(&found, of_steps, parameters.then_some(&links[..]))
+    }
+}
+
+/// Converts gradients on the tree to those by the coordinates of the scene, and by torques and joint properties at the
+/// independent joints.
+fn reduce(coupling: &Coupling, found: &mut RolloutGradients) {
+    let (full, rows) = (coupling.tree().nv().max(1), coupling.independent_rows());
+    for numbers in [&mut found.q, &mut found.qd] {
+        let mut reduced = vec![0.0; numbers.len() / full * rows.len()];
+        for (tree, own) in numbers.chunks_exact(full).zip(reduced.chunks_exact_mut(rows.len().max(1))) {
+            coupling.reduce(tree, own);
+        }
+        *numbers = reduced;
+    }
+    let RolloutGradients { torque, armature, damping, stiffness, friction, .. } = found;
+    for numbers in [torque, armature, damping, stiffness, friction] {
+        *numbers = numbers.chunks_exact(full).flat_map(|tree| coupling.independent_rates(tree)).collect();
     }
 }
 
