@@ -41,7 +41,7 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution
+    /// limits, restitution, smoothing
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
@@ -65,11 +65,11 @@ impl PyScene {
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method=None,
                         record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
-                        limits=None, restitution=0.0),
+                        limits=None, restitution=0.0, smoothing=0.0),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             parameters=False, limits=None, restitution=0.0)")]
+                             parameters=False, limits=None, restitution=0.0, smoothing=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
@@ -95,6 +95,7 @@ impl PyScene {
         parameters: bool,
         limits: Option<&str>,
         restitution: f64,
+        smoothing: f64,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
@@ -122,6 +123,7 @@ impl PyScene {
             limits,
             restitution,
             accuracy: None,
+            smoothing,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let given = Given::read(tau, tau_steps, steps, own)?;

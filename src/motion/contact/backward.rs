@@ -168,7 +168,7 @@ impl ContactAdjoint {
         }
         let mut of_free: Vec<f64> = of_moving.iter().zip(&of_last).map(|(a, b)| a + b).collect();
         if record.laws.is_some() {
-            self.through_laws(settings.step, &mut at, (s, record), (&of_moving, &of_last), &mut of_free)
+            self.through_laws(settings, &mut at, (s, record), (&of_moving, &of_last), &mut of_free)
                 .map_err(|found| (String::new(), Error::argument("q, qd", found, "rows that simulate recorded")))?;
         }
         for (_, row) in free_joints(at.model) {
@@ -284,13 +284,13 @@ impl ContactAdjoint {
     /// All solves of the law in the step. Adds the cotangents of the free velocities to `of_free`.
     fn through_laws(
         &mut self,
-        h: f64,
+        settings: &StepSettings,
         at: &mut At<'_>,
         (s, record): (&Scratch<f64>, &StepRecord),
         of_velocities: (&[f64], &[f64]),
         of_free: &mut [f64],
     ) -> Result<(), String> {
-        let near = &record.near[..];
+        let (near, h) = (&record.near[..], settings.step);
         let contacts = at.points.len();
         let Some(chain) = Chain::new(at, (s, record), of_velocities)? else { return Ok(()) };
         for (u_bar, w) in &chain.evaluations {
@@ -306,7 +306,12 @@ impl ContactAdjoint {
             let gap = record.before.gaps[i];
             // A contact at its plane counts as separated: the derivative is that of the free side.
             if i < contacts {
-                of_gaps[k] = if gap > -ROUNDING { chain.of_target[k] / h } else { 0.0 };
+                let by_gap = match &settings.smoothing {
+                    Some(smoothing) => smoothing.by_gap(gap, h),
+                    None if gap > -ROUNDING => 1.0 / h,
+                    None => 0.0,
+                };
+                of_gaps[k] = chain.of_target[k] * by_gap;
                 self.contacts[i].friction += chain.friction[k];
                 self.contacts[i].restitution += chain.restitution[k];
             } else {
@@ -314,6 +319,9 @@ impl ContactAdjoint {
                 of_gaps[k] = -chain.of_target[k] * by_gap;
                 of_start[3 * k + 2] -= chain.of_target[k] * by_start;
             }
+        }
+        if let Some(smoothing) = &settings.smoothing {
+            smoothing.add_masses(&chain.energy, &mut self.parameters);
         }
         self.add_gaps(at, near, &of_gaps);
         at.add_torques(near, &of_start, &mut self.v);

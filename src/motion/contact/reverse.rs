@@ -135,6 +135,10 @@ fn now(scene: &Scene, settings: &StepSettings, s: &Scratch<f64>, step: &mut Cont
     let ContactStep { solver, rows, record, .. } = step;
     let points = scene.contact_points();
     let Some(record) = record else { return Vec::new() };
+    if settings.smoothing.is_some() {
+        // The relaxed law has no modes.
+        return vec![(f64::INFINITY, ContactState::Open); points.len()];
+    }
     let mut at = At { model: &s.model, points, workspace: &mut solver.workspace, rows };
     let all: Vec<usize> = (0..points.len()).collect();
     let moving = at.velocities(&all, &record.moving);
