@@ -42,7 +42,7 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution, baumgarte, compliance
+    /// limits, restitution, baumgarte, compliance, smoothing
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
@@ -69,11 +69,12 @@ impl PyScene {
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method=None,
                         record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
-                        limits=None, restitution=0.0, baumgarte=None, compliance=None),
+                         limits=None, restitution=0.0, baumgarte=None, compliance=None, smoothing=0.0),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             parameters=False, limits=None, restitution=0.0, baumgarte=None, compliance=None)")]
+                             parameters=False, limits=None, restitution=0.0, baumgarte=None, compliance=None, \
+                             smoothing=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
@@ -101,6 +102,7 @@ impl PyScene {
         restitution: f64,
         baumgarte: Option<f64>,
         compliance: Option<&Object<'py>>,
+        smoothing: f64,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
@@ -126,6 +128,7 @@ impl PyScene {
             limits,
             restitution,
             accuracy: None,
+            smoothing,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let given = Given::read(tau, tau_steps, steps, own)?;
