@@ -53,9 +53,10 @@ impl PyScene {
     #[doc = section!(Notes)]
     /// O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
     /// the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
-    /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. In closed loops,
-    /// steps are recomputed too, and a joint at a limit that acts as a stop raises. With coupled joints, gradients are
-    /// those by the independent coordinates, and parameters must be False.
+    /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. With connections,
+    /// steps are recomputed too, the gradients by q and qd are those of changes that satisfy them, and a joint at a
+    /// limit that acts as a stop raises. With mimic joints, gradients are those by the independent joints, and
+    /// parameters has the links of all joints.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=100, method="rk4")
@@ -104,10 +105,6 @@ impl PyScene {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
-        if parameters {
-            // A link on a joint that follows another has no entry in body_names.
-            scene.check_independent()?;
-        }
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let rows = steps / every + 1;
@@ -158,16 +155,16 @@ impl PyScene {
         if let Some(pd) = pd {
             settings.gains = Some(pd.over(&batch, states)?);
         }
-        let every_row = |i: usize| everyone(&inputs[i], &batch, states);
-        // In the coordinates of the tree; a function of the independent joints has gradients by these alone.
-        let on_tree = |numbers: Vec<f64>, width: usize, expand: Expand| match scene.coupling() {
-            None => numbers,
-            Some(of) => numbers.chunks_exact(width.max(1)).flat_map(|row| expand(of, row)).collect(),
+        let every_row = |i: usize, expand: Expand| -> PyResult<Vec<f64>> {
+            let all = everyone(&inputs[i], &batch, states)?;
+            let width = if i == 0 { scene.nq() } else { scene.nv() };
+            Ok(match scene.coupling() {
+                Some(coupling) => all.chunks_exact(width.max(1)).flat_map(|row| expand(coupling, row)).collect(),
+                None => all,
+            })
         };
-        let q = on_tree(every_row(0)?, scene.nq(), Coupling::configuration);
-        let qd = on_tree(every_row(1)?, scene.nv(), Coupling::rates);
-        let by_q = on_tree(every_row(2)?, scene.nv(), Coupling::torques);
-        let by_qd = on_tree(every_row(3)?, scene.nv(), Coupling::torques);
+        let [q, qd] = [every_row(0, Coupling::configuration)?, every_row(1, Coupling::rates)?];
+        let [by_q, by_qd] = [every_row(2, Coupling::torques)?, every_row(3, Coupling::torques)?];
         let first = |numbers: &[f64], width: usize| -> Vec<f64> {
             numbers.chunks_exact((rows * width).max(1)).flat_map(|state| &state[..width]).copied().collect()
         };
@@ -177,31 +174,10 @@ impl PyScene {
         let torque = given.torque(&batch, (steps, nv))?;
         let recorded = RecordedRows { q: &q, qd: &qd, every, by_q: &by_q, by_qd: &by_qd };
         let found = detached(py, || rollout.gradients(&torque, steps, &recorded, parameters))?;
-        let mut found =
-            found.map_err(|stopped| fault(py, Fault { state: stopped.state, error: stopped.error }, &batch))?;
-        if let Some(coupling) = scene.coupling() {
-            reduce(coupling, &mut found);
-        }
-        let links = if parameters { places_of_links(scene)? } else { Vec::new() };
+        let found = found.map_err(|stopped| fault(py, Fault { state: stopped.state, error: stopped.error }, &batch))?;
+        let links = if parameters { places_of_links(scene.tree())? } else { Vec::new() };
         let of_steps = matches!(given, Given::Steps(_)).then_some(steps);
         Output { py, batch: &batch, nv: scene.nv(), scene }.tuple(&found, of_steps, parameters.then_some(&links[..]))
-    }
-}
-
-/// Converts gradients on the tree to those by the coordinates of the scene, and by torques and joint properties at the
-/// independent joints.
-fn reduce(coupling: &Coupling, found: &mut RolloutGradients) {
-    let (full, rows) = (coupling.tree().nv().max(1), coupling.independent_rows());
-    for numbers in [&mut found.q, &mut found.qd] {
-        let mut reduced = vec![0.0; numbers.len() / full * rows.len()];
-        for (tree, own) in numbers.chunks_exact(full).zip(reduced.chunks_exact_mut(rows.len().max(1))) {
-            coupling.reduce(tree, own);
-        }
-        *numbers = reduced;
-    }
-    let RolloutGradients { torque, armature, damping, stiffness, friction, .. } = found;
-    for numbers in [torque, armature, damping, stiffness, friction] {
-        *numbers = numbers.chunks_exact(full).flat_map(|tree| coupling.independent_rates(tree)).collect();
     }
 }
 
@@ -218,14 +194,33 @@ impl<'py> Output<'_, 'py> {
         asked_by(self.py, "q", from_numbers(self.py, numbers, &[self.batch, own].concat()))
     }
 
+    /// Gradients of the scene by a quantity, from those of its tree: by states, of which each independent joint moves
+    /// those that follow it, or by torques and properties at the independent joints.
+    fn of_scene(&self, numbers: &[f64], by_states: bool) -> Vec<f64> {
+        let Some(coupling) = self.scene.coupling() else { return numbers.to_vec() };
+        let rows = numbers.chunks_exact(self.scene.tree().nv().max(1));
+        let reduced = |row: &[f64]| {
+            if !by_states {
+                return coupling.independent_rates(row);
+            }
+            let mut out = vec![0.0; self.nv];
+            coupling.reduce(row, &mut out);
+            out
+        };
+        rows.flat_map(reduced).collect()
+    }
+
     /// Creates the named tuple, with the torques of steps and the parameters of links if requested.
     fn tuple(&self, found: &RolloutGradients, steps: Option<usize>, links: Option<&[Place]>) -> PyResult<Object<'py>> {
         let torque = steps.map_or_else(|| vec![self.nv], |steps| vec![steps, self.nv]);
         let of_rows = [&found.armature, &found.damping, &found.stiffness, &found.friction];
-        let mut parts = vec![self.array(&found.q, &[self.nv])?, self.array(&found.qd, &[self.nv])?];
-        parts.push(self.array(&found.torque, &torque)?);
+        let mut parts = Vec::new();
+        for of_state in [&found.q, &found.qd] {
+            parts.push(self.array(&self.of_scene(of_state, true), &[self.nv])?);
+        }
+        parts.push(self.array(&self.of_scene(&found.torque, false), &torque)?);
         for numbers in of_rows {
-            parts.push(self.array(numbers, &[self.nv])?);
+            parts.push(self.array(&self.of_scene(numbers, false), &[self.nv])?);
         }
         parts.push(match links {
             Some(links) => {
