@@ -267,6 +267,19 @@ def test_of_coupled_joints_beside_differences(method: str, every: int) -> None:
         function.check(getattr(found, name) @ value, lambda h: function.value(**{name: value * (1 + h)}), 1e-3)  # noqa: B023
 
 
+def test_of_coupled_joints_through_events_of_exact_friction() -> None:
+    """A finger reverses, and steps are divided."""
+    scene = gripper()
+    q, qd = np.array([0.3, 0.4]), np.array([0.5, -0.8])
+    friction = np.array([0.05, 0.02])
+    function = Function(scene, q, qd, dt=0.01, steps=40, friction=friction, damping=0.1)
+    assert np.ptp(np.sign(function.path.qd[:, 1])) == 2
+    for i, unit in enumerate(np.eye(2)):
+        function.check(function.found.q[i], lambda h: function.value(q=q + h * unit), 1e-5)  # noqa: B023
+        function.check(function.found.qd[i], lambda h: function.value(qd=qd + h * unit), 1e-5)  # noqa: B023
+        function.check(function.found.friction[i], lambda h: function.value(friction=friction + h * unit), 1e-5)  # noqa: B023
+
+
 def test_coupled_joints_are_joints_on_a_connection() -> None:
     """The gradients by minimal coordinates are those of a loop with rows of joint coordinates, reduced."""
     coupled, rows = gripper(), gripper(by_rows=True)
