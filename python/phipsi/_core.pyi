@@ -694,7 +694,7 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution
+        limits, restitution, baumgarte, compliance
             As given to simulate.
 
         Returns
@@ -717,7 +717,10 @@ class Scene:
         -----
         O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
         the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
-        differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md.
+        differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. With connections,
+        steps are recomputed too, the gradients by q and qd are those of changes that satisfy them, and a joint at a
+        limit that acts as a stop raises. With mimic joints, gradients are those by the independent joints, and
+        parameters has the links of all joints.
 
         Examples
         --------

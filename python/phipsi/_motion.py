@@ -419,7 +419,7 @@ class Trajectory(TrajectoryFiles):
         Recorded rows are checkpoints; the steps between them are recomputed. With record_every=1 nothing is
         recomputed, except steps with contacts, which are differentiated in the modes of their contacts (open, sticking,
         sliding; docs/motion.md), and steps with connections. With coupled joints, gradients are those by the
-        independent coordinates, and parameters must be False. The cost is O(N) per stage of a step.
+        independent coordinates. The cost is O(N) per stage of a step.
 
         Examples
         --------

@@ -97,8 +97,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// row do not contribute. `parameters` requests the gradients by inertial parameters. The form is that of the
     /// rollout; a step whose error estimate exceeds the tolerance is recomputed with all checks. Steps with contacts
     /// are all recomputed, and differentiated in the modes of their contacts (open, sticking, sliding). Steps with
-    /// connections are recomputed too, and differentiated through the connections and the projections at their ends. For
-    /// coupled joints, all arrays are those of the [`tree`](Scene::tree), and
+    /// connections are recomputed too, and differentiated through the connections and the projections at their ends.
+    /// For coupled joints, all arrays are those of the [`tree`](Scene::tree), and
     /// [`Coupling::reduce`](crate::scene::Coupling::reduce) gives the gradients by the independent coordinates of the
     /// start.
     ///
@@ -124,8 +124,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Errors
     ///
     /// Wrong lengths of rows or torques, and values that are not finite; `conserve_momentum`, whose corrections have no
-    /// gradients; contacts on robots with connections or coupled joints; a joint of a closed loop at a limit that acts as
-    /// a stop; the errors of [`Rollout::advance`], with the failed step; gradients that are not finite.
+    /// gradients; contacts on robots with connections or coupled joints; a joint of a closed loop at a limit that acts
+    /// as a stop; the errors of [`Rollout::advance`], with the failed step; gradients that are not finite.
     pub fn gradients(
         &self,
         torque: &Torque<'_>,

@@ -89,11 +89,11 @@ def start(scene: phipsi.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 class Function:
     """A scalar function of the rows of a simulation, and its gradients."""
 
-    def __init__(self, scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, parameters: bool = True, **given: object) -> None:
+    def __init__(self, scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, **given: object) -> None:
         self.scene, self.q, self.qd, self.given = scene, q, qd, given
         self.path = scene.simulate(q, qd, **given)
         self.by_q, self.by_qd = np.random.default_rng(3).uniform(-1, 1, (2, len(self.path), scene.nv))
-        self.found = self.path.vjp(self.by_q, self.by_qd, parameters=parameters)
+        self.found = self.path.vjp(self.by_q, self.by_qd, parameters=True)
         self.scale = size(*self.found[:7])
 
     def value(self, q: np.ndarray | None = None, qd: np.ndarray | None = None, scene: phipsi.Scene | None = None, **changed: object) -> float:
@@ -235,17 +235,16 @@ def test_a_joint_at_a_limit_is_refused_by_name() -> None:
         stopped.vjp(np.ones_like(stopped.q))
 
 
-def gripper() -> phipsi.Scene:
-    """A slide and an arm with two fingers, of which one follows the other with another sign and ratio."""
+def gripper(by_rows: bool = False) -> phipsi.Scene:
+    """An arm with two fingers and a tip that follow others, as mimic joints or by rows of joint coordinates."""
     builder = phipsi.SceneBuilder().link("base")
     add(builder, "arm", "base", (0, 0, 0.1), 0.4)
-    for name, x, mimic in (
-        ("left", 0.05, {}),
-        ("right", -0.05, {"mimic": "left_joint", "mimic_multiplier": -1.5, "mimic_offset": 0.1}),
-        ("tip", 0.0, {"mimic": "arm_joint", "mimic_multiplier": 0.5}),
-    ):
-        add(builder, name, "arm", (x, 0, 0.4), 0.15, **mimic)
-    return builder.build(mimic="couple")
+    for name, x, other, ratio, offset in (("left", 0.05, None, 1.0, 0.0), ("right", -0.05, "left", -1.5, 0.1), ("tip", 0.0, "arm", 0.5, 0.0)):
+        follows = {"mimic": f"{other}_joint", "mimic_multiplier": ratio, "mimic_offset": offset} if other and not by_rows else {}
+        add(builder, name, "arm", (x, 0, 0.4), 0.15, **follows)
+        if other and by_rows:
+            builder.couple(name, f"{name}_joint", f"{other}_joint", multiplier=ratio, offset=offset)
+    return builder.build() if by_rows else builder.build(mimic="couple")
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -254,7 +253,7 @@ def test_of_coupled_joints_beside_differences(method: str, every: int) -> None:
     scene = gripper()
     q, qd = np.array([0.3, 0.4]), np.array([0.5, -0.8])
     given = everything(scene, q, 6)
-    function = Function(scene, q, qd, parameters=False, dt=0.02, method=method, record_every=every, **given)
+    function = Function(scene, q, qd, dt=0.02, method=method, record_every=every, **given)
     found, random = function.found, np.random.default_rng(1)
     assert found.q.shape == (2,) and found.tau.shape == (6, 2) and found.damping.shape == (2,)
     for i, unit in enumerate(np.eye(2)):
@@ -268,14 +267,22 @@ def test_of_coupled_joints_beside_differences(method: str, every: int) -> None:
         function.check(getattr(found, name) @ value, lambda h: function.value(**{name: value * (1 + h)}), 1e-3)  # noqa: B023
 
 
+def test_of_coupled_joints_through_events_of_exact_friction() -> None:
+    """A finger reverses, and steps are divided."""
+    scene = gripper()
+    q, qd = np.array([0.3, 0.4]), np.array([0.5, -0.8])
+    friction = np.array([0.05, 0.02])
+    function = Function(scene, q, qd, dt=0.01, steps=40, friction=friction, damping=0.1)
+    assert np.ptp(np.sign(function.path.qd[:, 1])) == 2
+    for i, unit in enumerate(np.eye(2)):
+        function.check(function.found.q[i], lambda h: function.value(q=q + h * unit), 1e-5)  # noqa: B023
+        function.check(function.found.qd[i], lambda h: function.value(qd=qd + h * unit), 1e-5)  # noqa: B023
+        function.check(function.found.friction[i], lambda h: function.value(friction=friction + h * unit), 1e-5)  # noqa: B023
+
+
 def test_coupled_joints_are_joints_on_a_connection() -> None:
     """The gradients by minimal coordinates are those of a loop with rows of joint coordinates, reduced."""
-    coupled = gripper()
-    free = coupled.to_builder().build(mimic="free")
-    builder = free.to_builder()
-    builder.connect("right", "joint", "right_joint", "left_joint", multiplier=-1.5, offset=0.1)
-    builder.connect("tip", "joint", "tip_joint", "arm_joint", multiplier=0.5, offset=0.0)
-    rows = builder.build(mimic="free")
+    coupled, rows = gripper(), gripper(by_rows=True)
     assert rows.nv == 4 and coupled.nv == 2
     into = np.zeros((4, 2))
     for joint, other, ratio in (("arm", "arm", 1.0), ("left", "left", 1.0), ("right", "left", -1.5), ("tip", "arm", 0.5)):
@@ -287,10 +294,12 @@ def test_coupled_joints_are_joints_on_a_connection() -> None:
     other = rows.simulate(into @ q + offset, into @ qd, dt=0.01, steps=20, method="rk4")
     assert_near(other.q, one.q @ into.T + offset, 1e-12)
     cotangents = np.random.default_rng(0).uniform(-1, 1, (2, 21, 4))
-    of_rows = other.vjp(*cotangents)
-    found = one.vjp(*(part @ into for part in cotangents))
+    of_rows = other.vjp(*cotangents, parameters=True)
+    found = one.vjp(*(part @ into for part in cotangents), parameters=True)
     assert_near(found.q, of_rows.q @ into, 1e-10 * size(found.q))
     assert_near(found.qd, of_rows.qd @ into, 1e-10 * size(found.qd))
+    assert found.parameters is not None and found.parameters.shape == (4, 10)
+    assert_near(found.parameters, of_rows.parameters, 1e-10 * size(found.parameters))
 
 
 class Dense:

@@ -84,7 +84,8 @@ impl ConstraintAdjoint {
     }
 
     /// Gradients by q, qd and tau of cotangent* qdd, (3 nv) into `out`, and by inertial parameters, at a state of
-    /// [`constrained_dynamics`](super::constrained_dynamics) with the accelerations `qdd` and the forces in the scratch.
+    /// [`constrained_dynamics`](super::constrained_dynamics) with the accelerations `qdd` and the forces in the
+    /// scratch.
     pub fn of_dynamics(
         &mut self,
         system: (&Model<f64>, &Constraints),
@@ -117,8 +118,8 @@ impl ConstraintAdjoint {
         Ok(())
     }
 
-    /// One Newton step x = M^-1 J* p, p = -(G + c)^+ (error + c sum of the steps before), at `q`: adds the gradient by q
-    /// to `by_q`, from the cotangents of x and of p. That of the sum is -c r.
+    /// One Newton step x = M^-1 J* p, p = -(G + c)^+ (error + c sum of the steps before), at `q`: adds the gradient by
+    /// q to `by_q`, from the cotangents of x and of p. That of the sum is -c r.
     pub fn of_position_step(
         &mut self,
         system: (&Model<f64>, &Constraints),

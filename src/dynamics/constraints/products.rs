@@ -18,8 +18,8 @@
 //! c += S qd x* F,    grad_q = H (n - V_p x* c - A_p x* F),    grad_qd = H (c - V x* F)
 //! ```
 //!
-//! At rest, with qdd = w, the function is r* J(q) w. The cotangents n and v of one pair of frames are computed with dual
-//! numbers, except for points.
+//! At rest, with qdd = w, the function is r* J(q) w. The cotangents n and v of one pair of frames are computed with
+//! dual numbers, except for points.
 
 use super::NoDirection;
 use crate::kinematics::joint_motion;
