@@ -436,8 +436,6 @@ class Trajectory(TrajectoryFiles):
     def _arguments(self) -> dict[str, Any]:
         """Arguments of Scene.simulate, for Scene.simulate_vjp."""
         given = self._known()
-        given.pop("baumgarte", None)
-        given.pop("compliance", None)
         if given.pop("accuracy") is not None:
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps, which have gradients")
         if given.pop("conserve_momentum"):

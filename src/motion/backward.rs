@@ -66,7 +66,7 @@ pub(super) struct StepGradients<T> {
 pub(super) const ACTING: usize = 5;
 /// Index of the applied torque.
 pub(super) const TORQUE: usize = 0;
-const ARMATURE: usize = 1;
+pub(super) const ARMATURE: usize = 1;
 const DAMPING: usize = 2;
 const STIFFNESS: usize = 3;
 const FRICTION: usize = 4;

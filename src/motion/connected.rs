@@ -77,10 +77,12 @@ impl<T: Vectorized> Connected<T> {
             (rows.slack, rows.alpha) = (SLACK, alpha);
             rows
         };
-        let shares = settings.noise(&settings.scheme) == model.system.noise
+        let shares = settings.noise(&settings.scheme) == settings.properties.armature
             && !(settings.regularized && settings.scheme.implicit);
         let own = (!shares && alpha == 0.0).then(|| {
-            let constants = SweepModel::new(model);
+            let mut model = model.clone();
+            model.system.noise.clone_from(&settings.properties.armature);
+            let constants = SweepModel::new(&model);
             let model = model.cast::<T>();
             let sweeps = SweepScratch::new(&model, &constants).accepting(settings.tolerance);
             let rows = rows_of((&model, &constants));

@@ -126,7 +126,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
         parameters: bool,
     ) -> Result<RolloutGradients, StepFault> {
         let refuse = |error| StepFault { step: 0, state: 0, joint: String::new(), error };
-        self.scene().check_no_connections("gradients of a simulation").map_err(refuse)?;
+        let touches = self.settings.method == Method::Contact;
+        if touches {
+            self.scene().check_no_connections("gradients of a simulation with contacts").map_err(refuse)?;
+        }
         self.scene().check_no_pairs("gradients of a simulation").map_err(refuse)?;
         let torques = self.check_torque_from(0, torque, steps);
         torques.map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
@@ -135,7 +138,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let (scene, states) = (self.scene(), self.states());
         let (nv, bodies) = (scene.nv(), if parameters { scene.model().bodies.len() } else { 0 });
         let torques = if matches!(torque, Torque::Steps { .. }) { steps } else { 1 };
-        let touches = self.settings.method == Method::Contact;
         let contacts = if touches { scene.contacts().len() } else { 0 };
         let layout = Layout { nv, torques, bodies, contacts };
         let width = layout.width();

@@ -41,7 +41,7 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution
+    /// limits, restitution, baumgarte, compliance
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
@@ -65,11 +65,11 @@ impl PyScene {
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method=None,
                         record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
-                        limits=None, restitution=0.0),
+                        limits=None, restitution=0.0, baumgarte=None, compliance=None),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             parameters=False, limits=None, restitution=0.0)")]
+                             parameters=False, limits=None, restitution=0.0, baumgarte=None, compliance=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
@@ -95,11 +95,12 @@ impl PyScene {
         parameters: bool,
         limits: Option<&str>,
         restitution: f64,
+        baumgarte: Option<f64>,
+        compliance: Option<&Object<'py>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
         scene.check_independent()?;
-        scene.check_no_connections("simulate_vjp")?;
         let (nq, nv) = (scene.nq(), scene.nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
@@ -117,8 +118,8 @@ impl PyScene {
             form,
             tolerance,
             conserve_momentum: false,
-            baumgarte: None,
-            compliance: None,
+            baumgarte,
+            compliance,
             limits,
             restitution,
             accuracy: None,
