@@ -72,9 +72,12 @@ pub struct ContactGradients {
     pub friction: Vec<f64>,
     /// By the coefficient of restitution, (contacts).
     pub restitution: Vec<f64>,
-    /// By the offset of the plane, (contacts).
+    /// By the offset of the plane, (contacts); NaN for a contact with a sphere or a box.
     pub offset: Vec<f64>,
-    /// By the unit normal of the plane, tangent to the unit sphere, in the base frame, (contacts).
+    /// By the unit normal of the plane, tangent to the unit sphere, in the frame of [`Contact::normal`], (contacts);
+    /// NaN for a contact with a sphere or a box.
+    ///
+    /// [`Contact::normal`]: crate::scene::Contact::normal
     pub normal: Vec<[f64; 3]>,
     /// Smallest distance from another mode over all steps, m/s, (contacts): the change of a velocity of the contact
     /// after which it would open, close, stick or slide.
@@ -127,10 +130,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ) -> Result<RolloutGradients, StepFault> {
         let refuse = |error| StepFault { step: 0, state: 0, joint: String::new(), error };
         let touches = self.settings.method == Method::Contact;
-        if touches {
-            self.scene().check_no_connections("gradients of a simulation with contacts").map_err(refuse)?;
-        }
-        self.scene().check_no_pairs("gradients of a simulation").map_err(refuse)?;
         let torques = self.check_torque_from(0, torque, steps);
         torques.map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let count =
@@ -185,7 +184,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let expected = "false, because gradients of its corrections are not available";
             return Err(refuse(Error::argument("conserve_momentum", "true", expected)));
         }
-        if self.settings.coupling.is_some() {
+        if self.settings.coupling.is_some() && self.settings.method != Method::Contact {
             let expected = "a scene with mimic=\"free\", because gradients of coupled joints are not available";
             return Err(refuse(Error::argument("scene", "joints that follow others (mimic)", expected)));
         }

@@ -155,7 +155,7 @@ impl ConstraintAdjoint {
     }
 
     /// y and r for the cotangents of x and of p (empty for zero), with the factors of M and of the rows at `q`.
-    fn solve(
+    pub fn solve(
         &mut self,
         (model, constraints): (&Model<f64>, &Constraints),
         (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
@@ -165,6 +165,9 @@ impl ConstraintAdjoint {
     ) -> Result<(), NoDirection> {
         let Self { y, r, .. } = self;
         dynamics::solve(model, workspace, of_x, y);
+        if r.is_empty() {
+            return Ok(());
+        }
         r.fill(0.0);
         let (mut left, mut step) = (vec![0.0; r.len()], vec![0.0; r.len()]);
         // The second solution removes the rounding errors of the first.
@@ -184,7 +187,7 @@ impl ConstraintAdjoint {
     }
 
     /// Adds the gradients of -y* M(q) x + p* J(q) y - r* J(q) along.
-    fn add_response(
+    pub fn add_response(
         &mut self,
         system: (&Model<f64>, &Constraints),
         workspace: &mut Workspace<f64>,

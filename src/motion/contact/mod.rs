@@ -19,6 +19,7 @@
 //!
 //! `backward` differentiates a step in the modes of its contacts, and `reverse` sums the gradients over all steps.
 
+mod at;
 mod backward;
 mod closed;
 mod faults;

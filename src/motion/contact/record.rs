@@ -1,5 +1,6 @@
 //! Data of a step that its adjoint reads.
 
+use super::closed::Pulled;
 use super::project::Push;
 use super::step::{Outcome, StepStart};
 use crate::contact::{Cone, ContactState, Impact};
@@ -46,8 +47,30 @@ pub(super) struct StepRecord {
     pub states: Vec<ContactState>,
     /// `None` without active contacts.
     pub laws: Option<Laws>,
-    /// The Newton steps of the projection out of the planes.
-    pub pushes: Vec<Push>,
+    /// The Newton steps of the projection out of the surfaces and onto the connections.
+    pub moves: Vec<Move>,
+    /// The projection of the velocities without contacts onto the connections, and that of the last velocities.
+    pub free: Pulled,
+    pub end: Pulled,
+}
+
+/// A Newton step of the projection of positions.
+#[derive(Debug, Clone)]
+pub(super) enum Move {
+    /// Out of the surfaces of contacts.
+    Push(Push),
+    /// Onto the connections, from `q`.
+    Pull { q: Vec<f64>, pulled: Pulled },
+}
+
+impl Move {
+    /// The configuration at its start.
+    pub fn start(&self) -> &Vec<f64> {
+        match self {
+            Self::Push(push) => &push.q,
+            Self::Pull { q, .. } => q,
+        }
+    }
 }
 
 impl StepRecord {
@@ -62,7 +85,9 @@ impl StepRecord {
             hit: None,
             states: Vec::new(),
             laws: None,
-            pushes: Vec::new(),
+            moves: Vec::new(),
+            free: Pulled::default(),
+            end: Pulled::default(),
         }
     }
 
@@ -75,7 +100,9 @@ impl StepRecord {
             hit: outcome.hit.clone(),
             states: outcome.states.clone(),
             laws: outcome.laws.take(),
-            pushes: Vec::new(),
+            moves: Vec::new(),
+            free: Pulled::default(),
+            end: Pulled::default(),
         }
     }
 }
