@@ -418,7 +418,8 @@ class Trajectory(TrajectoryFiles):
         -----
         Recorded rows are checkpoints; the steps between them are recomputed. With record_every=1 nothing is
         recomputed, except steps with contacts, which are differentiated in the modes of their contacts (open, sticking,
-        sliding; docs/motion.md). The cost is O(N) per stage of a step.
+        sliding; docs/motion.md), and steps with connections. With coupled joints, gradients are those by the
+        independent coordinates, and parameters must be False. The cost is O(N) per stage of a step.
 
         Examples
         --------
@@ -546,15 +547,14 @@ def _outcome(about: dict[str, Any]) -> dict[str, Any]:
 
 
 def contacts_of(names: tuple[str, ...], rows: _Array, totals: _Array) -> ContactMotion:
-    """Recorded values by name: rows (..., contacts * 11), and the values of the steps, (..., 8)."""
+    """Recorded values by name: rows (..., contacts * 11), and the values of the steps, (..., 10)."""
     each = rows.reshape(*rows.shape[:-1], len(names), 11)
     by_name = [{name: each[..., i, part] for i, name in enumerate(names)} for part in _PARTS]
     residual, converged, iterations, *rest = np.moveaxis(totals, -1, 0)
     gap, slip, force, impulse = by_name
     state = {name: each[..., i, 10].astype(np.int8) for i, name in enumerate(names)}
-    impacts, friction, expansion, kept, depth = rest
     solved = residual, converged > 0, iterations.astype(np.int_)
-    return ContactMotion(gap, slip, force, impulse, state, *solved, impacts, friction, expansion, kept, depth)
+    return ContactMotion(gap, slip, force, impulse, state, *solved, *rest)
 
 
 #: Indices of the gap, slip velocity, force and impulse in the values of a contact.

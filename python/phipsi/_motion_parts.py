@@ -172,7 +172,13 @@ class ContactMotion(NamedTuple):
     below 1 only if a solve did not converge.
     """
     depth: _Array
-    """Largest penetration at the end of a step, before it was corrected, (...), m."""
+    """Largest penetration at the end of a step, before it was corrected, (...), m; with smoothing it is not corrected."""
+    bias: _Array
+    """With smoothing, the largest residual of the exact contact law in a step, as residual, (...); 0 without."""
+    hover: _Array
+    """With smoothing, the largest gap at the end of a step of a contact that carries at least its equal share of the
+    weight of its tree, (...), m; 0 without.
+    """
 
 
 class EnergyAudit(NamedTuple):

@@ -17,7 +17,7 @@
 
 use super::law::{Cone, Limits};
 use super::newton::PROXIMAL;
-use nalgebra::{DMatrix, DVector, Dyn, LU, Matrix2, Matrix3, Vector2};
+use nalgebra::{DMatrix, DVector, Dyn, LU, Matrix2, Matrix3, Vector2, Vector3};
 
 /// Largest number of Newton steps in fixed modes, and the factor by which each must reduce the residual.
 const STEPS: usize = 6;
@@ -45,18 +45,20 @@ pub(crate) struct Mode {
     pub slides: bool,
 }
 
-/// The linearized equations of all contacts in their modes.
+/// The linearized equations of all contacts.
 #[derive(Debug, Clone)]
 pub(crate) struct Linearization {
     /// B: blocks of dF/du.
-    by_velocity: Vec<Matrix3<f64>>,
+    pub(super) by_velocity: Vec<Matrix3<f64>>,
+    /// dF/dmu of each contact.
+    pub(super) by_friction: Vec<Vector3<f64>>,
+    /// dF/da of each contact, an entry of its normal equation.
+    pub(super) by_least: Vec<f64>,
+    /// dF by a relative change of the energies of each contact, in the relaxed law.
+    pub(super) by_energy: Vec<Vector3<f64>>,
     /// A + B G, and the same with springs.
-    matrix: DMatrix<f64>,
-    with_springs: DMatrix<f64>,
-    /// d of sliding contacts; zero for the others.
-    directions: Vec<Vector2<f64>>,
-    modes: Vec<Mode>,
-    impulses: DVector<f64>,
+    pub(super) matrix: DMatrix<f64>,
+    pub(super) with_springs: DMatrix<f64>,
 }
 
 /// Cotangents of the data of a problem, for a cotangent of its impulses.
@@ -68,6 +70,8 @@ pub(crate) struct LawCotangents {
     pub friction: Vec<f64>,
     /// Of the lower bound a of each normal impulse.
     pub least: Vec<f64>,
+    /// Of a relative change of the energies of each contact, in the relaxed law.
+    pub energy: Vec<f64>,
 }
 
 impl Cone {
@@ -127,7 +131,8 @@ impl Cone {
     pub fn linearized(&self, modes: &[Mode], p: &DVector<f64>, c: &DVector<f64>) -> Linearization {
         let (m, x) = (3 * self.len(), self.targets(p, c));
         let mut by_velocity = vec![Matrix3::zeros(); self.len()];
-        let mut directions = vec![Vector2::zeros(); self.len()];
+        let mut by_friction = vec![Vector3::zeros(); self.len()];
+        let by_least = modes.iter().map(|mode| if mode.normal == Normal::AtBound { -1.0 } else { 0.0 }).collect();
         let mut matrix = DMatrix::zeros(m, m);
         for (i, mode) in modes.iter().enumerate() {
             let (at, r, mu) = (3 * i, self.lengths[i], self.friction[i]);
@@ -151,17 +156,9 @@ impl Cone {
                         b[(row, column)] = r * across[(row, column)];
                     }
                 }
-                directions[i] = d;
+                by_friction[i] = Vector3::new(-d[0], -d[1], 0.0) * p[at + 2];
             }
-            for row in 0..3 {
-                for j in 0..m {
-                    let of_velocity: f64 = (0..3).map(|k| b[(row, k)] * self.g[(at + k, j)]).sum();
-                    matrix[(at + row, j)] = of_velocity;
-                }
-                for column in 0..3 {
-                    matrix[(at + row, at + column)] += a[(row, column)];
-                }
-            }
+            self.add_rows(i, (&a, b), &mut matrix);
         }
         let mut with_springs = matrix.clone();
         for (i, b) in by_velocity.iter().enumerate() {
@@ -171,7 +168,22 @@ impl Cone {
                 }
             }
         }
-        Linearization { by_velocity, matrix, with_springs, directions, modes: modes.to_vec(), impulses: p.clone() }
+        let by_energy = vec![Vector3::zeros(); self.len()];
+        Linearization { by_velocity, by_friction, by_least, by_energy, matrix, with_springs }
+    }
+
+    /// Sets the rows A + B G of a contact for its blocks A and B.
+    pub(super) fn add_rows(&self, i: usize, (a, b): (&Matrix3<f64>, &Matrix3<f64>), matrix: &mut DMatrix<f64>) {
+        let at = 3 * i;
+        for row in 0..3 {
+            for j in 0..matrix.ncols() {
+                let of_velocity: f64 = (0..3).map(|k| b[(row, k)] * self.g[(at + k, j)]).sum();
+                matrix[(at + row, j)] = of_velocity;
+            }
+            for column in 0..3 {
+                matrix[(at + row, at + column)] += a[(row, column)];
+            }
+        }
     }
 
     /// Newton's method in the modes of `p`, until the residual no longer decreases; returns the impulses and their
@@ -202,22 +214,18 @@ impl Cone {
 impl Linearization {
     /// Cotangents of the data for a cotangent `p_bar` of the impulses; `None` if the matrix is singular.
     ///
-    /// With x = -(A + B G)^-T `p_bar`, they are B* x, `F_mu`* x and `F_a`* x.
+    /// With x = -(A + B G)^-T `p_bar`, they are B* x, `F_mu`* x, `F_a`* x and so on.
     pub fn cotangents(&self, p_bar: &DVector<f64>) -> Option<LawCotangents> {
         let x = -corrected(&self.with_springs.transpose().lu(), &self.matrix.transpose(), p_bar)?;
         let mut velocities = DVector::zeros(x.len());
-        let (mut friction, mut least) = (vec![0.0; self.modes.len()], vec![0.0; self.modes.len()]);
-        for (i, mode) in self.modes.iter().enumerate() {
-            let x = x.fixed_rows::<3>(3 * i);
-            velocities.fixed_rows_mut::<3>(3 * i).copy_from(&self.by_velocity[i].tr_mul(&x));
-            if mode.normal != Normal::Open && mode.slides {
-                friction[i] = -self.impulses[3 * i + 2] * self.directions[i].dot(&x.xy());
-            }
-            if mode.normal == Normal::AtBound {
-                least[i] = -x[2];
-            }
+        for (i, b) in self.by_velocity.iter().enumerate() {
+            velocities.fixed_rows_mut::<3>(3 * i).copy_from(&b.tr_mul(&x.fixed_rows::<3>(3 * i)));
         }
-        Some(LawCotangents { velocities, friction, least })
+        let along = |by: &[Vector3<f64>]| -> Vec<f64> {
+            by.iter().enumerate().map(|(i, by)| by.dot(&x.fixed_rows::<3>(3 * i))).collect()
+        };
+        let least = self.by_least.iter().enumerate().map(|(i, by)| by * x[3 * i + 2]).collect();
+        Some(LawCotangents { velocities, friction: along(&self.by_friction), least, energy: along(&self.by_energy) })
     }
 
     /// Changes of the impulses for changes of the velocities at fixed impulses; `None` if the matrix is singular.

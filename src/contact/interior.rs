@@ -26,10 +26,10 @@ const HALVINGS: usize = 12;
 /// An interior point.
 #[derive(Debug, Clone)]
 pub(super) struct Interior<'a> {
-    problem: Scaled<'a>,
-    now: Point,
+    pub problem: Scaled<'a>,
+    pub now: Point,
     /// True if e stays constant while velocities and impulses disagree: slower, but it converges in some other cases.
-    careful: bool,
+    pub careful: bool,
 }
 
 /// Impulses, and the additional variables of each contact.
@@ -44,8 +44,12 @@ pub(super) struct Point {
 
 impl<'a> Interior<'a> {
     /// Starts in the middle of each cone, with all normal impulses `height` above their lower bound.
-    pub fn new(cone: &'a Cone, c: &DVector<f64>, limits: &Limits, (height, careful): (f64, bool)) -> Self {
-        let problem = Scaled::new(cone, c, limits);
+    pub fn new(cone: &'a Cone, c: &DVector<f64>, limits: &Limits, start: (f64, bool)) -> Self {
+        Self::central(Scaled::new(cone, c, limits), start)
+    }
+
+    /// The same for a scaled problem.
+    pub fn central(problem: Scaled<'a>, (height, careful): (f64, bool)) -> Self {
         let n = problem.len();
         let z = DVector::from_fn(3 * n, |i, _| if i % 3 == 2 { problem.least[i / 3] + height } else { 0.0 });
         let room = (0..n).map(|i| problem.radius(i, &z)).collect();
@@ -62,7 +66,7 @@ impl<'a> Interior<'a> {
     }
 
     /// Mean of the products y v and l s.
-    fn gap(&self) -> f64 {
+    pub fn gap(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for i in 0..self.problem.len() {
             sum += self.problem.above(i, &self.now.z) * self.now.apart[i];
@@ -76,7 +80,7 @@ impl<'a> Interior<'a> {
     }
 
     /// Largest violation of the equations between velocities and v, l.
-    fn disagreement(&self) -> f64 {
+    pub fn disagreement(&self) -> f64 {
         let Point { z, apart, slip, .. } = &self.now;
         let u = &self.problem.a * z + &self.problem.c;
         let of = |i: usize| {
@@ -91,7 +95,7 @@ impl<'a> Interior<'a> {
     }
 
     /// The matrix of a step after elimination of v, l and s.
-    fn slope(&self) -> DMatrix<f64> {
+    pub fn slope(&self) -> DMatrix<f64> {
         let Point { z, apart, slip, room } = &self.now;
         let mut slope = self.problem.a.clone();
         for i in 0..self.problem.len() {
@@ -117,14 +121,15 @@ impl<'a> Interior<'a> {
         slope
     }
 
-    /// The Newton step toward y v = l s = `aim`.
-    fn towards(&self, slope: &LU<f64, Dyn, Dyn>, aim: f64) -> Option<Point> {
+    /// The Newton step toward y v and l s with the given values for each contact.
+    pub fn towards(&self, slope: &LU<f64, Dyn, Dyn>, aim: impl Fn(usize) -> [f64; 2]) -> Option<Point> {
         let Point { z, apart, slip, room } = &self.now;
         let n = self.problem.len();
         let mut right = -(&self.problem.a * z + &self.problem.c);
         for i in 0..n {
-            right[3 * i + 2] += aim / self.problem.above(i, z);
-            let pull = if self.problem.grips(i) { self.problem.pull(i, z) * (aim / room[i]) } else { continue };
+            let [normal, tangent] = aim(i);
+            right[3 * i + 2] += normal / self.problem.above(i, z);
+            let pull = if self.problem.grips(i) { self.problem.pull(i, z) * (tangent / room[i]) } else { continue };
             right[3 * i] -= pull[0];
             right[3 * i + 1] -= pull[1];
         }
@@ -137,18 +142,18 @@ impl<'a> Interior<'a> {
         }
         let mut step = Point { z: dz, apart: vec![0.0; n], slip: vec![0.0; n], room: vec![0.0; n] };
         for i in 0..n {
-            let above = self.problem.above(i, z);
-            step.apart[i] = aim / above - apart[i] - apart[i] / above * step.z[3 * i + 2];
+            let ([normal, tangent], above) = (aim(i), self.problem.above(i, z));
+            step.apart[i] = normal / above - apart[i] - apart[i] / above * step.z[3 * i + 2];
             if self.problem.grips(i) {
                 step.room[i] = self.problem.room_change(i, z, &step.z);
-                step.slip[i] = aim / room[i] - slip[i] - slip[i] / room[i] * step.room[i];
+                step.slip[i] = tangent / room[i] - slip[i] - slip[i] / room[i] * step.room[i];
             }
         }
         Some(step)
     }
 
     /// The largest fraction of a step for which all variables remain positive, to first order.
-    fn reach(&self, step: &Point) -> f64 {
+    pub fn reach(&self, step: &Point) -> f64 {
         let mut reach: f64 = 1.0;
         let mut limit = |now: f64, change: f64| {
             if change < 0.0 {
@@ -170,26 +175,32 @@ impl<'a> Interior<'a> {
     pub fn step(&mut self) -> Option<f64> {
         let slope = self.slope().lu();
         let (gap, before) = (self.gap(), self.disagreement());
-        let free = self.reach(&self.towards(&slope, 0.0)?);
+        let free = self.reach(&self.towards(&slope, |_| [0.0; 2])?);
         let waits = self.careful && gap < 1e-2 && before > gap.sqrt();
         let part = if waits { 1.0 } else { (1.0 - free).powi(3).clamp(1e-4, 0.9) };
-        let step = self.towards(&slope, part * gap)?;
-        let mut made = self.reach(&step);
+        let step = self.towards(&slope, |_| [part * gap; 2])?;
+        Some(self.advance(&step, gap, before))
+    }
+
+    /// Moves along a step as far as all variables remain positive and its nonlinearity does not increase the violation
+    /// `before` of the velocity equations; returns the fraction.
+    pub fn advance(&mut self, step: &Point, gap: f64, before: f64) -> f64 {
+        let mut made = self.reach(step);
         let start = self.now.clone();
         // A violation of first order has the size of the gap; a larger one is an effect of the step.
         let most = 10.0 * before.max(0.1 * gap.sqrt().min(1.0));
         for halving in 0..=HALVINGS {
-            self.go(&start, &step, made);
+            self.go(&start, step, made);
             if halving == HALVINGS || self.disagreement() <= most {
                 break;
             }
             made *= 0.5;
         }
-        Some(made)
+        made
     }
 
     /// Moves to `start` + `made` * `step`.
-    fn go(&mut self, start: &Point, step: &Point, made: f64) {
+    pub fn go(&mut self, start: &Point, step: &Point, made: f64) {
         self.now.z = &start.z + &step.z * made;
         for i in 0..self.problem.len() {
             self.now.apart[i] = start.apart[i] + made * step.apart[i];

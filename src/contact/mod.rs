@@ -14,6 +14,8 @@
 //! singular (four points on a rigid foot), individual impulses are not unique; the solver returns those of equal
 //! springs at the contacts ([`Cone::impulses`]).
 //!
+//! A relaxed law ([`relaxed`]) makes the impulses smooth functions of the velocities.
+//!
 //! P. Alart and A. Curnier, Computer Methods in Applied Mechanics and Engineering 92, 1991, 353-375.
 
 mod energy;
@@ -23,6 +25,7 @@ mod interior;
 mod law;
 mod newton;
 mod path;
+mod relaxed;
 mod report;
 mod scaled;
 mod solve;
@@ -33,4 +36,5 @@ pub(crate) use energy::{Impact, expansion_kept, impact, passive};
 pub(crate) use implicit::LawCotangents;
 pub use law::ContactState;
 pub(crate) use law::{Cone, Limits};
+pub(crate) use relaxed::Relaxation;
 pub(crate) use report::{Effort, SolveReport};

@@ -20,18 +20,26 @@ pub(super) struct Scaled<'a> {
     pub least: Vec<f64>,
     /// Factor from z to impulses, three equal entries per contact.
     into_impulses: DVector<f64>,
+    /// Factor from scaled velocities to velocities times w; its square is that of energies.
+    pub unit: f64,
 }
 
 impl<'a> Scaled<'a> {
     pub fn new(cone: &'a Cone, c: &DVector<f64>, limits: &Limits) -> Self {
+        Self::with_energy(cone, c, limits, 0.0)
+    }
+
+    /// The scaled problem, with a unit for which an energy, J, is at most one too.
+    pub fn with_energy(cone: &'a Cone, c: &DVector<f64>, limits: &Limits, energy: f64) -> Self {
         let m = 3 * cone.len();
         let w = DVector::from_fn(m, |i, _| cone.lengths[i / 3].sqrt());
         let a = DMatrix::from_fn(m, m, |i, j| w[i] * cone.g[(i, j)] * w[j]);
         let c = c.component_mul(&w);
         let least: Vec<f64> = limits.least.iter().enumerate().map(|(i, least)| least / w[3 * i]).collect();
-        let unit = least.iter().fold(c.amax(), |largest, &least| largest.max(least)).max(f64::MIN_POSITIVE);
+        let unit = least.iter().fold(c.amax(), |largest, &least| largest.max(least)).max(energy.sqrt());
+        let unit = unit.max(f64::MIN_POSITIVE);
         let least = least.iter().map(|least| least / unit).collect();
-        Self { cone, a, c: c / unit, least, into_impulses: w * unit }
+        Self { cone, a, c: c / unit, least, into_impulses: w * unit, unit }
     }
 
     /// Number of contacts.
@@ -87,6 +95,11 @@ impl<'a> Scaled<'a> {
         // Near the boundary the difference cancels, and the propagated first-order value is more precise.
         let rounding = 16.0 * f64::EPSILON * q;
         if (room - first_order).abs() < rounding { first_order } else { room }
+    }
+
+    /// Scaled impulses.
+    pub fn of_impulses(&self, p: &DVector<f64>) -> DVector<f64> {
+        p.component_div(&self.into_impulses)
     }
 
     /// The impulses, N s, projected onto their cones.

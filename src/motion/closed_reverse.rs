@@ -15,12 +15,13 @@ use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
 use crate::batch::accelerations::KernelArguments;
-use crate::dynamics;
 use crate::dynamics::constraints::{ConstraintAdjoint, Pushed, RowsAre, share};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::derivatives::Parameters;
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::error::{Error, in_language};
 use crate::filter::Form;
+use crate::model::Model;
 use crate::scene::Scene;
 
 /// One state.
@@ -31,6 +32,8 @@ pub(super) struct ClosedReverse {
     adjoint: ConstraintAdjoint,
     limits: Vec<LimitRow>,
     newton: Vec<NewtonStep>,
+    /// Forces of the connections in each stage.
+    forces: Vec<Vec<f64>>,
 }
 
 /// A step of the projection of positions.
@@ -40,16 +43,37 @@ struct NewtonStep {
     p: Vec<f64>,
 }
 
-/// The accelerations of the stages, and their adjoint.
+/// The accelerations of the stages, with their forces.
+struct Recorded<'a, 'b> {
+    forward: &'b mut Constrained<'a>,
+    forces: &'b mut Vec<Vec<f64>>,
+}
+
+impl Solver<f64> for Recorded<'_, '_> {
+    fn solve(
+        &mut self,
+        estimates: bool,
+        scene: (&Model<f64>, &SweepModel<f64>),
+        scratch: &mut SweepScratch<f64>,
+        state: (&[f64], &[f64], &[f64]),
+        qdd: &mut [f64],
+    ) -> u64 {
+        let lanes = self.forward.solve(estimates, scene, scratch, state, qdd);
+        self.forces.push(self.forward.scratch.rows.forces.clone());
+        lanes
+    }
+}
+
+/// The adjoint of the accelerations of the stages, from the last to the first. The step has set them.
 struct ClosedBackward<'a> {
     forward: Constrained<'a>,
     adjoint: &'a mut ConstraintAdjoint,
+    forces: &'a mut Vec<Vec<f64>>,
 }
 
 impl BackwardSolver<f64> for ClosedBackward<'_> {
-    fn factor(&mut self, call: KernelArguments<'_, f64>) -> u64 {
-        let KernelArguments { scene, scratch, state, qdd, .. } = call;
-        self.forward.solve(true, scene, scratch, state, qdd)
+    fn factor(&mut self, _: KernelArguments<'_, f64>) -> u64 {
+        0
     }
 
     fn gradients(
@@ -61,12 +85,10 @@ impl BackwardSolver<f64> for ClosedBackward<'_> {
     ) -> u64 {
         let KernelArguments { scene: (model, _), state: (q, qd, _), qdd, .. } = call;
         let Constrained { scene, scratch, alpha, compliance } = &mut self.forward;
-        if scratch.has_fault() {
-            out.fill(f64::NAN);
-            return 0;
-        }
         let ConstrainedScratch { workspace, rows, .. } = &mut **scratch;
-        dynamics::factorise(model, workspace, q);
+        if let Some(forces) = self.forces.pop() {
+            rows.forces = forces;
+        }
         let wanted = RowsAre { alpha: *alpha, compliance };
         let (system, room) = ((model, scene.constraints()), (workspace, rows));
         let found = self.adjoint.of_dynamics(system, room, (q, qd, qdd), (cotangent, wanted), (parameters, out));
@@ -86,13 +108,14 @@ impl ClosedReverse {
             adjoint: ConstraintAdjoint::new(scene.model(), scene.constraints(), parameters),
             limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
             newton: Vec::new(),
+            forces: Vec::new(),
             scratch,
         }
     }
 
     /// From `gradients.end` to all results of [`StepGradients`]. Returns the joint and the error if that fails.
     pub fn step(&mut self, scene: &Scene, settings: &StepSettings) -> Result<(), (String, Error)> {
-        let Self { scratch: s, gradients, closed, adjoint, limits, newton } = self;
+        let Self { scratch: s, gradients, closed, adjoint, limits, newton, forces } = self;
         let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
         let mut forward = Constrained { scene, scratch: closed, alpha, compliance: &settings.compliance };
         let by = (settings, &settings.scheme);
@@ -104,7 +127,8 @@ impl ClosedReverse {
             (None, Some(error)) => (String::new(), error),
             (None, None) => (String::new(), Error::argument("q, qd", "a failed step", "rows that simulate recorded")),
         };
-        step(by, s, &mut forward);
+        forces.clear();
+        step(by, s, &mut Recorded { forward: &mut forward, forces });
         let free = s.v_next.clone();
         newton.clear();
         let mut visit = |q: &[f64], x: &[f64], p: &[f64]| {
@@ -126,11 +150,14 @@ impl ClosedReverse {
         adjoint.begin();
         if alpha.is_none() {
             let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-            let through = through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &free), gradients);
+            let through =
+                through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &free), gradients);
             s.model.system.noise = noise;
             through.map_err(|error| (String::new(), error))?;
         }
-        let mut solver = ClosedBackward { forward, adjoint };
+        // Stages without weight have no adjoint.
+        forces.truncate(settings.scheme.tableau.last_stage() + 1);
+        let mut solver = ClosedBackward { forward, adjoint, forces };
         backward(by, s, gradients, &mut solver, None);
         if let Err(failure) = solver.forward.scratch.take_fault() {
             return Err(named(failure));
@@ -138,9 +165,7 @@ impl ClosedReverse {
         add_scaled(&mut gradients.acting[ARMATURE], 1.0, &adjoint.noise);
         add_scaled(gradients.parameters.as_flattened_mut(), 1.0, adjoint.parameters.as_flattened());
         let mut results = gradients.results();
-        results
-            .try_for_each(|numbers| scene.check_result("gradients", numbers))
-            .map_err(|error| (String::new(), error))
+        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
     }
 }
 
@@ -161,7 +186,12 @@ fn through_projections(
     adjoint
         .of_velocities(system, (workspace, rows), (moving.0, moving.1, change), (of_v, compliance), of_q)
         .map_err(|at| scene.no_direction(at))?;
-    let mut of_sum = vec![0.0; p.len()];
+    // The steps end where the next one would be rounding. Perturbed configurations are moved by this step too.
+    adjoint
+        .of_last_step(system, (workspace, rows), moving.0, (of_q, compliance))
+        .map_err(|at| scene.no_direction(at))?;
+    let mut of_sum: Vec<f64> = vec![0.0; p.len()];
+    subtract_products(&mut of_sum, compliance, &adjoint.r);
     for NewtonStep { q, x, p } in newton.iter().rev() {
         let share = share(x);
         let moved: Vec<f64> = x.iter().map(|x| share * x).collect();
@@ -182,10 +212,15 @@ fn through_projections(
         adjoint
             .of_position_step(system, (workspace, rows), step, (&of_x, &of_p, compliance), &mut of_start)
             .map_err(|at| scene.no_direction(at))?;
-        for ((sum, c), r) in of_sum.iter_mut().zip(compliance).zip(&adjoint.r) {
-            *sum -= c * r;
-        }
+        subtract_products(&mut of_sum, compliance, &adjoint.r);
         of_q.copy_from_slice(&of_start);
     }
     Ok(())
+}
+
+/// sum -= c r, entry by entry; an empty c is zero.
+fn subtract_products(sum: &mut [f64], c: &[f64], r: &[f64]) {
+    for ((sum, c), r) in sum.iter_mut().zip(c).zip(r) {
+        *sum -= c * r;
+    }
 }

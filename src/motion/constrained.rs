@@ -63,10 +63,6 @@ impl ConstrainedScratch {
         }
     }
 
-    pub fn has_fault(&self) -> bool {
-        self.fault.is_some()
-    }
-
     pub fn note_error(&mut self, error: Error) {
         self.fault.get_or_insert(Fault::Error(error));
     }

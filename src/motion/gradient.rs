@@ -96,7 +96,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// number of states of this rollout is used. Uses the adjoint of every step, O(N) per stage; steps after the last
     /// row do not contribute. `parameters` requests the gradients by inertial parameters. The form is that of the
     /// rollout; a step whose error estimate exceeds the tolerance is recomputed with all checks. Steps with contacts
-    /// are all recomputed, and differentiated in the modes of their contacts (open, sticking, sliding).
+    /// are all recomputed, and differentiated in the modes of their contacts (open, sticking, sliding). Steps with
+    /// connections are recomputed too, and differentiated through the connections and the projections at their ends. For
+    /// coupled joints, all arrays are those of the [`tree`](Scene::tree), and
+    /// [`Coupling::reduce`](crate::scene::Coupling::reduce) gives the gradients by the independent coordinates of the
+    /// start.
     ///
     /// ```
     /// use phipsi::motion::{RecordedRows, Records, Rollout, Settings, Torque};
@@ -120,7 +124,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Errors
     ///
     /// Wrong lengths of rows or torques, and values that are not finite; `conserve_momentum`, whose corrections have no
-    /// gradients; the errors of [`Rollout::advance`], with the failed step; gradients that are not finite.
+    /// gradients; contacts on robots with connections or coupled joints; a joint of a closed loop at a limit that acts as
+    /// a stop; the errors of [`Rollout::advance`], with the failed step; gradients that are not finite.
     pub fn gradients(
         &self,
         torque: &Torque<'_>,
@@ -183,10 +188,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if !self.settings.roots.is_empty() {
             let expected = "false, because gradients of its corrections are not available";
             return Err(refuse(Error::argument("conserve_momentum", "true", expected)));
-        }
-        if self.settings.coupling.is_some() && self.settings.method != Method::Contact {
-            let expected = "a scene with mimic=\"free\", because gradients of coupled joints are not available";
-            return Err(refuse(Error::argument("scene", "joints that follow others (mimic)", expected)));
         }
         if every == 0 {
             return Err(refuse(Error::argument("every", "0", "at least 1")));

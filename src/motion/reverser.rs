@@ -271,9 +271,10 @@ impl Checked {
     fn new(job: &Job<'_>, form: Form) -> Self {
         let scratch = Scratch::new(job.scene.model(), job.settings);
         let gradients = StepGradients::new(&scratch.model, job.layout.bodies > 0);
-        let solver = CheckedBackward::new(&scratch.model, form, job.settings.tolerance);
+        let (coupling, tolerance) = (&job.settings.coupling, job.settings.tolerance);
+        let solver = CheckedBackward::new(&scratch.model, coupling.clone(), form, tolerance);
         let forward =
-            solver::Checked::new(job.scene.model(), None, form).accepting(job.settings.tolerance).with_kernels();
+            solver::Checked::new(job.scene.model(), coupling.clone(), form).accepting(tolerance).with_kernels();
         let substeps = Substeps::new(job.settings, &scratch);
         Self { scratch, gradients, solver, forward, substeps, made: Vec::new() }
     }
@@ -317,7 +318,7 @@ impl OneState for Checked {
         for (numbers, sum) in gradients.results().skip(2).zip(sums.into_iter().flatten()) {
             numbers.copy_from_slice(&sum);
         }
-        if let Some(lost) = forward.lost.take().or(solver.lost.take()) {
+        if let Some(lost) = forward.lost.take().or(solver.take_lost()) {
             let joint = job.scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
             return Err((joint, job.scene.singular(lost)));
         }
@@ -506,8 +507,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
         let Self { scratch: s, gradients, form, checked, closed, .. } = self;
         let (form, parameters) = (*form, job.layout.bodies > 0);
         let one: &mut dyn OneState = if job.settings.connected.is_some() {
-            &mut **closed
-                .get_or_insert_with(|| Box::new(ClosedReverse::new(job.scene, job.settings, form, parameters)))
+            &mut **closed.get_or_insert_with(|| Box::new(ClosedReverse::new(job.scene, job.settings, form, parameters)))
         } else {
             &mut **checked.get_or_insert_with(|| Box::new(Checked::new(job, form)))
         };
@@ -551,7 +551,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Step<'_, T, I> {
             let at = (n - first) * nv;
             take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
         }
-        if job.settings.method == Method::Contact || job.settings.connected.is_some() {
+        if !job.settings.has_vectorized_adjoint() {
             return u64::MAX;
         }
         let fallback = backward((job.settings, &job.settings.scheme), s, gradients, solver, None);

@@ -133,6 +133,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
         let stops = settings.limits == Limits::Stop;
+        let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
         if !is_tree && properties.friction_speed == 0.0 {
             properties.friction_speed = FRICTION_SPEED;
         }
@@ -169,6 +170,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         step_settings.tolerance = settings.tolerance;
         step_settings.connected = (!holds.constraints().is_empty()).then_some(stabilization);
         step_settings.compliance = settings.compliance;
+        step_settings.smoothing = smoothing;
         let momentum = MomentumProjection::new(holds.model(), &step_settings.roots);
         let current = memory::filled("q, qd", states.saturating_mul(step_settings.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
@@ -253,6 +255,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             limits: self.limits,
             restitution: *restitution,
             accuracy: self.settings.accuracy,
+            smoothing: self.settings.smoothing.as_ref().map_or(0.0, |smoothing| smoothing.length),
         }
     }
 

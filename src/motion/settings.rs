@@ -55,6 +55,9 @@ pub struct Settings {
     /// Error control: each step of `dt` consists of substeps whose estimated error is at most this value, in rad, m,
     /// and relative to the fastest joint velocity if that exceeds 1. `None` for fixed steps.
     pub accuracy: Option<f64>,
+    /// Length by which the contact law is relaxed, m; zero for the exact law. A contact at rest that carries its equal
+    /// share of the weight of its tree has this gap. Gradients then exist before contact and at changes of its state.
+    pub smoothing: f64,
 }
 
 /// The effect of a joint limit in a simulation.
@@ -87,6 +90,7 @@ impl Settings {
             limits: Limits::default(),
             restitution: 0.0,
             accuracy: None,
+            smoothing: 0.0,
         }
     }
 }
@@ -105,6 +109,7 @@ setters!(Settings {
     with_limits: limits: Limits,
     with_restitution: restitution: f64,
     with_accuracy: accuracy => Option<f64>,
+    with_smoothing: smoothing: f64,
 });
 
 /// The method that keeps a motion on the connections.

@@ -48,6 +48,8 @@ pub(super) struct StepSettings {
     pub connected: Option<Stabilization>,
     /// Compliance of each row of the connections; empty if all are rigid.
     pub compliance: Vec<f64>,
+    /// Relaxation of the contact law, if it is not exact.
+    pub smoothing: Option<contact::Smoothing>,
     /// Per body: whether its joint has a spring, and whether the control law acts on it.
     pub sprung_bodies: Vec<bool>,
     pub controlled_bodies: Vec<bool>,
@@ -87,6 +89,7 @@ impl StepSettings {
             roots,
             connected: None,
             compliance: Vec::new(),
+            smoothing: None,
         }
     }
 
@@ -101,12 +104,18 @@ impl StepSettings {
         self.coupling.is_none() && is_rigid && self.accuracy.is_none()
     }
 
-    /// True if steps with contacts are vectorized: those of a tree on planes of the base.
+    /// True if steps with contacts are vectorized: those of a tree on planes of the base, with the exact law.
     pub fn touches_in_lanes(&self, scene: &Scene) -> bool {
         self.method == Method::Contact
             && scene.contacts_have_planes()
             && self.coupling.is_none()
             && self.connected.is_none()
+            && self.smoothing.is_none()
+    }
+
+    /// True if the adjoint of the steps is vectorized: without contacts, connections and coupled joints.
+    pub fn has_vectorized_adjoint(&self) -> bool {
+        self.method != Method::Contact && self.connected.is_none() && self.coupling.is_none()
     }
 
     /// The settings for the adjoint of the steps, which needs the displacement of every joint from rest, also without a

@@ -240,7 +240,7 @@ impl PyScene {
     }
 }
 
-/// Reports of the steps about the contacts of each state of a batch, (..., 8).
+/// Reports of the steps about the contacts of each state of a batch, (..., 10).
 pub(super) fn reports<'py>(
     py: Python<'py>,
     batch: &[usize],
@@ -256,10 +256,12 @@ pub(super) fn reports<'py>(
             of.expansion_kept,
             of.impulse_kept,
             of.depth,
+            of.bias,
+            of.hover,
         ]
     };
     let all: Vec<f64> = (0..batch.iter().product()).filter_map(of).flat_map(numbers).collect();
-    from_numbers(py, &all, &[batch, &[8]].concat())
+    from_numbers(py, &all, &[batch, &[10]].concat())
 }
 
 /// Creates a `ContactMotion` from the recorded rows of contacts, (..., rows, contacts * 11), and the reports of the

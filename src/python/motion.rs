@@ -92,6 +92,10 @@ impl PyScene {
     ///     Coefficient of restitution of the stops, 0 to 1.
     /// accuracy : float, optional
     ///     Error control: bound of the estimated error of each substep, rad or m, relative above 1 rad/s or m/s.
+    /// smoothing : float, default 0
+    ///     Length by which contacts are smoothed, m; 0: the exact law. A contact at rest that carries its equal share of
+    ///     the weight has this gap; gradients exist before contact and at changes of its state. The bias is reported in
+    ///     Trajectory.contacts. An error for contacts with restitution and with limits="stop" at joints with limits.
     /// duration : float, optional
     ///     Simulated time, s, instead of steps.
     /// covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
@@ -122,13 +126,13 @@ impl PyScene {
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None,
                         pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None,
                         friction_speed=None, form="auto", tolerance=None, progress=None, conserve_momentum=false,
-                        baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, duration=None,
-                        covariance=None),
+                        baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0,
+                        duration=None, covariance=None),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
                              conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
-                             restitution=0.0, accuracy=None, duration=None, covariance=None)")]
+                             restitution=0.0, accuracy=None, smoothing=0.0, duration=None, covariance=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
@@ -156,11 +160,15 @@ impl PyScene {
         limits: Option<&str>,
         restitution: f64,
         accuracy: Option<f64>,
+        smoothing: f64,
         duration: Option<f64>,
         covariance: Option<&Object<'py>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
+        if covariance.is_some() {
+            scene.check_independent()?;
+        }
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let (dt, steps) = length_of_run(dt, steps, duration, accuracy.is_some())?;
         let every = count_or("record_every", record_every, 1, 1)?;
@@ -182,6 +190,7 @@ impl PyScene {
             limits,
             restitution,
             accuracy,
+            smoothing,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;

@@ -52,6 +52,7 @@ impl PySimulator {
         keywords.set_item("limits", limits)?;
         keywords.set_item("restitution", settings.restitution)?;
         keywords.set_item("accuracy", settings.accuracy)?;
+        keywords.set_item("smoothing", settings.smoothing)?;
         let own = self.scene.get();
         let is_given = own.scene.coupling().is_none() || properties != Properties::of(&own.scene);
         // The properties of coupled joints are not those of the independent joints only.

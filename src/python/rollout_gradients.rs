@@ -42,7 +42,7 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution, baumgarte, compliance
+    /// limits, restitution, baumgarte, compliance, smoothing
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
@@ -53,9 +53,10 @@ impl PyScene {
     #[doc = section!(Notes)]
     /// O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
     /// the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
-    /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. With connections, the
-    /// gradients by q and qd are those of changes that satisfy them. With mimic joints and contacts, q, qd and tau are
-    /// those of the independent joints, and parameters has the links of all joints.
+    /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. In closed loops,
+    /// steps are recomputed too, a joint at a limit that acts as a stop raises, and the gradients by q and qd are those
+    /// of changes that satisfy the connections. With mimic joints, q, qd and tau are those of the independent joints, and
+    /// parameters has the links of all joints.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=100, method="rk4")
@@ -68,11 +69,12 @@ impl PyScene {
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method=None,
                         record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
-                        limits=None, restitution=0.0, baumgarte=None, compliance=None),
+                         limits=None, restitution=0.0, baumgarte=None, compliance=None, smoothing=0.0),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             parameters=False, limits=None, restitution=0.0, baumgarte=None, compliance=None)")]
+                             parameters=False, limits=None, restitution=0.0, baumgarte=None, compliance=None, \
+                             smoothing=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
@@ -100,12 +102,10 @@ impl PyScene {
         restitution: f64,
         baumgarte: Option<f64>,
         compliance: Option<&Object<'py>>,
+        smoothing: f64,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
-        if scene.contacts().is_empty() {
-            scene.check_independent()?;
-        }
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
@@ -128,6 +128,7 @@ impl PyScene {
             limits,
             restitution,
             accuracy: None,
+            smoothing,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let given = Given::read(tau, tau_steps, steps, own)?;

@@ -91,7 +91,7 @@ impl PyScene {
     ///     Step, s.
     /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum
     ///     As in simulate, for all steps.
-    /// baumgarte, compliance, limits, restitution, accuracy
+    /// baumgarte, compliance, limits, restitution, accuracy, smoothing
     ///     As in simulate, for all steps.
     #[doc = section!(Returns)]
     /// simulator : Simulator
@@ -105,11 +105,11 @@ impl PyScene {
     #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None,
                         rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
                         conserve_momentum=false, baumgarte=None, compliance=None, limits=None, restitution=0.0,
-                        accuracy=None),
+                        accuracy=None, smoothing=0.0),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
                              tolerance=None, conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
-                             restitution=0.0, accuracy=None)")]
+                             restitution=0.0, accuracy=None, smoothing=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
@@ -132,6 +132,7 @@ impl PyScene {
         limits: Option<&str>,
         restitution: f64,
         accuracy: Option<f64>,
+        smoothing: f64,
     ) -> PyResult<PySimulator> {
         let (py, own) = (slf.py(), slf.get());
         let dt = dt.ok_or_else(|| Error::argument("dt", "None", "a step in s, finite and positive"))?;
@@ -153,6 +154,7 @@ impl PyScene {
             limits,
             restitution,
             accuracy,
+            smoothing,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;

@@ -38,6 +38,7 @@ pub(super) struct Keywords<'a, 'py> {
     pub limits: Option<&'a str>,
     pub restitution: f64,
     pub accuracy: Option<f64>,
+    pub smoothing: f64,
 }
 
 impl<'py> Keywords<'_, 'py> {
@@ -56,6 +57,7 @@ impl<'py> Keywords<'_, 'py> {
         };
         settings.restitution = self.restitution;
         settings.accuracy = self.accuracy;
+        settings.smoothing = self.smoothing;
         settings.conserve_momentum = self.conserve_momentum;
         settings.stabilization = self.baumgarte.map_or(Stabilization::Projection, Stabilization::Baumgarte);
         if let Some(compliance) = self.compliance {
@@ -105,6 +107,7 @@ impl<'py> Keywords<'_, 'py> {
         given.set_item("limits", self.limits)?;
         given.set_item("restitution", self.restitution)?;
         given.set_item("accuracy", self.accuracy)?;
+        given.set_item("smoothing", self.smoothing)?;
         given.set_item("form", self.form)?;
         given.set_item("tolerance", self.tolerance)?;
         given.set_item("conserve_momentum", self.conserve_momentum)?;

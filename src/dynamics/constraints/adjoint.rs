@@ -83,9 +83,8 @@ impl ConstraintAdjoint {
         self.parameters.as_flattened_mut().fill(0.0);
     }
 
-    /// Gradients by q, qd and tau of cotangent* qdd, (3 nv) into `out`, and by inertial parameters, at the last state
-    /// that [`constrained_dynamics`](super::constrained_dynamics) computed with this scratch, whose accelerations are
-    /// `qdd`. The workspace has the factor of M at this state.
+    /// Gradients by q, qd and tau of cotangent* qdd, (3 nv) into `out`, and by inertial parameters, at a state of
+    /// [`constrained_dynamics`](super::constrained_dynamics) with the accelerations `qdd` and the forces in the scratch.
     pub fn of_dynamics(
         &mut self,
         system: (&Model<f64>, &Constraints),
@@ -94,6 +93,8 @@ impl ConstraintAdjoint {
         (cotangent, wanted): (&[f64], RowsAre<'_>),
         (parameters, out): (&mut [Parameters<f64>], &mut [f64]),
     ) -> Result<(), NoDirection> {
+        dynamics::factorise(system.0, workspace, q);
+        scratch.factorise(system, workspace, q, wanted.compliance)?;
         self.solve(system, (workspace, scratch), q, (cotangent, &[]), wanted.compliance)?;
         let Self { rows, products, y, r, .. } = self;
         let negative: Vec<f64> = y.iter().map(|y| -y).collect();
@@ -151,6 +152,21 @@ impl ConstraintAdjoint {
         self.add_response(system, workspace, q, change, projected, by_q)?;
         let negative: Vec<f64> = self.r.iter().map(|r| -r).collect();
         scratch.add_torques(system.0, workspace, &negative, of_v);
+        Ok(())
+    }
+
+    /// A Newton step from a configuration that satisfies the connections, with the factors of M and of the rows at `q`:
+    /// from the cotangent of its result to that of `q`, in place. The cotangent of the sum of forces is -c r.
+    pub fn of_last_step(
+        &mut self,
+        system: (&Model<f64>, &Constraints),
+        (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
+        q: &[f64],
+        (of_q, compliance): (&mut [f64], &[f64]),
+    ) -> Result<(), NoDirection> {
+        self.solve(system, (workspace, scratch), q, (of_q, &[]), compliance)?;
+        let negative: Vec<f64> = self.r.iter().map(|r| -r).collect();
+        scratch.add_torques(system.0, workspace, &negative, of_q);
         Ok(())
     }
 

@@ -45,7 +45,6 @@ pub(crate) use elimination::Elimination;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
 pub(crate) use kernel::{ConstraintKernel, Residuals, largest_of};
 #[cfg(feature = "derivatives")]
-pub(crate) use products::RowGradients;
 pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities};
 #[cfg(feature = "motion")]
 pub(crate) use projection::{share, visit_projection};

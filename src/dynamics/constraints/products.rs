@@ -19,7 +19,7 @@
 //! ```
 //!
 //! At rest, with qdd = w, the function is r* J(q) w. The cotangents n and v of one pair of frames are computed with dual
-//! numbers.
+//! numbers, except for points.
 
 use super::NoDirection;
 use crate::kinematics::joint_motion;
@@ -29,7 +29,7 @@ use crate::kinematics::relative::motions_from;
 use crate::model::Model;
 use crate::scalar::Dual;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
-use crate::spatial::{RigidShift, cross_force, cross_motion, dot, scaled_add, sum, zero};
+use crate::spatial::{RigidShift, angular, cross_force, cross_motion, dot, linear, scaled_add, spatial, sum, zero};
 use nalgebra::{Vector3, Vector6};
 
 /// Scratch of the gradients.
@@ -177,6 +177,10 @@ fn of_pair(pair: Pair, motion: &RelativeMotion<f64>, multipliers: &[f64]) -> Opt
     for (row, &r) in rows.of_motion.iter().zip(multipliers) {
         force = scaled_add(row, r, &force);
     }
+    if pair == Pair::Point {
+        let [by_place, by_velocity] = of_point(motion, &Vector3::from_column_slice(&multipliers[..3]));
+        return Some([by_place, by_velocity, force]);
+    }
     let place: RigidShift<Dual<f64>> = motion.place.cast();
     let [velocity, acceleration] = [motion.velocity, motion.acceleration].map(|x| x.map(Dual::constant_of));
     let slope = |rows: &PairRows<Dual<f64>>| -> f64 {
@@ -203,6 +207,17 @@ fn of_pair(pair: Pair, motion: &RelativeMotion<f64>, multipliers: &[f64]) -> Opt
         }
     }
     Some([by_place, by_velocity, force])
+}
+
+/// The cotangents of [`of_pair`] for coinciding origins, by a twist and by V: with the position p of the origin of the
+/// first frame and V = (w, v), V' = (w', v') in its axes, the rows are v' - w' x p + (v - w x p) x w.
+fn of_point(motion: &RelativeMotion<f64>, r: &Vector3<f64>) -> [Vector6<f64>; 2] {
+    let p = motion.place.rotate_back(&motion.place.lever);
+    let (w, v) = (angular(&motion.velocity), linear(&motion.velocity));
+    let by_p = angular(&motion.acceleration).cross(r) + w * w.dot(r) - r * w.dot(&w);
+    let moving = v - w.cross(&p);
+    let by_w = r.cross(&moving) + w.cross(r).cross(&p);
+    [spatial(&by_p.cross(&p), &by_p), spatial(&by_w, &w.cross(r))]
 }
 
 #[cfg(test)]

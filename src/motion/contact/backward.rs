@@ -132,7 +132,7 @@ impl ContactAdjoint {
         }
         let mut of_free: Vec<f64> = of_moving.iter().zip(&of_last).map(|(a, b)| a + b).collect();
         if record.laws.is_some() {
-            self.through_laws(settings.step, &mut at, (s, record), (&of_moving, &of_last), &mut of_free)?;
+            self.through_laws(settings, &mut at, (s, record), (&of_moving, &of_last), &mut of_free)?;
         }
         if at.rows.closed.is_some() {
             through_pull(&mut at, (&s.q, &record.v_free), &record.free, (&mut of_free, &mut self.q))?;
@@ -239,13 +239,13 @@ impl ContactAdjoint {
     /// All solves of the law in the step. Adds the cotangents of the free velocities to `of_free`.
     fn through_laws(
         &mut self,
-        h: f64,
+        settings: &StepSettings,
         at: &mut At<'_>,
         (s, record): (&Scratch<f64>, &StepRecord),
         of_velocities: (&[f64], &[f64]),
         of_free: &mut [f64],
     ) -> Result<(), (String, Error)> {
-        let near = &record.near[..];
+        let (near, h) = (&record.near[..], settings.step);
         let contacts = at.points().len();
         let Some(chain) = Chain::new(at, (s, record), of_velocities)? else { return Ok(()) };
         for (u_bar, w) in &chain.evaluations {
@@ -261,7 +261,12 @@ impl ContactAdjoint {
             let gap = record.before.gaps[i];
             // A contact at its plane counts as separated: the derivative is that of the free side.
             if i < contacts {
-                of_gaps[k] = if gap > -ROUNDING { chain.of_target[k] / h } else { 0.0 };
+                let by_gap = match &settings.smoothing {
+                    Some(smoothing) => smoothing.by_gap(gap, h),
+                    None if gap > -ROUNDING => 1.0 / h,
+                    None => 0.0,
+                };
+                of_gaps[k] = chain.of_target[k] * by_gap;
                 self.contacts[i].friction += chain.friction[k];
                 self.contacts[i].restitution += chain.restitution[k];
             } else {
@@ -269,6 +274,9 @@ impl ContactAdjoint {
                 of_gaps[k] = -chain.of_target[k] * by_gap;
                 of_start[3 * k + 2] -= chain.of_target[k] * by_start;
             }
+        }
+        if let Some(smoothing) = &settings.smoothing {
+            smoothing.add_masses(&chain.energy, &mut at.connections.adjoint.parameters);
         }
         self.add_gaps(at, near, &of_gaps);
         at.add_torques(near, &of_start, &mut self.v);

@@ -38,6 +38,8 @@ pub(super) struct Chain {
     pub of_target: Vec<f64>,
     pub friction: Vec<f64>,
     pub restitution: Vec<f64>,
+    /// Of relative changes of the energies of the relaxed law.
+    pub energy: Vec<f64>,
 }
 
 /// An impact, to rounding in its modes.
@@ -71,14 +73,21 @@ impl Chain {
             of_target: vec![0.0; near.len()],
             friction: vec![0.0; near.len()],
             restitution: vec![0.0; near.len()],
+            energy: vec![0.0; near.len()],
         };
 
         // Persistent contact, and the solve for joints that arrive at their stops.
         let z = at.solve(of_moving)?;
         let mut of_struck = at.velocities(near, &z.v);
         let mut forces = nothing();
-        let held = polished(cone, &laws.held, &laws.c, &Limits::beside(&laws.c));
-        let of = law(cone, &held, &laws.c, &Limits::beside(&laws.c), &of_struck)?;
+        let (held, of) = if let Some(energies) = &laws.energies {
+            let of = cone.linearized_relaxed(&laws.held, &laws.c, energies).cotangents(&of_struck);
+            (laws.held.clone(), of.ok_or_else(|| singular("smoothed contacts whose impulses have no derivative"))?)
+        } else {
+            let held = polished(cone, &laws.held, &laws.c, &Limits::beside(&laws.c));
+            let of = law(cone, &held, &laws.c, &Limits::beside(&laws.c), &of_struck)?;
+            (held, of)
+        };
         let all = &struck + &held;
         let y = at.respond(near, &none, &all)?;
         chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y.v)));
@@ -184,6 +193,7 @@ impl Chain {
 
     fn add(&mut self, of: &LawCotangents) {
         self.friction.iter_mut().zip(&of.friction).for_each(|(sum, more)| *sum += more);
+        self.energy.iter_mut().zip(&of.energy).for_each(|(sum, more)| *sum += more);
     }
 }
 

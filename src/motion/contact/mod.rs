@@ -17,6 +17,8 @@
 //! Free joints are integrated in axes that are fixed during the step: in rotating body axes, a rolling body would gain
 //! speed.
 //!
+//! `smoothing` replaces the law by a relaxed one.
+//!
 //! `backward` differentiates a step in the modes of its contacts, and `reverse` sums the gradients over all steps.
 
 mod at;
@@ -32,6 +34,7 @@ mod project;
 mod record;
 mod report;
 mod reverse;
+mod smoothing;
 mod step;
 mod stepper;
 
@@ -41,4 +44,5 @@ pub use report::ContactReport;
 pub(super) use report::{RECORD, begin, width};
 pub(super) use reverse::ContactReverse;
 pub use reverse::ModeChange;
+pub(super) use smoothing::Smoothing;
 pub(super) use stepper::{ContactStepper, record};

@@ -2,7 +2,7 @@
 
 use super::moves::{Move, Pulled};
 use super::step::{Outcome, StepStart};
-use crate::contact::{Cone, ContactState, Impact};
+use crate::contact::{Cone, ContactState, Impact, Relaxation};
 use nalgebra::DVector;
 
 /// The solves of the law in a step, for the active contacts.
@@ -19,6 +19,8 @@ pub(super) struct Laws {
     /// Active joint limits at which joints arrive, and the velocities and impulses with which they end the step.
     pub arriving: Vec<usize>,
     pub slower: Option<(DVector<f64>, DVector<f64>)>,
+    /// The energies of the relaxed law, with smoothing.
+    pub energies: Option<Vec<Relaxation>>,
 }
 
 impl Laws {
@@ -30,7 +32,7 @@ impl Laws {
         arriving: &[usize],
     ) -> Self {
         let (cone, rebound, arriving) = (cone.clone(), rebound.to_vec(), arriving.to_vec());
-        Self { cone, rebound, middle, c: c.clone(), held: held.clone(), arriving, slower: None }
+        Self { cone, rebound, middle, c: c.clone(), held: held.clone(), arriving, slower: None, energies: None }
     }
 }
 

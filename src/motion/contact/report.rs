@@ -5,7 +5,7 @@
 pub(in crate::motion) const RECORD: usize = 11;
 
 /// Number of values of a report.
-const REPORT: usize = 8;
+const REPORT: usize = 10;
 
 /// Number of values stored per state: persistent impulses, impulses of impacts, contact states, and the report.
 pub(in crate::motion) fn width(contacts: usize) -> usize {
@@ -43,6 +43,11 @@ pub struct ContactReport {
     pub impulse_kept: f64,
     /// Largest penetration of a surface that was corrected at the end of a step, m.
     pub depth: f64,
+    /// With smoothing, the largest residual of the exact law in a step, as `residual`; zero without.
+    pub bias: f64,
+    /// With smoothing, the largest gap at the end of a step of a contact that carries at least its equal share of the
+    /// weight of its tree, m; zero without.
+    pub hover: f64,
 }
 
 impl ContactReport {
@@ -56,6 +61,8 @@ impl ContactReport {
             expansion_kept: 1.0,
             impulse_kept: 1.0,
             depth: 0.0,
+            bias: 0.0,
+            hover: 0.0,
         }
     }
 
@@ -69,11 +76,14 @@ impl ContactReport {
             self.expansion_kept,
             self.impulse_kept,
             self.depth,
+            self.bias,
+            self.hover,
         ];
     }
 
     fn read(
-        &[residual, converged, iterations, impacts, friction, expansion_kept, impulse_kept, depth]: &[f64; REPORT],
+        &[residual, converged, iterations, impacts, friction, expansion_kept, impulse_kept, depth, bias, hover]: &[f64;
+             REPORT],
     ) -> Self {
         Self {
             residual,
@@ -84,6 +94,8 @@ impl ContactReport {
             expansion_kept,
             impulse_kept,
             depth,
+            bias,
+            hover,
         }
     }
 
@@ -105,6 +117,8 @@ impl ContactReport {
             expansion_kept: before.expansion_kept.min(step.expansion_kept),
             impulse_kept: before.impulse_kept.min(step.impulse_kept),
             depth: before.depth.max(step.depth),
+            bias: before.bias.max(step.bias),
+            hover: before.hover.max(step.hover),
         };
         all.write(report);
     }

@@ -152,6 +152,10 @@ fn now(scene: &Scene, settings: &StepSettings, s: &Scratch<f64>, step: &mut Cont
     let ContactStep { rows, record, .. } = step;
     let points = scene.contact_points();
     let Some(record) = record else { return Vec::new() };
+    if settings.smoothing.is_some() {
+        // The relaxed law has no modes.
+        return vec![(f64::INFINITY, ContactState::Open); points.len()];
+    }
     let moving = rows.velocities(&s.model, points, &record.moving);
     let mut found: Vec<_> = (0..points.len())
         .map(|i| ((record.before.gaps[i] / settings.step + moving[3 * i + 2]).abs(), ContactState::Open))

@@ -113,17 +113,28 @@ impl ContactStep {
         let free = self.rows.velocities(&s.model, points, &s.v_next);
         let before = StepStart { gaps: self.rows.gaps.clone(), axes: self.rows.axes.clone(), start, free };
         let v_free = self.record.is_some().then(|| s.v_next.clone());
-        let mut outcome = self.touch(scene, settings, s, &before, kept)?;
+        let smoothing = settings.smoothing.as_ref();
+        let mut outcome = match smoothing {
+            Some(smoothing) => self.touch_smoothed((scene, settings, smoothing), s, &before, kept)?,
+            None => self.touch(scene, settings, s, &before, kept)?,
+        };
         self.record = v_free.map(|v_free| StepRecord::new(v_free, &s.v_next, &before, &mut outcome));
         move_along(h, s);
         if let Some(slowed) = outcome.slowed.take() {
             s.v_next = slowed;
         }
         add_work(settings, s);
+        let (depth, iterations) = if let Some(smoothing) = smoothing {
+            let (depth, hover) = self.end_smoothed((scene, settings, smoothing), s, &outcome.held)?;
+            outcome.report.hover = hover;
+            (depth, 0)
+        } else {
+            let workspace = &mut self.solver.workspace;
+            let ends = (&mut s.q_next[..], &mut s.q_stage[..]);
+            let moves = self.record.as_mut().map(|record| &mut record.moves);
+            out_of_planes((scene, &s.model), workspace, &mut self.rows, ends, moves)?
+        };
         let workspace = &mut self.solver.workspace;
-        let ends = (&mut s.q_next[..], &mut s.q_stage[..]);
-        let moves = self.record.as_mut().map(|record| &mut record.moves);
-        let (depth, iterations) = out_of_planes((scene, &s.model), workspace, &mut self.rows, ends, moves)?;
         to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
         if self.rows.closed.is_some() {
             // The implicit terms of the step are not part of the kinetic energy.
@@ -355,6 +366,8 @@ pub(super) fn report(
         expansion_kept: hit.map_or(1.0, |hit| hit.expansion_kept),
         impulse_kept,
         depth: 0.0,
+        bias: 0.0,
+        hover: 0.0,
     }
 }
 
