@@ -15,7 +15,7 @@ use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
 use crate::batch::accelerations::KernelArguments;
-use crate::dynamics::constraints::{ConstraintAdjoint, Pushed, RowsAre, share};
+use crate::dynamics::constraints::{ConstraintAdjoint, Pushed, RowsAre, subtract_products};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::derivatives::Parameters;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
@@ -190,37 +190,12 @@ fn through_projections(
     adjoint
         .of_last_step(system, (workspace, rows), moving.0, (of_q, compliance))
         .map_err(|at| scene.no_direction(at))?;
-    let mut of_sum: Vec<f64> = vec![0.0; p.len()];
+    let mut of_sum = vec![0.0; p.len()];
     subtract_products(&mut of_sum, compliance, &adjoint.r);
     for NewtonStep { q, x, p } in newton.iter().rev() {
-        let share = share(x);
-        let moved: Vec<f64> = x.iter().map(|x| share * x).collect();
-        let (mut of_start, mut of_x) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-        for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
-            let row = stage.first_row;
-            body.motion.advance_cotangents(&moved[row..], &of_q[row..], &mut of_start[row..], &mut of_x[row..]);
-        }
-        let of_share: f64 = of_x.iter().zip(x).chain(of_sum.iter().zip(p)).map(|(bar, x)| bar * x).sum();
-        of_x.iter_mut().for_each(|bar| *bar *= share);
-        let of_p: Vec<f64> = of_sum.iter().map(|bar| share * bar).collect();
-        if share < 1.0
-            && let Some(longest) = (0..x.len()).max_by(|&i, &j| x[i].abs().total_cmp(&x[j].abs()))
-        {
-            of_x[longest] -= of_share * share / x[longest];
-        }
-        let step = (&q[..], Pushed { x, p });
         adjoint
-            .of_position_step(system, (workspace, rows), step, (&of_x, &of_p, compliance), &mut of_start)
+            .of_displacement(system, (workspace, rows), (q, Pushed { x, p }), (of_q, &mut of_sum, compliance))
             .map_err(|at| scene.no_direction(at))?;
-        subtract_products(&mut of_sum, compliance, &adjoint.r);
-        of_q.copy_from_slice(&of_start);
     }
     Ok(())
-}
-
-/// sum -= c r, entry by entry; an empty c is zero.
-fn subtract_products(sum: &mut [f64], c: &[f64], r: &[f64]) {
-    for ((sum, c), r) in sum.iter_mut().zip(c).zip(r) {
-        *sum -= c * r;
-    }
 }

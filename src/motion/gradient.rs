@@ -124,8 +124,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Errors
     ///
     /// Wrong lengths of rows or torques, and values that are not finite; `conserve_momentum`, whose corrections have no
-    /// gradients; contacts on robots with connections or coupled joints; a joint of a closed loop at a limit that acts
-    /// as a stop; the errors of [`Rollout::advance`], with the failed step; gradients that are not finite.
+    /// gradients; without contacts, a joint of a closed loop at a limit that acts as a stop; the errors of
+    /// [`Rollout::advance`], with the failed step; gradients that are not finite.
     pub fn gradients(
         &self,
         torque: &Torque<'_>,

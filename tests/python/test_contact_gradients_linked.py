@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_robots import STEP_OF_GAPS, Robot, Run, contact, parameters
-from test_contact_gradients import check, properties
+from contact_robots import STEP_OF_GAPS, Robot, Run, ball, contact, parameters
+from test_contact_gradients import check, properties, states
 from tolerances import CONTACT_GRADIENT, assert_near
 
 import phipsi
@@ -76,6 +76,16 @@ def test_a_ball_on_a_moving_surface_beside_differences(surface: dict[str, Any], 
     q, qd = ball_states(robot, 20, random, toward=np.array(toward))
     nv = robot.build().nv
     check(Run(robot, q, qd, {"dt": 2e-3, "steps": 2, **properties(nv, random)}), 8, expected, rebounds=restitution > 0)
+
+
+@pytest.mark.parametrize("friction", [1.5, 0.05])
+def test_a_plane_of_the_world_in_another_frame_beside_differences(friction: float) -> None:
+    """The gradients by normal and offset are those in the second frame."""
+    random = np.random.default_rng(12)
+    robot = ball(friction)
+    robot = robot.with_contact("ground", other_xyz=np.array([0.3, -0.2, 0.4]), other_rpy=np.array([0.1, -0.15, 0.7]))
+    q, qd = states(robot, 30, random)
+    check(Run(robot, q, qd, {"dt": 3e-3, "steps": 2}), 15, set())
 
 
 # A gripper with a mimic joint

@@ -20,6 +20,7 @@
 
 use super::NoDirection;
 use super::products::RowGradients;
+use super::projection::share;
 use super::rows::rates_of_rows;
 use super::scratch::ConstraintScratch;
 use super::solution::RowsAre;
@@ -118,9 +119,9 @@ impl ConstraintAdjoint {
         Ok(())
     }
 
-    /// One Newton step x = M^-1 J* p, p = -(G + c)^+ (error + c sum of the steps before), at `q`: adds the gradient by
-    /// q to `by_q`, from the cotangents of x and of p. That of the sum is -c r.
-    pub fn of_position_step(
+    /// One Newton step x = M^-1 J* p, p = -(G + c)^+ (error + c sum of the steps before), at `q`: adds the gradient by q
+    /// to `by_q`, from the cotangents of x and of p. That of the sum is -c r.
+    fn of_position_step(
         &mut self,
         system: (&Model<f64>, &Constraints),
         (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
@@ -134,6 +135,36 @@ impl ConstraintAdjoint {
         self.add_response(system, workspace, q, step, step.x, by_q)?;
         let negative: Vec<f64> = self.r.iter().map(|r| -r).collect();
         scratch.add_torques(system.0, workspace, &negative, by_q);
+        Ok(())
+    }
+
+    /// One Newton step with its displacement, as [`visit_projection`](super::visit_projection) makes it: from the
+    /// cotangents of its end and of the sum of forces after it (empty for zero) to those before it, in place.
+    pub fn of_displacement(
+        &mut self,
+        system: (&Model<f64>, &Constraints),
+        room: (&mut Workspace<f64>, &mut ConstraintScratch),
+        (q, step): (&[f64], Pushed<'_>),
+        (of_q, of_sum, compliance): (&mut [f64], &mut [f64], &[f64]),
+    ) -> Result<(), NoDirection> {
+        let (share, Pushed { x, p }) = (share(step.x), step);
+        let moved: Vec<f64> = x.iter().map(|x| share * x).collect();
+        let (mut of_start, mut of_x) = (vec![0.0; x.len()], vec![0.0; x.len()]);
+        for (body, stage) in system.0.bodies.iter().zip(&system.0.system.stages) {
+            let row = stage.first_row;
+            body.motion.advance_cotangents(&moved[row..], &of_q[row..], &mut of_start[row..], &mut of_x[row..]);
+        }
+        let of_share: f64 = of_x.iter().zip(x).chain(of_sum.iter().zip(p)).map(|(bar, x)| bar * x).sum();
+        of_x.iter_mut().for_each(|bar| *bar *= share);
+        let of_p: Vec<f64> = of_sum.iter().map(|bar| share * bar).collect();
+        if share < 1.0
+            && let Some(longest) = (0..x.len()).max_by(|&i, &j| x[i].abs().total_cmp(&x[j].abs()))
+        {
+            of_x[longest] -= of_share * share / x[longest];
+        }
+        self.of_position_step(system, room, (q, step), (&of_x, &of_p, compliance), &mut of_start)?;
+        subtract_products(of_sum, compliance, &self.r);
+        of_q.copy_from_slice(&of_start);
         Ok(())
     }
 
@@ -226,6 +257,13 @@ impl ConstraintAdjoint {
         rows.add_row_gradient(system, shifts, (q, y), p, by_q)?;
         let negative: Vec<f64> = r.iter().map(|r| -r).collect();
         rows.add_row_gradient(system, shifts, (q, along), &negative, by_q)
+    }
+}
+
+/// sum -= c r, entry by entry; an empty c is zero.
+pub(crate) fn subtract_products(sum: &mut [f64], c: &[f64], r: &[f64]) {
+    for ((sum, c), r) in sum.iter_mut().zip(c).zip(r) {
+        *sum -= c * r;
     }
 }
 

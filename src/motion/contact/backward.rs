@@ -23,15 +23,14 @@ use super::super::limit_rows::least_slopes;
 use super::super::scratch::{Scratch, add_scaled, clear};
 use super::super::step_settings::StepSettings;
 use super::at::{At, Connections};
-use super::closed::Pulled;
 use super::free_axes::{free_joints, rotation};
 use super::laws::{Chain, Response};
-use super::project::Push;
-use super::record::{Move, StepRecord};
+use super::moves::{Move, Pulled, Push};
+use super::record::StepRecord;
 use super::step::ContactStep;
 use crate::batch::accelerations::KernelArguments;
 use crate::contact::Limits;
-use crate::dynamics::constraints::{Pushed, share};
+use crate::dynamics::constraints::Pushed;
 use crate::dynamics::contacts::derivatives::RowDerivatives;
 use crate::dynamics::derivatives::{Parameters, ProductScratch};
 use crate::error::Error;
@@ -111,10 +110,15 @@ impl ContactAdjoint {
         let mut at = At { scene, model: &s.model, workspace: &mut solver.workspace, rows, connections };
         self.turned_axes(at.model, (&s.q, &s.q_next), &turned, (&mut of_q, &mut of_last));
         for made in record.moves.iter().rev() {
-            of_q = match made {
-                Move::Push(push) => self.through_push(&mut at, push, &of_q)?,
-                Move::Pull { q, pulled } => through_step_onto(&mut at, q, pulled, &of_q)?,
-            };
+            match made {
+                Move::Push(push) => of_q = self.through_push(&mut at, push, &of_q)?,
+                Move::Pull { q, pulled: Pulled { change, impulses } } => {
+                    let (system, room, adjoint) = at.of_connections();
+                    let step = (&q[..], Pushed { x: change, p: impulses });
+                    let through = adjoint.of_displacement(system, room, step, (&mut of_q, &mut [], &[]));
+                    through.map_err(|row| at.undirected(row))?;
+                }
+            }
         }
         let moved = record.moves.first().map_or(&s.q_next, Move::start);
         let mut of_moving = vec![0.0; nv];
@@ -330,30 +334,6 @@ fn through_pull(
     let (system, room, adjoint) = at.of_connections();
     let found = adjoint.of_velocities(system, room, (q, v, Pushed { x: change, p: impulses }), (of_v, &[]), of_q);
     found.map_err(|row| at.undirected(row))
-}
-
-/// One Newton step of the projection onto the connections, from `q`: from the cotangent of its result to that of `q`.
-fn through_step_onto(
-    at: &mut At<'_>,
-    q: &[f64],
-    Pulled { change, impulses }: &Pulled,
-    of_next: &[f64],
-) -> Result<Vec<f64>, (String, Error)> {
-    let share = share(change);
-    let moved: Vec<f64> = change.iter().map(|x| share * x).collect();
-    let (mut of_q, mut of_x) = displacement_cotangents(at.model, &moved, of_next);
-    let along: f64 = of_x.iter().zip(&moved).map(|(bar, x)| bar * x).sum();
-    of_x.iter_mut().for_each(|bar| *bar *= share);
-    if share < 1.0 {
-        // The longest displacement is fixed.
-        let longest = (0..change.len()).max_by(|&i, &j| change[i].abs().total_cmp(&change[j].abs()));
-        longest.into_iter().for_each(|i| of_x[i] -= along / change[i]);
-    }
-    let (system, room, adjoint) = at.of_connections();
-    let step = (q, Pushed { x: change, p: impulses });
-    let found = adjoint.of_position_step(system, room, step, (&of_x, &mut [], &[]), &mut of_q);
-    found.map_err(|row| at.undirected(row))?;
-    Ok(of_q)
 }
 
 /// Penetrations up to this depth count as rounding errors of a contact at its plane, m.

@@ -9,7 +9,7 @@
 
 use super::super::step_settings::StepSettings;
 use super::faults::pivot_fault;
-use super::record::Move;
+use super::moves::{Move, Pulled};
 use crate::dynamics::constraints::{Elimination, NoDirection, Projected};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
@@ -33,13 +33,6 @@ pub(super) fn constraints(scene: &Scene, settings: &StepSettings) -> Constraints
 pub(super) fn eliminated(scene: &Scene, settings: &StepSettings) -> Option<Box<Elimination>> {
     let constraints = constraints(scene, settings);
     (!constraints.is_empty()).then(|| Box::new(Elimination::new(scene.model(), constraints)))
-}
-
-/// A change of velocities or of coordinates by impulses lambda of the connections, M^-1 `J_k`* lambda.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Pulled {
-    pub change: Vec<f64>,
-    pub impulses: Vec<f64>,
 }
 
 /// Projects `v` onto the velocities that satisfy the connections at `q`, if there are any, and factorizes their rows

@@ -28,6 +28,7 @@ mod faults;
 mod free_axes;
 mod lanes;
 mod laws;
+mod moves;
 mod pairs;
 mod project;
 mod record;

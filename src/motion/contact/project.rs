@@ -3,7 +3,7 @@
 use super::super::manifold::advance;
 use super::closed::positions_onto_connections;
 use super::faults::factorised;
-use super::record::Move;
+use super::moves::{Move, Push};
 use crate::contact::{Cone, Effort, Limits};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
@@ -20,18 +20,6 @@ const STEPS: usize = 5;
 
 /// Effort of one solve; further Newton steps correct its residual.
 const ROUGH: Effort = Effort { tolerance: 1e-6, attempts: usize::MAX, iterations: usize::MAX };
-
-/// One Newton step of the projection: its start, the near rows with their gaps and G, the impulses, and the
-/// displacement.
-#[derive(Debug, Clone)]
-pub(super) struct Push {
-    pub q: Vec<f64>,
-    pub near: Vec<usize>,
-    pub gaps: DVector<f64>,
-    pub cone: Cone,
-    pub impulses: DVector<f64>,
-    pub moved: Vec<f64>,
-}
 
 /// Displaces `q` with the least kinetic energy until no contact is below its surface: min d M d/2 subject to gap +
 /// `J_n` d >= 0, and `J_k` d = 0 for connections, in a few Newton steps, each followed by a projection onto the

@@ -1,7 +1,6 @@
 //! Data of a step that its adjoint reads.
 
-use super::closed::Pulled;
-use super::project::Push;
+use super::moves::{Move, Pulled};
 use super::step::{Outcome, StepStart};
 use crate::contact::{Cone, ContactState, Impact, Relaxation};
 use nalgebra::DVector;
@@ -54,25 +53,6 @@ pub(super) struct StepRecord {
     /// The projection of the velocities without contacts onto the connections, and that of the last velocities.
     pub free: Pulled,
     pub end: Pulled,
-}
-
-/// A Newton step of the projection of positions.
-#[derive(Debug, Clone)]
-pub(super) enum Move {
-    /// Out of the surfaces of contacts.
-    Push(Push),
-    /// Onto the connections, from `q`.
-    Pull { q: Vec<f64>, pulled: Pulled },
-}
-
-impl Move {
-    /// The configuration at its start.
-    pub fn start(&self) -> &Vec<f64> {
-        match self {
-            Self::Push(push) => &push.q,
-            Self::Pull { q, .. } => q,
-        }
-    }
 }
 
 impl StepRecord {

@@ -84,10 +84,12 @@ fn power(
     moved.velocities(model, points, w).dot(&impulses)
 }
 
-/// A central difference of order four.
-fn slope(f: &mut dyn FnMut(f64) -> f64) -> f64 {
-    const STEP: f64 = 1e-3;
-    (8.0 * (f(STEP) - f(-STEP)) - (f(2.0 * STEP) - f(-2.0 * STEP))) / (12.0 * STEP)
+/// A central difference of order four, if that with half of the step agrees: near an edge of a box it does not.
+fn slope(f: &mut dyn FnMut(f64) -> f64) -> Option<f64> {
+    const STEP: f64 = 2e-4;
+    let mut of = |step: f64| (8.0 * (f(step) - f(-step)) - (f(2.0 * step) - f(-2.0 * step))) / (12.0 * step);
+    let (coarse, fine) = (of(STEP), of(0.5 * STEP));
+    ((coarse - fine).abs() <= 1e-8).then_some(fine)
 }
 
 #[test]
@@ -97,6 +99,7 @@ fn gradients_of_rows_and_planes_are_differences() {
     let mut random = Draw::new(5);
     let limits = vec![LimitRow { body: 2, row: 9, coordinate: 11, upper: true, bound: 0.3 }];
     let near: Vec<usize> = (0..=points.len()).collect();
+    let mut edges = 0;
     for _ in 0..5 {
         let mut many = |count: usize| -> Vec<f64> { (0..count).map(|_| random.uniform(-1.0, 1.0)).collect() };
         let (start, along, w) = (scene.neutral(), many(scene.nv()), many(scene.nv()));
@@ -122,7 +125,8 @@ fn gradients_of_rows_and_planes_are_differences() {
                 other.place(model, points, &nearby);
                 power((&rows, &mut other), (model, points), (&p, &w))
             });
-            assert!((found - expected).abs() <= 1e-8, "row {row}: {found} {expected}");
+            edges += usize::from(expected.is_none());
+            assert!(!expected.is_some_and(|x| !((found - x).abs() <= 1e-8)), "row {row}: {found} {expected:?}");
         }
         for (i, point) in points.iter().enumerate() {
             for axis in 0..3 {
@@ -138,11 +142,12 @@ fn gradients_of_rows_and_planes_are_differences() {
                 });
                 let normal = point.other.map_or(point.normal(), |other| other.frame.rotation.column(2).into());
                 let found = normals[i].dot(&Vector3::ith(axis, 1.0).cross(&normal));
-                let is_right = (found - expected).abs() <= 1e-8;
-                assert!(is_right || !point.is_plane(), "plane {i}: {found} {expected}");
+                let is_right = expected.is_some_and(|expected| (found - expected).abs() <= 1e-8);
+                assert!(is_right || !point.is_plane(), "plane {i}: {found} {expected:?}");
             }
             assert!((normals[i].amax() > 1e-3) == point.is_plane());
         }
         assert!(found.iter().all(|x| x.is_finite()));
     }
+    assert!(edges <= scene.nv() / 4, "{edges} differences across edges");
 }
