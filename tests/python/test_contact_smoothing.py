@@ -45,7 +45,7 @@ def law(path: phipsi.Trajectory, dt: float) -> tuple[np.ndarray, np.ndarray, np.
     assert found is not None
     p = dt * np.stack([found.force[name][..., 1, :] for name in scene.contact_names], axis=-2)
     u = scene.contact_velocities(path.q[..., 0, :], path.qd[..., 1, :])
-    gram = scene.contact_gram(path.q[..., 0, :])
+    gram = scene.contact_gram(path.q[..., 0, :]).reshape(*p.shape[:-2], 3 * p.shape[-2], -1)
     free = u - (gram @ p.reshape(*p.shape[:-2], -1, 1)).reshape(u.shape)
     u[..., 2] += scene.contact_gaps(path.q[..., 0, :]) / dt
     return p, u, gram, free
@@ -122,8 +122,11 @@ def test_a_contact_that_would_stick_creeps_by_the_formula(pull: float) -> None:
     scene = puck(0.5, radius=0.0).build()
     tau = np.array([pull * 0.5 * 2.0 * G, 0, 0, 0, 0, 0])
     path = scene.simulate(floating(0, 0, s), np.zeros(6), dt=1e-3, steps=3000, tau=tau, smoothing=s)
-    near(path.qd[-1, 0], np.sqrt(G * s) * pull / (1 - pull**2), SMOOTHED_REST)
+    speed = np.sqrt(G * s) * pull / (1 - pull**2)
+    near(path.qd[-1, 0], speed, SMOOTHED_REST)
     assert path.contacts is not None
+    if pull < 0.9:
+        near(path.contacts.creep, speed, SMOOTHED_REST)
     assert path.contacts.state["leg0"][-1] == (phipsi.ContactState.STICKING if pull < 0.9 else phipsi.ContactState.SLIDING)
 
 
@@ -149,7 +152,7 @@ def test_without_smoothing_nothing_changes() -> None:
     start, rates = floating(0, 0, 0.01), np.array([1.0, 0, -0.5, 0, 0, 0.5])
     path, same = scene.simulate(start, rates, dt=1e-3, steps=50), scene.simulate(start, rates, dt=1e-3, steps=50, smoothing=0.0)
     assert_same_bits(path.q, same.q)
-    assert path.contacts is not None and path.contacts.bias == 0.0 and path.contacts.hover == 0.0
+    assert path.contacts is not None and path.contacts.bias == path.contacts.hover == path.contacts.creep == 0.0
 
 
 def test_a_penetration_is_removed_slowly() -> None:
@@ -181,7 +184,7 @@ def test_the_sum_of_all_energies_does_not_rise(friction: float) -> None:
         total = total - s * 0.5 * G / 2 * np.log(gap)
     assert (np.diff(total) <= SMOOTHED_ENERGY).all(), np.diff(total).max()
     assert total[-1] < total[0] - 0.1
-    # What the contacts took is in the audit, up to the error of the integrator.
+    # The audit has the energy that contacts dissipate, up to the error of the integrator.
     audit = path.energy_audit()
     assert abs(audit.remainder) <= 0.1 * abs(audit.contacts)
 
@@ -207,6 +210,7 @@ def test_gradients_beside_differences_through_landings(robot: Robot, limits: str
     else:
         _, q, qd = tips(random, 12)
     given = {"dt": 2e-3, "steps": 8, "smoothing": s, "limits": limits, "tau": random.uniform(-1, 1, scene.nv)}
+    given |= {name: random.uniform(0.05, 0.2, scene.nv) for name in ("armature", "damping", "stiffness")}
     run = Run(robot, q, qd, given)
     force = np.stack([force[..., 2] for force in run.path.contacts.force.values()])
     assert force[:, :, 1:].max() > 8 * np.median(force[:, :, 1]), "no state lands"
@@ -297,7 +301,8 @@ def test_a_simulator_and_batches_have_the_same_bits(tmp_path: Path) -> None:
     assert_same_bits(simulator.contacts.bias, path.contacts.bias)
     path.save(tmp_path / "path.npz")
     loaded = phipsi.Trajectory.load(tmp_path / "path.npz", scene)
-    assert_same_bits(loaded.contacts.hover, path.contacts.hover)
+    for figure in ("bias", "hover", "creep"):
+        assert_same_bits(getattr(loaded.contacts, figure), getattr(path.contacts, figure))
     assert_same_bits(loaded.vjp(path.qd).q, path.vjp(path.qd).q)
 
 
