@@ -669,6 +669,7 @@ class Scene:
         parameters: bool = False,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
+        smoothing: float = 0.0,
     ) -> RolloutGradients:
         """Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
 
@@ -692,7 +693,7 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution
+        limits, restitution, smoothing
             As given to simulate.
 
         Returns
@@ -756,6 +757,7 @@ class Scene:
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
         accuracy: float | None = None,
+        smoothing: float = 0.0,
         duration: float | None = None,
         covariance: MotionUncertainty | ArrayLike | object | None = None,
     ) -> Trajectory:
@@ -816,6 +818,10 @@ class Scene:
             Coefficient of restitution of the stops, 0 to 1.
         accuracy : float, optional
             Error control: bound of the estimated error of each substep, rad or m, relative above 1 rad/s or m/s.
+        smoothing : float, default 0
+            Length by which contacts are smoothed, m; 0: the exact law. A contact at rest that carries its equal share
+            of the weight has this gap; gradients exist before contact and at changes of its state. The bias is reported
+            in Trajectory.contacts. An error for contacts with restitution and with limits="stop" at joints with limits.
         duration : float, optional
             Simulated time, s, instead of steps.
         covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
@@ -878,6 +884,7 @@ class Scene:
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
         accuracy: float | None = None,
+        smoothing: float = 0.0,
     ) -> Simulator:
         """Create a Simulator: one state or a batch that is advanced call by call.
 
@@ -891,7 +898,7 @@ class Scene:
             Step, s.
         method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum
             As in simulate, for all steps.
-        baumgarte, compliance, limits, restitution, accuracy
+        baumgarte, compliance, limits, restitution, accuracy, smoothing
             As in simulate, for all steps.
 
         Returns
