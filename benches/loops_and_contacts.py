@@ -1,4 +1,5 @@
-"""Steps of closed loops compared with those of the tree, and of a standing quadruped compared with MuJoCo, in one run.
+"""Steps of closed loops compared with those of the tree, of a standing quadruped compared with MuJoCo, and gradients of
+both compared with their simulation, in one run.
 
 Usage: python benches/loops_and_contacts.py [--markdown FILE]; `make loops-and-contacts`.
 
@@ -46,16 +47,21 @@ def legs(scene: phipsi.Scene) -> np.ndarray:
     return q
 
 
-def in_loops(lines: list[str]) -> None:
-    tree = load(ROBOT, floating_base=True)
-    builder = tree.to_builder()
+def connected(states: int | None = None) -> tuple[phipsi.Scene, tuple[np.ndarray, np.ndarray]]:
+    """The robot with its feet connected to the ground, and states of it."""
+    builder = load(ROBOT, floating_base=True).to_builder()
     for foot in FEET:
         builder.connect(foot, "point", foot)
     loops = builder.build()
-    random = np.random.default_rng(0)
-    q = loops.integrate(loops.neutral(), random.uniform(-0.05, 0.05, (STATES, loops.nv)))
-    found = loops.project(q, random.uniform(-0.2, 0.2, (STATES, loops.nv)))
-    q, qd = found.q, found.qd
+    random, shape = np.random.default_rng(0), (loops.nv,) if states is None else (states, loops.nv)
+    q = loops.integrate(loops.neutral(), random.uniform(-0.05, 0.05, shape))
+    found = loops.project(q, random.uniform(-0.2, 0.2, shape))
+    return loops, (found.q, found.qd)
+
+
+def in_loops(lines: list[str]) -> None:
+    tree = load(ROBOT, floating_base=True)
+    loops, (q, qd) = connected(STATES)
 
     def run(scene: phipsi.Scene, method: str, states: slice | int, steps: int) -> Callable[[], object]:
         return lambda: scene.simulate(q[states], qd[states], dt=DT, steps=steps, record_every=steps, method=method, limits="report")
@@ -85,11 +91,15 @@ def standing() -> tuple[phipsi.Scene, np.ndarray]:
     return scene, q
 
 
-def simulator(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, target: np.ndarray) -> phipsi.Simulator:
+def gains(scene: phipsi.Scene, target: np.ndarray) -> tuple[np.ndarray, ...]:
     """Joints with springs and dampers toward the target."""
-    gains = np.zeros((2, scene.nv))
-    gains[:, 6:] = [[STIFFNESS], [DAMPING]]
-    return scene.simulator(q, qd, dt=DT, pd=(gains[0], gains[1], target))
+    of_joints = np.zeros((2, scene.nv))
+    of_joints[:, 6:] = [[STIFFNESS], [DAMPING]]
+    return of_joints[0], of_joints[1], target
+
+
+def simulator(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, target: np.ndarray) -> phipsi.Simulator:
+    return scene.simulator(q, qd, dt=DT, pd=gains(scene, target))
 
 
 def theirs(scene: phipsi.Scene, q: np.ndarray, tolerance: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -231,6 +241,32 @@ def their_residual(scene: phipsi.Scene, model: mujoco.MjModel, data: mujoco.MjDa
     return worst, gradient
 
 
+def gradients(lines: list[str]) -> None:
+    """Gradients of 200 steps of one state by everything that acts in them, with inertial parameters."""
+    quadruped, q = standing()
+    block = phipsi.SceneBuilder().link("block", 0.5, inertia=np.diag([1e-3, 2e-3, 2.5e-3]))
+    for i, (x, y) in enumerate([(-0.1, -0.05), (0.1, -0.05), (-0.1, 0.05), (0.1, 0.05)]):
+        block.contact(f"corner{i}", "block", xyz=(x, y, -0.03), friction=0.3)
+    free = block.build(floating_base=True)
+    push = np.zeros(quadruped.nv)
+    push[:2] = [0.3, -0.2]
+    loops, on_points = connected()
+    cases = {
+        "block that slides on four corners": (free, np.array([0, 0, 0.03, 0, 0, 0, 1.0]), np.array([1.5, 0.2, 0, 0, 0, 2.0]), {}),
+        "solo12 on its feet, pushed": (quadruped, q, push, {"pd": gains(quadruped, q)}),
+        "solo12 on four points, rk4": (loops, *on_points, {"method": "rk4", "limits": "report"}),
+    }
+    for name, (scene, q0, qd0, more) in cases.items():
+        keywords = {"dt": DT, "steps": STEPS, **more}
+        path = scene.simulate(q0, qd0, **keywords)
+        by_q = np.zeros((STEPS + 1, scene.nv))
+        by_q[-1] = 1.0
+        calls = [lambda: scene.simulate(q0, qd0, **keywords), lambda: path.vjp(by_q), lambda: path.vjp(by_q, parameters=True)]
+        forward, backward, with_parameters = (1e3 * time for time in least(TURNS, *calls))
+        lines.append(f"| {name} | {forward:.2f} | {backward:.2f} | {with_parameters:.2f} | {backward / forward:.1f} | {with_parameters / forward:.1f} |")
+        print(lines[-1], flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--markdown", type=Path)
@@ -248,6 +284,12 @@ def main() -> None:
         "| --- | --- | --- | --- | --- | --- |",
     ]
     on_the_ground(lines)
+    lines += [
+        "",
+        f"| gradient of {STEPS} steps of one state | simulation, ms | gradient, ms | with inertial parameters, ms | gradient over simulation | with parameters |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    gradients(lines)
     load_now = ", ".join(f"{load:.1f}" for load in os.getloadavg())
     write(
         given.markdown,
@@ -255,6 +297,7 @@ def main() -> None:
         [
             f"Written by `make loops-and-contacts` (benches/loops_and_contacts.py): steps of {DT} s on one thread, {STATES} states in batches, minimum of {TURNS} interleaved timings on {os.cpu_count()} processors; load of the machine during the last 1, 5 and 15 minutes: {load_now}. Friction {FRICTION}.",
             "**Loops**: feet connected to the ground by points, compared with the same robot without them. **Contacts**: spheres at the feet; MuJoCo with elliptic cones, `impratio` 10, Newton's method and `implicitfast`, its own settled state for `standing at rest`.",
+            "**Gradients**: of a function of the last row by the start, torques, joint properties and contacts (`Trajectory.vjp`), and by inertial parameters too; steps that are differentiated are recomputed. Alone, all steps recorded.",
             "The residual of the law is computed by the bench in the same way for both programs, from velocities and impulses: the largest violation of non-penetration, complementarity and Coulomb friction of a contact, relative to the largest contact velocity without impulses. "
             "MuJoCo's contacts are soft: its forces solve a regularized problem, so that this residual does not decrease with its tolerance. At rest a soft contact has no velocity and meets the law at its penetration; during motion the two programs cannot be compared at equal residual of the law. "
             "The last column is the residual of the problem that each program solves: of the law for phipsi, the scaled gradient of its own cost for MuJoCo.",

@@ -669,6 +669,8 @@ class Scene:
         parameters: bool = False,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
+        baumgarte: float | None = None,
+        compliance: ArrayLike | None = None,
         smoothing: float = 0.0,
     ) -> RolloutGradients:
         """Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.

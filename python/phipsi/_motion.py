@@ -418,7 +418,8 @@ class Trajectory(TrajectoryFiles):
         -----
         Recorded rows are checkpoints; the steps between them are recomputed. With record_every=1 nothing is
         recomputed, except steps with contacts, which are differentiated in the modes of their contacts (open, sticking,
-        sliding; docs/motion.md). The cost is O(N) per stage of a step.
+        sliding; docs/motion.md), and steps with connections. With coupled joints, gradients are those by the
+        independent coordinates, and parameters must be False. The cost is O(N) per stage of a step.
 
         Examples
         --------
@@ -436,8 +437,6 @@ class Trajectory(TrajectoryFiles):
     def _arguments(self) -> dict[str, Any]:
         """Arguments of Scene.simulate, for Scene.simulate_vjp."""
         given = self._known()
-        given.pop("baumgarte", None)
-        given.pop("compliance", None)
         if given.pop("accuracy") is not None:
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps, which have gradients")
         if given.pop("conserve_momentum"):

@@ -246,9 +246,12 @@ class ContactGradients(NamedTuple):
     restitution: _Array
     """With respect to the coefficient of restitution, (...); of the impacts that rebound."""
     offset: _Array
-    """With respect to the offset of the plane, (...)."""
+    """With respect to the offset of the plane, (...); NaN for a contact with a sphere or a box."""
     normal: _Array
-    """With respect to the unit normal of the plane, in the base frame and tangent to the unit sphere, (..., 3)."""
+    """With respect to the unit normal of the plane, tangent to the unit sphere, (..., 3), in the frame in which
+    SceneBuilder.contact gives it: the base frame, or the second frame of a contact with another link. NaN for a contact
+    with a sphere or a box.
+    """
     margin: _Array
     """Smallest distance from another mode over all steps, (...), m/s: the change of a velocity of the contact after which
     it would open, close, stick or slide. The gradients hold within this distance.

@@ -125,7 +125,7 @@ pub(crate) fn accelerations<T: Vectorized, I: Target>(
     (tau, innovations, qdd): (&[T], &mut [T], &mut [T]),
     (needed, allowed): (u64, u64),
 ) -> (u64, u64) {
-    target.within(FirstStep(scratch, rows, tau, innovations));
+    target.within(FirstStep(scratch, rows, tau, innovations, allowed != 0));
     let mut corrected = 0;
     for correction in 0..=CORRECTIONS {
         target.within(Take(rows, innovations));
@@ -144,15 +144,15 @@ pub(crate) fn accelerations<T: Vectorized, I: Target>(
 }
 
 /// The first forces.
-struct FirstStep<'a, T: Vectorized>(&'a SweepScratch<T>, &'a mut ConstraintKernel<T>, &'a [T], &'a [T]);
+struct FirstStep<'a, T: Vectorized>(&'a SweepScratch<T>, &'a mut ConstraintKernel<T>, &'a [T], &'a [T], bool);
 
 impl<T: Vectorized> Work for FirstStep<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Self(scratch, rows, tau, innovations) = self;
-        rows.first_step(scratch, tau, innovations);
+        let Self(scratch, rows, tau, innovations, is_watched) = self;
+        rows.first_step(scratch, tau, innovations, is_watched);
     }
 }
 

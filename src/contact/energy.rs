@@ -56,6 +56,8 @@ pub(crate) struct Impact {
 pub(crate) fn impact(cone: &Cone, u: &DVector<f64>, restitution: &[f64], effort: Effort) -> Impact {
     let limits = Limits::beside(u);
     let (p1, first) = cone.impulses(u, None, &limits, effort);
+    let rebounds = restitution.iter().any(|&e| e > 0.0);
+    let p1 = if rebounds { cone.shared_evenly(p1, u, &limits) } else { p1 };
     let (p1, impulse_kept) = passive(cone, u, p1);
     let least: Vec<f64> = restitution.iter().enumerate().map(|(i, e)| e * p1[3 * i + 2]).collect();
     if least.iter().all(|&a| a == 0.0) {
@@ -65,7 +67,9 @@ pub(crate) fn impact(cone: &Cone, u: &DVector<f64>, restitution: &[f64], effort:
     }
     let start = DVector::from_fn(p1.len(), |i, _| restitution[i / 3] * p1[i]);
     let between = u + &cone.g * &p1;
-    let (p2, second) = cone.impulses(&between, Some(&start), &Limits { least, ..limits }, effort);
+    let limits = Limits { least, ..limits };
+    let (p2, second) = cone.impulses(&between, Some(&start), &limits, effort);
+    let p2 = cone.shared_evenly(p2, &between, &limits);
     let kept = expansion_kept(cone, u, &p1, &p2);
     let impulses = &p1 + &p2 * kept;
     let work = work(cone, u, &impulses);

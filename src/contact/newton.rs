@@ -52,4 +52,30 @@ impl Cone {
         self.project(&mut next, &limits.least);
         next.iter().all(|x| x.is_finite()).then_some(next)
     }
+
+    /// One Newton step, shortened to the point where the first normal impulse reaches its lower bound; returns the
+    /// impulses and that contact. `None` if the matrix is singular.
+    pub(super) fn newton_to_bound(
+        &self,
+        p: &DVector<f64>,
+        c: &DVector<f64>,
+        limits: &Limits,
+        proximal: f64,
+    ) -> Option<(DVector<f64>, Option<usize>)> {
+        let step = -self.slope(p, c, limits, proximal).lu().solve(&self.defect(p, c, limits))?;
+        let x = self.targets(p, c);
+        let (mut part, mut first) = (1.0, None);
+        for (i, &least) in limits.least.iter().enumerate().filter(|(i, least)| x[3 * i + 2] > **least) {
+            let (above, change) = (p[3 * i + 2] - least, step[3 * i + 2]);
+            if above > 0.0 && above + part * change < 0.0 {
+                (part, first) = (-above / change, Some(i));
+            }
+        }
+        let mut next = p + step * part;
+        if let Some(i) = first {
+            next[3 * i + 2] = limits.least[i];
+        }
+        self.project(&mut next, &limits.least);
+        next.iter().all(|x| x.is_finite()).then_some((next, first))
+    }
 }

@@ -1,4 +1,5 @@
-//! The solver: Newton's method; if it fails, an interior-point method; if that fails, continuation along a curve.
+//! The solver: Newton's method; if it fails, an interior-point method; if that fails, continuation along a curve. For
+//! redundant contacts an active-set method ends the solve.
 
 use super::held::Held;
 use super::interior::Interior;
@@ -41,12 +42,37 @@ const SMALL: f64 = 1e-6;
 const SPRINGS: f64 = 1e-6;
 const STIFFER: [f64; 4] = [1e-8, 1e-10, 1e-12, 1e-14];
 
+/// Number of Newton steps that remove the compliance from the impulses. The springs are their proximal term, because a
+/// smaller one would move impulses in the null space of G by rounding errors.
+const CORRECTIONS: usize = 3;
+
+/// The proximal term of Newton's method on springs, relative to their compliance. A larger one would determine the
+/// rate of convergence.
+const BESIDE_SPRINGS: f64 = 1e-2;
+
+/// Impulses on springs with a residual below this are tried as a start before the springs are solved by the slower
+/// methods.
+const CLOSE: f64 = 1e-3;
+
+/// The proximal term of the active-set method relative to the residual, and its smallest value. The velocities in the
+/// null space of G are as large as the residual, so that a step can move the impulses by a multiple of their size.
+const BY_RESIDUAL: f64 = 1e-2;
+const LEAST_PROXIMAL: f64 = 1e-14;
+
+/// The active-set method ends without success at a residual above this.
+const FAR: f64 = 0.1;
+
+/// Velocity, relative to the scale, that is added to the normal of a contact that the active-set method opens.
+const OPENED: f64 = 1e3;
+
 /// A solve in progress, with the best impulses so far.
 struct Search<'a> {
     cone: &'a Cone,
     c: &'a DVector<f64>,
     limits: &'a Limits,
     effort: Effort,
+    /// Fraction of 1/r on the diagonal of the matrices of Newton's method.
+    proximal: f64,
     best: DVector<f64>,
     solved: SolveReport,
 }
@@ -56,7 +82,7 @@ impl<'a> Search<'a> {
         let solved = SolveReport { residual: f64::INFINITY, converged: false, ..SolveReport::nothing() };
         let mut best = DVector::zeros(c.len());
         cone.project(&mut best, &limits.least);
-        Self { cone, c, limits, effort, best, solved }
+        Self { cone, c, limits, effort, proximal: PROXIMAL, best, solved }
     }
 
     /// Updates the best impulses; returns the residual, or `None` if it meets the tolerance.
@@ -76,7 +102,7 @@ impl<'a> Search<'a> {
         let Some(mut residual) = self.left(start) else { return true };
         let mut p = start.clone();
         for _ in 0..STEPS.min(self.effort.iterations) {
-            let Some(next) = self.cone.newton(&p, self.c, self.limits, PROXIMAL) else { return false };
+            let Some(next) = self.cone.newton(&p, self.c, self.limits, self.proximal) else { return false };
             self.solved.iterations += 1;
             let Some(left) = self.left(&next) else { return true };
             if !(left < FALLS * residual) {
@@ -85,6 +111,58 @@ impl<'a> Search<'a> {
             (p, residual) = (next, left);
         }
         false
+    }
+
+    /// Active-set method for redundant contacts whose velocities without impulses are slightly inconsistent, such as
+    /// those of four corners with gaps of rounding size; returns whether the tolerance is met.
+    ///
+    /// Velocities in the null space of G do not depend on the impulses, so that a contact has to open. Newton steps with
+    /// a small proximal term move the impulses in the null space until the first normal impulse is zero; that contact
+    /// remains open until the others are solved, and closes again if it approaches its surface.
+    fn open_in_turn(&mut self, start: &DVector<f64>) -> bool {
+        let (mut p, mut c, n) = (start.clone(), self.c.clone(), self.cone.len());
+        let (mut open, mut least) = (vec![false; n], f64::INFINITY);
+        for _ in 0..(3 * n + 6).min(self.effort.iterations) {
+            let residual = self.cone.residual(&p, &c, self.limits);
+            if !(residual <= FAR) {
+                return false;
+            }
+            if residual <= self.effort.tolerance.max(self.cone.floor(&p, &c, self.limits)) {
+                let u = self.cone.velocities(&p, self.c);
+                let closing: Vec<usize> = (0..n).filter(|&i| open[i] && u[3 * i + 2] < 0.0).collect();
+                if closing.is_empty() {
+                    return false;
+                }
+                for i in closing {
+                    (open[i], c[3 * i + 2]) = (false, self.c[3 * i + 2]);
+                }
+                least = f64::INFINITY;
+                continue;
+            }
+            // Between the steps, the residual is temporarily larger because directions of slip change.
+            least = least.min(residual);
+            let proximal = (BY_RESIDUAL * least).clamp(LEAST_PROXIMAL, self.proximal);
+            let step = self.cone.newton_to_bound(&p, &c, self.limits, proximal);
+            let Some((next, first)) = step else { return false };
+            self.solved.iterations += 1;
+            if self.left(&next).is_none() {
+                return true;
+            }
+            p = next;
+            if let Some(i) = first.filter(|&i| self.limits.least[i] == 0.0) {
+                (open[i], least) = (true, f64::INFINITY);
+                c[3 * i + 2] += OPENED * self.limits.scale;
+            }
+        }
+        false
+    }
+
+    /// Newton's method and the active-set method.
+    fn finish(&mut self, start: &DVector<f64>) -> bool {
+        self.polish(start) || {
+            let best = self.best.clone();
+            self.open_in_turn(&best)
+        }
     }
 
     /// Starts from the impulses for which all contacts stick, as far as they are in their cones.
@@ -156,14 +234,23 @@ impl<'a> Search<'a> {
 
     /// Tries all methods in turn until one meets the tolerance.
     fn run(&mut self, start: Option<&DVector<f64>>) {
+        if !self.newton(start) {
+            self.globally();
+        }
+    }
+
+    /// Newton's method, from `start` and from contacts that stick.
+    fn newton(&mut self, start: Option<&DVector<f64>>) -> bool {
         let start = start.map(|start| {
             let mut start = start.clone();
             self.cone.project(&mut start, &self.limits.least);
             start
         });
-        if start.is_some_and(|start| self.polish(&start)) || self.stick() {
-            return;
-        }
+        start.is_some_and(|start| self.polish(&start)) || self.stick()
+    }
+
+    /// The methods that converge from any start.
+    fn globally(&mut self) {
         if self.weaker() {
             return;
         }
@@ -203,9 +290,10 @@ impl Cone {
     /// If G is regular, they are unique: those of contacts that all stick take one solve with a Cholesky factor, others
     /// start from `start`. If G is singular, first solves with compliance, then without it from that solution. Returns
     /// zero at once if all contacts separate.
-    /// If redundant contacts would all stick except for a slip that is tiny compared with the other velocities,
-    /// impulses grow in the null space of G until a contact reaches the boundary of its cone and slips; gradually
-    /// decreasing compliance finds these impulses.
+    /// If the velocities of redundant contacts are inconsistent by less than the compliance, not all of them can be
+    /// pressed: the active-set method opens some. If they would all stick except for a slip that is tiny compared with
+    /// the other velocities, impulses grow in the null space of G until a contact reaches the boundary of its cone and
+    /// slips; gradually decreasing compliance finds these impulses.
     pub fn impulses(
         &self,
         c: &DVector<f64>,
@@ -236,18 +324,39 @@ impl Cone {
                 return (search.best, search.solved);
             }
         }
-        let (mut near, first) = self.on_springs(SPRINGS).solve(c, start, limits, effort);
-        search.solved.iterations += first.iterations;
-        let mut done = search.polish(&near);
+        let on_springs = self.on_springs(SPRINGS);
+        let mut springs = Search::new(&on_springs, c, limits, effort);
+        let mut done = springs.newton(start);
+        done = (done || springs.solved.residual < CLOSE) && search.finish(&springs.best);
+        if !done && !springs.solved.converged {
+            springs.globally();
+            done = search.finish(&springs.best);
+        }
+        search.solved.iterations += springs.solved.iterations;
+        let mut near = springs.best;
         for part in STIFFER.iter().take(effort.attempts) {
             if done {
                 break;
             }
-            let (next, solved) = self.on_springs(*part).solve(c, Some(&near), limits, effort);
-            search.solved.iterations += solved.iterations;
-            done = search.polish(&next);
-            near = next;
+            let stiffer = self.on_springs(*part);
+            let mut springs = Search::new(&stiffer, c, limits, effort);
+            springs.proximal = BESIDE_SPRINGS * part;
+            springs.run(Some(&near));
+            search.solved.iterations += springs.solved.iterations;
+            near = springs.best;
+            done = search.finish(&near);
         }
         (search.best, search.solved)
+    }
+    /// Impulses that satisfy the law, with the precision that rounding allows. Those of redundant contacts are otherwise
+    /// those of equal springs up to the tolerance over the compliance, and each determines the rebound of its contact.
+    pub fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
+        let Some((mut shared, _)) = self.on_springs(SPRINGS).polished(&p, c, limits) else { return p };
+        for _ in 0..CORRECTIONS {
+            let Some(next) = self.newton(&shared, c, limits, SPRINGS) else { return p };
+            shared = next;
+        }
+        let before = self.residual(&p, c, limits).max(self.floor(&p, c, limits));
+        if self.residual(&shared, c, limits) <= before { shared } else { p }
     }
 }

@@ -6,6 +6,8 @@ use super::law::nearest;
 use super::{Cone, Effort, Limits, SolveReport, impact, passive};
 use nalgebra::{DMatrix, DVector, Vector3};
 
+mod blocks;
+
 /// Pseudorandom numbers in [-1, 1].
 pub(super) struct Draw(pub u64);
 

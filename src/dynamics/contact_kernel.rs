@@ -145,16 +145,14 @@ impl<T: Real> ContactKernel<T> {
         let zero = scene.0.gravity[0].constant(0.0);
         let Self { contacts, whitened, units, forces, torque, .. } = self;
         for (at, (contact, units)) in contacts.iter().zip(units).enumerate() {
-            for forces in &mut forces[..whitened.paths[at].path.len()] {
-                for row in 0..3 {
-                    (forces.z[row], forces.moments[row]) = ([zero; 6], zero);
-                }
-            }
-            // A force on a body reduces the force that its joint transmits.
-            for (z, unit) in forces[contact.step].z.iter_mut().zip(units) {
+            // A force on a body reduces the force that its joint transmits. The forces on the other bodies of the path are
+            // set by the first that they receive.
+            let on = &mut forces[contact.step];
+            for (row, unit) in units.iter().enumerate() {
                 for i in 0..6 {
-                    z[i] = -unit[i];
+                    on.z[row][i] = -unit[i];
                 }
+                on.moments[row] = zero;
             }
             whitened.innovations_of(at, scene, scratch, (forces, torque));
         }

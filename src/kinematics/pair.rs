@@ -15,7 +15,7 @@
 
 use super::inward::FrameMotion;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, angular, cross, cross_motion, linear, scaled_add, spatial, sum, zero};
+use crate::spatial::{RigidShift, angular, cross, cross_motion, linear, scaled_add, spatial, sum};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// A constraint between two frames.
@@ -81,9 +81,12 @@ fn is_shared<T: Real>() -> bool {
 /// distance between origins that coincide.
 #[inline(always)]
 pub(crate) fn pair_rows<T: Real>(pair: Pair, place: &RigidShift<T>, velocity: &Vector6<T>) -> Option<PairRows<T>> {
-    let nothing = T::zero();
-    let none_yet = [nothing; 6];
-    let mut rows = PairRows { count: 0, error: none_yet, of_motion: [zero(); 6], turning: none_yet, margin: T::one() };
+    // Constants from a value: `from_f64` detects the processor for lanes.
+    let like = place.lever[0];
+    let nothing = like.constant(0.0);
+    let (none_yet, no_force) = ([nothing; 6], Vector6::from_element(nothing));
+    let mut rows =
+        PairRows { count: 0, error: none_yet, of_motion: [no_force; 6], turning: none_yet, margin: like.constant(1.0) };
     let (w, v) = (angular(velocity), linear(velocity));
     let r = place.rotate_back(&place.lever);
     let moving = less(&v, &cross(&w, &r));
@@ -102,26 +105,26 @@ pub(crate) fn pair_rows<T: Real>(pair: Pair, place: &RigidShift<T>, velocity: &V
             let along = product(&n, &moving);
             let across = (square(&moving) - along * along) / apart;
             let turning = across - product(&n, &cross(&w, &moving));
-            rows.push(apart - T::from_f64(length), spatial(&none(), &n), turning);
+            rows.push(apart - apart.constant(length), spatial(&none(like), &n), turning);
             return Some(rows);
         }
     }
     let turning = cross(&moving, &w);
-    for (i, e) in axes().iter().enumerate() {
+    for (i, e) in axes(like).iter().enumerate() {
         rows.push(r[i], spatial(&cross(e, &r), e), turning[i]);
     }
     Some(rows)
 }
 
 #[inline(always)]
-fn axes<T: Real>() -> [Vector3<T>; 3] {
-    let (one, no) = (T::one(), T::zero());
+fn axes<T: Real>(like: T) -> [Vector3<T>; 3] {
+    let (one, no) = (like.constant(1.0), like.constant(0.0));
     [Vector3::new(one, no, no), Vector3::new(no, one, no), Vector3::new(no, no, one)]
 }
 
 #[inline(always)]
-fn none<T: Real>() -> Vector3<T> {
-    Vector3::from_element(T::zero())
+fn none<T: Real>(like: T) -> Vector3<T> {
+    Vector3::from_element(like.constant(0.0))
 }
 
 #[inline(always)]
@@ -153,8 +156,8 @@ fn square<T: Real>(a: &Vector3<T>) -> T {
 /// cancellation.
 #[inline(always)]
 fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
-    let one = T::one();
     let (x, y, z) = (r[(0, 0)], r[(1, 1)], r[(2, 2)]);
+    let one = x.constant(1.0);
     // Four times the squares of x, y, z and w.
     let squares = [one + x - y - z, one - x + y - z, one - x - y + z, one + x + y + z];
     let mut largest = 3;
@@ -166,7 +169,7 @@ fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
         }
     }
     let twice = squares[largest].sqrt();
-    let (half, share) = (twice * T::from_f64(0.5), (twice + twice).recip());
+    let (half, share) = (twice * one.constant(0.5), (twice + twice).recip());
     let (a, b, c) = (r[(2, 1)] - r[(1, 2)], r[(0, 2)] - r[(2, 0)], r[(1, 0)] - r[(0, 1)]);
     let (d, e, f) = (r[(0, 1)] + r[(1, 0)], r[(0, 2)] + r[(2, 0)], r[(1, 2)] + r[(2, 1)]);
     let (v, w) = match largest {
@@ -175,7 +178,7 @@ fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
         2 => (Vector3::new(e * share, f * share, half), c * share),
         _ => (Vector3::new(a * share, b * share, c * share), half),
     };
-    if !is_shared::<T>() && w.lane(0) < 0.0 { (times(&v, T::zero() - one), T::zero() - w) } else { (v, w) }
+    if !is_shared::<T>() && w.lane(0) < 0.0 { (times(&v, -one), -w) } else { (v, w) }
 }
 
 /// The rows of coinciding orientations.
@@ -185,9 +188,9 @@ fn turned<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>
     if is_shared::<T>() {
         rows.margin = rotation[(0, 0)] + rotation[(1, 1)] + rotation[(2, 2)];
     }
-    let turning = T::from_f64(-0.5) * square(w);
-    for (i, e) in axes().iter().enumerate() {
-        let of_motion = spatial(&plus(&times(e, q_w), &cross(e, &q_v)), &none());
+    let turning = q_w.constant(-0.5) * square(w);
+    for (i, e) in axes(q_w).iter().enumerate() {
+        let of_motion = spatial(&plus(&times(e, q_w), &cross(e, &q_v)), &none(q_w));
         rows.push(q_v[i] + q_v[i], of_motion, turning * q_v[i]);
     }
 }
@@ -197,26 +200,26 @@ fn turned<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>
 fn tilted<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>) {
     // D's z axis in C's axes.
     let u = Vector3::new(rotation[(2, 0)], rotation[(2, 1)], rotation[(2, 2)]);
-    let [x, y, z] = axes();
-    let number = T::from_f64;
+    let like = u[0];
+    let [x, y, z] = axes(like);
     if is_shared::<T>() {
         rows.margin = u[2];
     } else if 1.0 + u[2].lane(0) < OPPOSITE {
-        rows.push(number(2.0), spatial(&x, &none()), T::zero());
-        rows.push(T::zero(), spatial(&y, &none()), T::zero());
+        rows.push(like.constant(2.0), spatial(&x, &none(like)), like.constant(0.0));
+        rows.push(like.constant(0.0), spatial(&y, &none(like)), like.constant(0.0));
         return;
     }
     // 1 / cos(t/2), and its first two time derivatives.
-    let s = (number(2.0) / (T::one() + u[2])).sqrt();
-    let by_u = number(-0.25) * s * s * s;
+    let s = (like.constant(2.0) / (like.constant(1.0) + u[2])).sqrt();
+    let by_u = like.constant(-0.25) * s * s * s;
     let first = cross(&u, w);
     let second = cross(&first, w);
     let s_1 = by_u * first[2];
-    let s_2 = number(-0.75) * s * s * s_1 * first[2] + by_u * second[2];
-    for (i, axis, sign) in [(1, y, T::one()), (0, x, T::zero() - T::one())] {
+    let s_2 = like.constant(-0.75) * s * s * s_1 * first[2] + by_u * second[2];
+    for (i, axis, sign) in [(1, y, like.constant(1.0)), (0, x, -like.constant(1.0))] {
         let of_w = plus(&times(&cross(&axis, &u), s * sign), &times(&cross(&z, &u), u[i] * by_u * sign));
-        let turning = second[i] * s + number(2.0) * first[i] * s_1 + u[i] * s_2;
-        rows.push(sign * u[i] * s, spatial(&of_w, &none()), sign * turning);
+        let turning = second[i] * s + like.constant(2.0) * first[i] * s_1 + u[i] * s_2;
+        rows.push(sign * u[i] * s, spatial(&of_w, &none(like)), sign * turning);
     }
 }
 
@@ -236,7 +239,7 @@ pub(crate) struct RelativeMotion<T: Real> {
 /// The pose of frame C in frame D. Origins are subtracted first, while both are similarly far away.
 #[inline(always)]
 pub(crate) fn place_between<T: Real>(c: &RigidShift<T>, d: &RigidShift<T>) -> RigidShift<T> {
-    let none = RigidShift { rotation: d.rotation, lever: none() };
+    let none = RigidShift { rotation: d.rotation, lever: none(d.lever[0]) };
     let turned = RigidShift { rotation: c.rotation, lever: less(&c.lever, &d.lever) };
     none.inverse().compose(&turned)
 }
@@ -247,7 +250,7 @@ impl<T: Real> RelativeMotion<T> {
     pub fn of(c: &FrameMotion<T>, d: &FrameMotion<T>) -> Self {
         let place = place_between(&c.placement, &d.placement);
         let (seen, felt) = (place.motion_to_child(&d.velocity), place.motion_to_child(&d.acceleration));
-        let minus_one = T::zero() - T::one();
+        let minus_one = c.velocity[0].constant(-1.0);
         let velocity = scaled_add(&seen, minus_one, &c.velocity);
         let turning = cross_motion(&velocity, &seen);
         let terms = [
@@ -262,5 +265,5 @@ impl<T: Real> RelativeMotion<T> {
 /// The sum of three norms, in the first lane.
 #[inline(always)]
 fn size<T: Real>(a: &Vector3<T>, b: &Vector3<T>, c: &Vector3<T>) -> T {
-    T::from_f64(square(a).lane(0).sqrt() + square(b).lane(0).sqrt() + square(c).lane(0).sqrt())
+    a[0].constant(square(a).lane(0).sqrt() + square(b).lane(0).sqrt() + square(c).lane(0).sqrt())
 }

@@ -19,6 +19,7 @@
 use super::method::STAGES;
 use super::modes::{STUCK_NOISE, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
+use super::solver::{Checked, Solver};
 use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage};
 use super::step_settings::StepArguments;
 use super::substeps::RowSolution;
@@ -33,7 +34,9 @@ use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
+use crate::scene::Coupling;
 use crate::workspace::Workspace;
+use std::sync::Arc;
 
 /// Gradients by the initial state of a step and by the quantities that act during it; NaN initially.
 #[derive(Debug)]
@@ -66,7 +69,7 @@ pub(super) struct StepGradients<T> {
 pub(super) const ACTING: usize = 5;
 /// Index of the applied torque.
 pub(super) const TORQUE: usize = 0;
-const ARMATURE: usize = 1;
+pub(super) const ARMATURE: usize = 1;
 const DAMPING: usize = 2;
 const STIFFNESS: usize = 3;
 const FRICTION: usize = 4;
@@ -156,27 +159,37 @@ impl<T: Vectorized, I: Target> BackwardSolver<T> for VectorizedBackward<T, I> {
 
 /// Solver for one state with all checks, in the form of the workspace.
 pub(super) struct CheckedBackward {
-    workspace: Workspace<f64>,
+    solver: Checked,
     products: ProductScratch<f64>,
-    /// The first singular pivot, until it is taken.
-    pub lost: Option<LostPivot>,
 }
 
 impl CheckedBackward {
-    pub fn new(model: &Model<f64>, form: Form, tolerance: Option<f64>) -> Self {
-        let workspace = Workspace { tolerance, ..Workspace::new(model) }.in_form(form);
-        Self { workspace, products: ProductScratch::new(model), lost: None }
+    pub fn new(model: &Model<f64>, coupling: Option<Arc<Coupling>>, form: Form, tolerance: Option<f64>) -> Self {
+        let solver = Checked::new(model, coupling, form).accepting(tolerance);
+        Self { solver, products: ProductScratch::new(model) }
+    }
+
+    /// Returns the first singular pivot, and forgets it.
+    pub fn take_lost(&mut self) -> Option<LostPivot> {
+        self.solver.lost.take()
+    }
+
+    /// Gradients at known accelerations, for `u_bar` = (M + N)^-1 cotangent.
+    fn at_accelerations(
+        &mut self,
+        model: &Model<f64>,
+        state: (&[f64], &[f64], &[f64]),
+        u_bar: &[f64],
+        results: (&mut [Parameters<f64>], &mut [f64]),
+    ) {
+        gradients_by_torques(model, (&mut self.solver.workspace, &mut self.products), state, u_bar, results);
     }
 }
 
 impl BackwardSolver<f64> for CheckedBackward {
     fn factor(&mut self, call: KernelArguments<'_, f64>) -> u64 {
-        let KernelArguments { scene: (model, _), state: (q, qd, u), wrenches, qdd, .. } = call;
-        let monitor = dynamics::forward_dynamics(model, &mut self.workspace, q, qd, u, wrenches, qdd);
-        if self.lost.is_none() {
-            self.lost = self.workspace.lost_pivot(model, &monitor);
-        }
-        0
+        let KernelArguments { scene, scratch, state, qdd, .. } = call;
+        self.solver.solve(true, scene, scratch, state, qdd)
     }
 
     fn gradients(
@@ -186,8 +199,13 @@ impl BackwardSolver<f64> for CheckedBackward {
         parameters: &mut [Parameters<f64>],
         out: &mut [f64],
     ) -> u64 {
-        let Self { workspace, products, lost } = self;
-        let KernelArguments { scene: (model, _), state, wrenches, .. } = call;
+        let KernelArguments { scene: (model, _), state, wrenches, qdd, .. } = call;
+        let mut u_bar = vec![f64::NAN; cotangent.len()];
+        if self.solver.solve_coupled(model, (state.0, None), cotangent, &mut u_bar) {
+            self.at_accelerations(model, (state.0, state.1, qdd), &u_bar, (parameters, out));
+            return 0;
+        }
+        let Self { solver: Checked { workspace, lost, .. }, products } = self;
         let constants = &mut Constants { parameters, ..Constants::default() };
         let found =
             derivatives::forward_dynamics_vjp(model, workspace, products, state, wrenches, cotangent, (constants, out));
@@ -217,14 +235,10 @@ impl BackwardSolver<f64> for EventSolver<'_> {
         parameters: &mut [Parameters<f64>],
         out: &mut [f64],
     ) -> u64 {
-        let CheckedBackward { workspace, products, lost } = &mut *self.solver;
         let KernelArguments { scene: (model, _), state: (q, qd, _), .. } = call;
-        let pivots = dynamics::factorise(model, workspace, q);
-        if lost.is_none() {
-            *lost = workspace.lost_pivot(model, &pivots);
-        }
-        let state = (q, qd, self.accelerations);
-        gradients_at_accelerations(model, (workspace, products), state, cotangent, (parameters, out));
+        let mut u_bar = vec![f64::NAN; cotangent.len()];
+        self.solver.solver.factorise_and_solve(model, q, cotangent, &mut u_bar);
+        self.solver.at_accelerations(model, (q, qd, self.accelerations), &u_bar, (parameters, out));
         0
     }
 }
@@ -240,11 +254,22 @@ pub(super) fn gradients_at_accelerations(
 ) {
     let mut u_bar = vec![f64::NAN; cotangent.len()];
     dynamics::solve(model, workspace, cotangent, &mut u_bar);
+    gradients_by_torques(model, (workspace, products), state, &u_bar, (parameters, out));
+}
+
+/// As [`gradients_at_accelerations`], for the gradient `u_bar` by the torques.
+fn gradients_by_torques(
+    model: &Model<f64>,
+    (workspace, products): (&mut Workspace<f64>, &mut ProductScratch<f64>),
+    state: (&[f64], &[f64], &[f64]),
+    u_bar: &[f64],
+    (parameters, out): (&mut [Parameters<f64>], &mut [f64]),
+) {
     let negative: Vec<f64> = u_bar.iter().map(|x| -x).collect();
     let constants = &mut Constants { parameters, ..Constants::default() };
     derivatives::inverse_dynamics_vjp(model, workspace, products, state, &[], &negative, (constants, out));
     let last = out.len() - u_bar.len();
-    out[last..].copy_from_slice(&u_bar);
+    out[last..].copy_from_slice(u_bar);
 }
 
 /// The arguments of [`BackwardSolver`] at stage `i`.
@@ -272,8 +297,7 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
     solver: &mut S,
     solutions: Option<&[RowSolution]>,
 ) -> u64 {
-    // Stages of weight zero serve only the error estimate.
-    let last = scheme.tableau.weights.iter().rposition(|&weight| weight != 0.0).unwrap_or(0);
+    let last = scheme.tableau.last_stage();
     let mut fallback = 0;
     if settings.regularized {
         set_friction(by, s);
@@ -419,7 +443,9 @@ impl<T: Real> StepGradients<T> {
                 chord[row] += by_damping;
             }
         }
-        for (mode, of) in s.modes.iter().zip(&settings.set_valued).filter(|(_, of)| of.friction > 0.0) {
+        // A joint without friction can have that of joints that follow it, which the loop above contains.
+        let rubs = |row: usize| settings.properties.friction[row] != 0.0;
+        for (mode, of) in s.modes.iter().zip(&settings.set_valued).filter(|(_, of)| of.friction > 0.0 && rubs(of.row)) {
             let by_friction = s.dry[mode.row] * mode.friction.recip();
             acting[FRICTION][of.row] = by_friction.mul_add(by_u[of.row], acting[FRICTION][of.row]);
         }

@@ -32,6 +32,11 @@ const CORRECTIONS: usize = 3;
 /// A residual above this is an error.
 const REFUSED: f64 = 1e-5;
 
+/// True if a step ends beyond a limit, or begins there, so that its stop acts.
+pub(super) fn is_past(limit: &LimitRow, s: &Scratch<f64>) -> bool {
+    !(limit.gap(&s.q_next) >= -LATE) || limit.gap(&s.q) < 0.0
+}
+
 /// The active limits of a step.
 struct Acting {
     near: Vec<usize>,
@@ -49,8 +54,8 @@ impl Constrained<'_> {
         limits: &[LimitRow],
         s: &mut Scratch<f64>,
     ) -> Result<Vec<StopImpact>, Failure> {
-        let past = |limit: &LimitRow| !(limit.gap(&s.q_next) >= -LATE) || limit.gap(&s.q) < 0.0;
-        if !s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite()) || !limits.iter().any(past) {
+        let is_finite = s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite());
+        if !is_finite || !limits.iter().any(|limit| is_past(limit, s)) {
             return Ok(Vec::new());
         }
         let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());

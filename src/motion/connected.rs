@@ -1,7 +1,7 @@
 //! Steps of scenes with connections by the compiled kernels, for one state per lane of a scalar.
 //!
-//! At the end of a step, positions and velocities are projected onto the connections with one factor of M and of G at
-//! the new configuration. In explicit methods the first stage of the next step uses the same factors. A state needs the
+//! At the end of a step, positions are projected onto the connections by the factors of the last stage, and velocities
+//! by factors of M and of G at the new configuration, which also remove what remains of the errors. In explicit methods the first stage of the next step uses the same factors. A state needs the
 //! [checked step](super::constrained) if its rows are dependent, if an error estimate exceeds the tolerance, if a
 //! projection does not converge in a few steps, or if a joint reaches a stop.
 
@@ -14,7 +14,7 @@ use crate::batch::factor;
 use crate::batch::instruction_set::{Target, Vectorized, Work};
 use crate::dynamics::constraints::{CLOSED, ConstraintKernel, FARTHEST, ROUNDED, Residuals, extent, largest_of};
 use crate::dynamics::contacts::LimitRow;
-use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
@@ -26,6 +26,9 @@ const STEPS: usize = 4;
 /// The largest error of a stage, rad or m, which is not projected, and the largest time derivative of an error relative
 /// to the joint velocities. Beyond, the usual form of the rows can differ between lanes and one state.
 const SLACK: f64 = 0.1;
+
+/// An error below this, relative to the size, is rounding after one step with the factors of a configuration nearby.
+const NEAR: f64 = 1e3 * ROUNDED;
 
 /// A limit is reached if the step ends further outside than this, rad or m.
 const LATE: f64 = 1e-12;
@@ -77,10 +80,12 @@ impl<T: Vectorized> Connected<T> {
             (rows.slack, rows.alpha) = (SLACK, alpha);
             rows
         };
-        let shares = settings.noise(&settings.scheme) == model.system.noise
+        let shares = settings.noise(&settings.scheme) == settings.properties.armature
             && !(settings.regularized && settings.scheme.implicit);
         let own = (!shares && alpha == 0.0).then(|| {
-            let constants = SweepModel::new(model);
+            let mut model = model.clone();
+            model.system.noise.clone_from(&settings.properties.armature);
+            let constants = SweepModel::new(&model);
             let model = model.cast::<T>();
             let sweeps = SweepScratch::new(&model, &constants).accepting(settings.tolerance);
             let rows = rows_of((&model, &constants));
@@ -237,6 +242,26 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
         let mut of_factor;
         let mut before = zero.constant(f64::INFINITY);
         let mut step = 0;
+        // The factors of the last stage are those of a configuration nearby: they remove the errors of the step, so that
+        // usually only the factors at the end are computed. A lane does not depend on others.
+        let mut open = if is_shared { *active & !doubt } else { 0 };
+        while open != 0 && step < STEPS {
+            sweeps::place(scene.1, sweeps, T::Columns::from_f64(0.0), q_next);
+            rows.errors_at(scene, sweeps, q_next);
+            let left = rows.largest(Residuals::Errors);
+            open &= open_lanes(left, before, size, 0.5);
+            if open == 0 {
+                break;
+            }
+            (before, step) = (left, step + 1);
+            step_back((target, scene), (sweeps, rows), (innovations, change));
+            let longest = largest_of(change, zero);
+            doubt |= open & lanes_but::<T>(|lane| longest.lane(lane) <= FARTHEST);
+            advance(scene.0, q_next, change, moved);
+            replace(q_next, moved, open);
+            open &= lanes_but::<T>(|lane| left.lane(lane) <= NEAR * size.lane(lane));
+        }
+        (before, step) = (zero.constant(f64::INFINITY), 0);
         loop {
             of_factor = factors((target, form), scene, (sweeps, rows), (q_next, v_next), change);
             let left = rows.largest(Residuals::Errors);
@@ -246,9 +271,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
                 break;
             }
             (before, step) = (left, step + 1);
-            rows.step_against(Residuals::Errors, innovations);
-            change.copy_from_slice(innovations);
-            factor::smooth(target, scene, sweeps, change);
+            step_back((target, scene), (sweeps, rows), (innovations, change));
             let longest = largest_of(change, zero);
             doubt |= open & lanes_but::<T>(|lane| longest.lane(lane) <= FARTHEST);
             advance(scene.0, q_next, change, moved);
@@ -276,6 +299,18 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
         (connected.is_ready, connected.doubt) = (is_shared, of_factor);
         doubt
     }
+}
+
+/// The change of the configuration that removes the errors of the rows to first order, into `change`.
+#[inline(always)]
+fn step_back<T: Vectorized, I: Target>(
+    (target, scene): (I, (&Model<T>, &SweepModel<T>)),
+    (sweeps, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
+    (innovations, change): (&mut [T], &mut [T]),
+) {
+    rows.step_against(Residuals::Errors, innovations);
+    change.copy_from_slice(innovations);
+    factor::smooth(target, scene, sweeps, change);
 }
 
 /// The lanes whose largest residual is above rounding. A residual that is small and no longer decreases by `falls` is

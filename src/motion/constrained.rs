@@ -5,7 +5,7 @@ use super::scratch::Scratch;
 use super::solver::Solver;
 use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{
-    ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, project_positions, project_velocities,
+    ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, project_velocities, visit_projection,
 };
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::error::Error;
@@ -33,7 +33,7 @@ pub(super) struct Constrained<'a> {
 /// Scratch memory for one state.
 pub(super) struct ConstrainedScratch {
     pub workspace: Workspace<f64>,
-    rows: ConstraintScratch,
+    pub rows: ConstraintScratch,
     /// The first fault, until it is taken.
     fault: Option<Fault>,
 }
@@ -52,6 +52,19 @@ impl ConstrainedScratch {
             rows: ConstraintScratch::new(scene.model(), scene.constraints()),
             fault: None,
         }
+    }
+
+    /// Returns the first fault.
+    pub fn take_fault(&mut self) -> Result<(), Failure> {
+        match self.fault.take() {
+            Some(Fault::Lost(lost)) => Err((Some(lost), None)),
+            Some(Fault::Error(error)) => Err((None, Some(error))),
+            None => Ok(()),
+        }
+    }
+
+    pub fn note_error(&mut self, error: Error) {
+        self.fault.get_or_insert(Fault::Error(error));
     }
 
     fn note(&mut self, scene: &Scene, outcome: Result<Outcome, NoDirection>, model: &Model<f64>, is_finite: bool) {
@@ -92,25 +105,47 @@ impl Solver<f64> for Constrained<'_> {
 impl Constrained<'_> {
     /// Ends a step: projects `q_next` and `v_next` onto the connections unless the accelerations are stabilized.
     /// Returns the fault of the step.
-    pub fn finish(&mut self, s: &mut Scratch<f64>) -> Result<(), Failure> {
-        match self.scratch.fault.take() {
-            Some(Fault::Lost(lost)) => return Err((Some(lost), None)),
-            Some(Fault::Error(error)) => return Err((None, Some(error))),
-            None => {}
-        }
+    pub fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>) -> Result<(), Failure> {
+        self.finish_visited(settings, s, &mut |_, _, _| {})
+    }
+
+    /// As [`Constrained::finish`]; calls `visit` with the steps of the projection of positions, as
+    /// [`visit_projection`].
+    pub(super) fn finish_visited(
+        &mut self,
+        settings: &StepSettings,
+        s: &mut Scratch<f64>,
+        visit: &mut dyn FnMut(&[f64], &[f64], &[f64]),
+    ) -> Result<(), Failure> {
+        self.scratch.take_fault()?;
         // A diverging motion is reported as such.
         if self.alpha.is_some() || !s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite()) {
             return Ok(());
         }
-        let scene = self.scene;
-        self.positions_onto_connections(scene.model(), &mut s.q_next)?;
-        self.velocities_onto_connections(scene.model(), &s.q_next, &mut s.v_next)
+        // The implicit terms of the step are not part of the kinetic energy.
+        let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
+        let mut finished = self.visit_positions(&s.model, &mut s.q_next, visit);
+        if finished.is_ok() {
+            finished = self.velocities_onto_connections(&s.model, &s.q_next, &mut s.v_next);
+        }
+        s.model.system.noise = noise;
+        finished
     }
 
     /// Projects `q` onto the connections.
     pub(super) fn positions_onto_connections(&mut self, model: &Model<f64>, q: &mut [f64]) -> Result<(), Failure> {
+        self.visit_positions(model, q, &mut |_, _, _| {})
+    }
+
+    fn visit_positions(
+        &mut self,
+        model: &Model<f64>,
+        q: &mut [f64],
+        visit: &mut dyn FnMut(&[f64], &[f64], &[f64]),
+    ) -> Result<(), Failure> {
         let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
-        let positions = project_positions((model, scene.constraints()), workspace, rows, q, self.compliance)
+        let system = (model, scene.constraints());
+        let positions = visit_projection(system, workspace, rows, (q, self.compliance), visit)
             .map_err(|at| (None, Some(scene.no_direction(at))))?;
         if let Some(lost) = workspace.lost_pivot(model, &positions.pivots) {
             return Err((Some(lost), None));

@@ -72,9 +72,12 @@ pub struct ContactGradients {
     pub friction: Vec<f64>,
     /// By the coefficient of restitution, (contacts).
     pub restitution: Vec<f64>,
-    /// By the offset of the plane, (contacts).
+    /// By the offset of the plane, (contacts); NaN for a contact with a sphere or a box.
     pub offset: Vec<f64>,
-    /// By the unit normal of the plane, tangent to the unit sphere, in the base frame, (contacts).
+    /// By the unit normal of the plane, tangent to the unit sphere, in the frame of [`Contact::normal`], (contacts);
+    /// NaN for a contact with a sphere or a box.
+    ///
+    /// [`Contact::normal`]: crate::scene::Contact::normal
     pub normal: Vec<[f64; 3]>,
     /// Smallest distance from another mode over all steps, m/s, (contacts): the change of a velocity of the contact
     /// after which it would open, close, stick or slide.
@@ -93,7 +96,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// number of states of this rollout is used. Uses the adjoint of every step, O(N) per stage; steps after the last
     /// row do not contribute. `parameters` requests the gradients by inertial parameters. The form is that of the
     /// rollout; a step whose error estimate exceeds the tolerance is recomputed with all checks. Steps with contacts
-    /// are all recomputed, and differentiated in the modes of their contacts (open, sticking, sliding).
+    /// are all recomputed, and differentiated in the modes of their contacts (open, sticking, sliding). Steps with
+    /// connections are recomputed too, and differentiated through the connections and the projections at their ends. For
+    /// coupled joints, all arrays are those of the [`tree`](Scene::tree), and
+    /// [`Coupling::reduce`](crate::scene::Coupling::reduce) gives the gradients by the independent coordinates of the
+    /// start.
     ///
     /// ```
     /// use phipsi::motion::{RecordedRows, Records, Rollout, Settings, Torque};
@@ -117,7 +124,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Errors
     ///
     /// Wrong lengths of rows or torques, and values that are not finite; `conserve_momentum`, whose corrections have no
-    /// gradients; the errors of [`Rollout::advance`], with the failed step; gradients that are not finite.
+    /// gradients; contacts on robots with connections or coupled joints; a joint of a closed loop at a limit that acts as
+    /// a stop; the errors of [`Rollout::advance`], with the failed step; gradients that are not finite.
     pub fn gradients(
         &self,
         torque: &Torque<'_>,
@@ -126,8 +134,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         parameters: bool,
     ) -> Result<RolloutGradients, StepFault> {
         let refuse = |error| StepFault { step: 0, state: 0, joint: String::new(), error };
-        self.scene().check_no_connections("gradients of a simulation").map_err(refuse)?;
-        self.scene().check_no_pairs("gradients of a simulation").map_err(refuse)?;
+        let touches = self.settings.method == Method::Contact;
         let torques = self.check_torque_from(0, torque, steps);
         torques.map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let count =
@@ -135,7 +142,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let (scene, states) = (self.scene(), self.states());
         let (nv, bodies) = (scene.nv(), if parameters { scene.model().bodies.len() } else { 0 });
         let torques = if matches!(torque, Torque::Steps { .. }) { steps } else { 1 };
-        let touches = self.settings.method == Method::Contact;
         let contacts = if touches { scene.contacts().len() } else { 0 };
         let layout = Layout { nv, torques, bodies, contacts };
         let width = layout.width();
@@ -182,10 +188,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if !self.settings.roots.is_empty() {
             let expected = "false, because gradients of its corrections are not available";
             return Err(refuse(Error::argument("conserve_momentum", "true", expected)));
-        }
-        if self.settings.coupling.is_some() {
-            let expected = "a scene with mimic=\"free\", because gradients of coupled joints are not available";
-            return Err(refuse(Error::argument("scene", "joints that follow others (mimic)", expected)));
         }
         if every == 0 {
             return Err(refuse(Error::argument("every", "0", "at least 1")));

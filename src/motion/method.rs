@@ -208,6 +208,11 @@ pub(crate) struct Tableau {
 }
 
 impl Tableau {
+    /// The last stage with a weight; later ones serve only the error estimate.
+    pub fn last_stage(&self) -> usize {
+        self.weights.iter().rposition(|&weight| weight != 0.0).unwrap_or(0)
+    }
+
     /// All coefficients multiplied by the step.
     pub fn times(mut self, step: f64) -> Self {
         self.alpha.iter_mut().chain(&mut self.gamma).flatten().for_each(|x| *x *= step);

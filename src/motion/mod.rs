@@ -51,6 +51,7 @@
 pub(crate) mod adaptive;
 mod backward;
 mod choice;
+mod closed_reverse;
 mod closed_stops;
 mod connected;
 mod constrained;

@@ -1,6 +1,7 @@
 //! Backpropagation through all steps of a rollout for a few states, one per lane, compiled for one instruction set.
 
 use super::backward::{ACTING, CheckedBackward, EventSolver, StepGradients, TORQUE, VectorizedBackward, backward};
+use super::closed_reverse::ClosedReverse;
 use super::contact::{ContactReverse, ModeChange};
 use super::gradient::{Layout, RecordedRows};
 use super::job::{self, Rows};
@@ -213,10 +214,29 @@ struct Compiled<T: Vectorized, I> {
     form: Form,
     target: I,
     checked: Option<Box<Checked>>,
+    closed: Option<Box<ClosedReverse>>,
     touching: Option<Box<ContactReverse>>,
 }
 
-/// One state, for steps that are not vectorized: with all checks, in substeps, and with the set-valued law.
+/// One state, for steps that are not vectorized.
+trait OneState {
+    fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>);
+
+    /// Propagates the gradients through the step of one state. Returns the joint and the error if that fails.
+    fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)>;
+}
+
+impl OneState for ClosedReverse {
+    fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>) {
+        (&mut self.scratch, &mut self.gradients)
+    }
+
+    fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
+        self.step(job.scene, job.settings)
+    }
+}
+
+/// One state with all checks, in substeps, and with the set-valued law.
 struct Checked {
     scratch: Scratch<f64>,
     gradients: StepGradients<f64>,
@@ -251,14 +271,20 @@ impl Checked {
     fn new(job: &Job<'_>, form: Form) -> Self {
         let scratch = Scratch::new(job.scene.model(), job.settings);
         let gradients = StepGradients::new(&scratch.model, job.layout.bodies > 0);
-        let solver = CheckedBackward::new(&scratch.model, form, job.settings.tolerance);
+        let (coupling, tolerance) = (&job.settings.coupling, job.settings.tolerance);
+        let solver = CheckedBackward::new(&scratch.model, coupling.clone(), form, tolerance);
         let forward =
-            solver::Checked::new(job.scene.model(), None, form).accepting(job.settings.tolerance).with_kernels();
+            solver::Checked::new(job.scene.model(), coupling.clone(), form).accepting(tolerance).with_kernels();
         let substeps = Substeps::new(job.settings, &scratch);
         Self { scratch, gradients, solver, forward, substeps, made: Vec::new() }
     }
+}
 
-    /// Propagates the gradients through the step of one state. Returns the joint and the error if that fails.
+impl OneState for Checked {
+    fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>) {
+        (&mut self.scratch, &mut self.gradients)
+    }
+
     #[inline(never)]
     fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
         let Self { scratch, gradients, solver, forward, substeps, made } = self;
@@ -292,7 +318,7 @@ impl Checked {
         for (numbers, sum) in gradients.results().skip(2).zip(sums.into_iter().flatten()) {
             numbers.copy_from_slice(&sum);
         }
-        if let Some(lost) = forward.lost.take().or(solver.lost.take()) {
+        if let Some(lost) = forward.lost.take().or(solver.take_lost()) {
             let joint = job.scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
             return Err((joint, job.scene.singular(lost)));
         }
@@ -351,6 +377,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
             form,
             target,
             checked: None,
+            closed: None,
             touching: None,
         }
     }
@@ -477,18 +504,24 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
     #[cold]
     #[inline(never)]
     fn recompute(&mut self, job: &Job<'_>, n: usize, mut fallback: u64) -> Result<(), StepFault> {
-        let Self { scratch: s, gradients, form, checked, .. } = self;
-        let checked = checked.get_or_insert_with(|| Box::new(Checked::new(job, *form)));
+        let Self { scratch: s, gradients, form, checked, closed, .. } = self;
+        let (form, parameters) = (*form, job.layout.bodies > 0);
+        let one: &mut dyn OneState = if job.settings.connected.is_some() {
+            &mut **closed.get_or_insert_with(|| Box::new(ClosedReverse::new(job.scene, job.settings, form, parameters)))
+        } else {
+            &mut **checked.get_or_insert_with(|| Box::new(Checked::new(job, form)))
+        };
         while fallback != 0 {
             let lane = fallback.trailing_zeros() as usize;
             fallback &= fallback - 1;
-            take_lane(&mut checked.scratch, s, lane);
-            for (to, from) in checked.gradients.end.iter_mut().zip(&gradients.end) {
+            let (scratch, own) = one.parts();
+            take_lane(scratch, s, lane);
+            for (to, from) in own.end.iter_mut().zip(&gradients.end) {
                 scatter(from, lane, to);
             }
             let state = job.states.start + lane;
-            checked.step(job).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
-            for (numbers, own) in gradients.results().zip(checked.gradients.results()) {
+            one.step(job).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+            for (numbers, own) in gradients.results().zip(one.parts().1.results()) {
                 fill(numbers, lane, own);
             }
         }
@@ -518,7 +551,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Step<'_, T, I> {
             let at = (n - first) * nv;
             take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
         }
-        if job.settings.method == Method::Contact {
+        if !job.settings.has_vectorized_adjoint() {
             return u64::MAX;
         }
         let fallback = backward((job.settings, &job.settings.scheme), s, gradients, solver, None);

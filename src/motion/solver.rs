@@ -118,7 +118,7 @@ impl Checked {
 
     /// M^-1 (right - bias) for coupled joints, or M^-1 right without velocities. Returns false if no joints are
     /// coupled.
-    fn solve_coupled(
+    pub fn solve_coupled(
         &mut self,
         model: &Model<f64>,
         (q, v): (&[f64], Option<&[f64]>),

@@ -113,6 +113,11 @@ impl StepSettings {
             && self.smoothing.is_none()
     }
 
+    /// True if the adjoint of the steps is vectorized: without contacts, connections and coupled joints.
+    pub fn has_vectorized_adjoint(&self) -> bool {
+        self.method != Method::Contact && self.connected.is_none() && self.coupling.is_none()
+    }
+
     /// The settings for the adjoint of the steps, which needs the displacement of every joint from rest, also without a
     /// spring.
     pub fn backward(&self) -> Self {

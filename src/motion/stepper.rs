@@ -158,7 +158,7 @@ impl CheckedState {
             let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
             let mut solver = Constrained { scene, scratch: closed, alpha, compliance: &settings.compliance };
             step((settings, &settings.scheme), &mut self.scratch, &mut solver);
-            let finished = solver.finish(&mut self.scratch);
+            let finished = solver.finish(settings, &mut self.scratch);
             match finished.and_then(|()| solver.stop(settings, limits, &mut self.scratch)) {
                 Ok(impacts) => self.substeps.impacts.extend(impacts),
                 Err((_, Some(error))) => return Err((String::new(), error)),

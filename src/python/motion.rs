@@ -166,6 +166,9 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
+        if covariance.is_some() {
+            scene.check_independent()?;
+        }
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let (dt, steps) = length_of_run(dt, steps, duration, accuracy.is_some())?;
         let every = count_or("record_every", record_every, 1, 1)?;

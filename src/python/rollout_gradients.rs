@@ -2,6 +2,7 @@
 
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
+use super::coupling::Expand;
 use super::errors::{asked_by, batch_index, fault, of_batch};
 use super::fresh::entries;
 use super::input::Input;
@@ -15,7 +16,7 @@ use crate::batch::{Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::motion::{ModeChange, RecordedRows, Rollout, RolloutGradients};
-use crate::scene::Scene;
+use crate::scene::{Coupling, Scene};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 
@@ -41,7 +42,7 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution, smoothing
+    /// limits, restitution, baumgarte, compliance, smoothing
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
@@ -52,7 +53,10 @@ impl PyScene {
     #[doc = section!(Notes)]
     /// O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
     /// the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
-    /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md.
+    /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. In closed loops,
+    /// steps are recomputed too, a joint at a limit that acts as a stop raises, and the gradients by q and qd are those
+    /// of changes that satisfy the connections. With mimic joints, q, qd and tau are those of the independent joints, and
+    /// parameters has the links of all joints.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=100, method="rk4")
@@ -65,11 +69,12 @@ impl PyScene {
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method=None,
                         record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
-                        limits=None, restitution=0.0, smoothing=0.0),
+                         limits=None, restitution=0.0, baumgarte=None, compliance=None, smoothing=0.0),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             parameters=False, limits=None, restitution=0.0, smoothing=0.0)")]
+                             parameters=False, limits=None, restitution=0.0, baumgarte=None, compliance=None, \
+                             smoothing=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
@@ -95,13 +100,13 @@ impl PyScene {
         parameters: bool,
         limits: Option<&str>,
         restitution: f64,
+        baumgarte: Option<f64>,
+        compliance: Option<&Object<'py>>,
         smoothing: f64,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
-        scene.check_independent()?;
-        scene.check_no_connections("simulate_vjp")?;
-        let (nq, nv) = (scene.nq(), scene.nv());
+        let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let rows = steps / every + 1;
@@ -118,8 +123,8 @@ impl PyScene {
             form,
             tolerance,
             conserve_momentum: false,
-            baumgarte: None,
-            compliance: None,
+            baumgarte,
+            compliance,
             limits,
             restitution,
             accuracy: None,
@@ -153,8 +158,16 @@ impl PyScene {
         if let Some(pd) = pd {
             settings.gains = Some(pd.over(&batch, states)?);
         }
-        let every_row = |i: usize| everyone(&inputs[i], &batch, states);
-        let [q, qd, by_q, by_qd] = [every_row(0)?, every_row(1)?, every_row(2)?, every_row(3)?];
+        let every_row = |i: usize, expand: Expand| -> PyResult<Vec<f64>> {
+            let all = everyone(&inputs[i], &batch, states)?;
+            let width = if i == 0 { scene.nq() } else { scene.nv() };
+            Ok(match scene.coupling() {
+                Some(coupling) => all.chunks_exact(width.max(1)).flat_map(|row| expand(coupling, row)).collect(),
+                None => all,
+            })
+        };
+        let [q, qd] = [every_row(0, Coupling::configuration)?, every_row(1, Coupling::rates)?];
+        let [by_q, by_qd] = [every_row(2, Coupling::torques)?, every_row(3, Coupling::torques)?];
         let first = |numbers: &[f64], width: usize| -> Vec<f64> {
             numbers.chunks_exact((rows * width).max(1)).flat_map(|state| &state[..width]).copied().collect()
         };
@@ -165,9 +178,9 @@ impl PyScene {
         let recorded = RecordedRows { q: &q, qd: &qd, every, by_q: &by_q, by_qd: &by_qd };
         let found = detached(py, || rollout.gradients(&torque, steps, &recorded, parameters))?;
         let found = found.map_err(|stopped| fault(py, Fault { state: stopped.state, error: stopped.error }, &batch))?;
-        let links = if parameters { places_of_links(scene)? } else { Vec::new() };
+        let links = if parameters { places_of_links(scene.tree())? } else { Vec::new() };
         let of_steps = matches!(given, Given::Steps(_)).then_some(steps);
-        Output { py, batch: &batch, nv, scene }.tuple(&found, of_steps, parameters.then_some(&links[..]))
+        Output { py, batch: &batch, nv: scene.nv(), scene }.tuple(&found, of_steps, parameters.then_some(&links[..]))
     }
 }
 
@@ -184,14 +197,33 @@ impl<'py> Output<'_, 'py> {
         asked_by(self.py, "q", from_numbers(self.py, numbers, &[self.batch, own].concat()))
     }
 
+    /// Gradients of the scene by a quantity, from those of its tree: by states, of which each independent joint moves
+    /// those that follow it, or by torques and properties at the independent joints.
+    fn of_scene(&self, numbers: &[f64], by_states: bool) -> Vec<f64> {
+        let Some(coupling) = self.scene.coupling() else { return numbers.to_vec() };
+        let rows = numbers.chunks_exact(self.scene.tree().nv().max(1));
+        let reduced = |row: &[f64]| {
+            if !by_states {
+                return coupling.independent_rates(row);
+            }
+            let mut out = vec![0.0; self.nv];
+            coupling.reduce(row, &mut out);
+            out
+        };
+        rows.flat_map(reduced).collect()
+    }
+
     /// Creates the named tuple, with the torques of steps and the parameters of links if requested.
     fn tuple(&self, found: &RolloutGradients, steps: Option<usize>, links: Option<&[Place]>) -> PyResult<Object<'py>> {
         let torque = steps.map_or_else(|| vec![self.nv], |steps| vec![steps, self.nv]);
         let of_rows = [&found.armature, &found.damping, &found.stiffness, &found.friction];
-        let mut parts = vec![self.array(&found.q, &[self.nv])?, self.array(&found.qd, &[self.nv])?];
-        parts.push(self.array(&found.torque, &torque)?);
+        let mut parts = Vec::new();
+        for of_state in [&found.q, &found.qd] {
+            parts.push(self.array(&self.of_scene(of_state, true), &[self.nv])?);
+        }
+        parts.push(self.array(&self.of_scene(&found.torque, false), &torque)?);
         for numbers in of_rows {
-            parts.push(self.array(numbers, &[self.nv])?);
+            parts.push(self.array(&self.of_scene(numbers, false), &[self.nv])?);
         }
         parts.push(match links {
             Some(links) => {

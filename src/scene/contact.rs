@@ -157,7 +157,8 @@ impl Contact {
         Err(self.fault(format!("a second frame {found}"), expected))
     }
 
-    fn unit_normal(&self) -> Vector3<f64> {
+    /// The unit normal of the plane in [`Contact::other_frame`].
+    pub(crate) fn unit_normal(&self) -> Vector3<f64> {
         (self.normal / self.normal.amax()).normalize()
     }
 

@@ -94,6 +94,20 @@ impl ContactPoint {
         Touch { axes: plane_axes(&normal), gap: distance - self.radius, at: center - normal * self.radius }
     }
 
+    /// Derivative of the normal, in the base frame, with respect to the position of the center of the sphere relative
+    /// to the surface; zero for planes.
+    pub fn bending(&self, place: &RigidShift<f64>, other: &RigidShift<f64>) -> Matrix3<f64> {
+        let Some(surface) = &self.other else { return Matrix3::zeros() };
+        let (center, frame) = (place.rotate(&self.center) + place.lever, other.compose(&surface.frame));
+        let bending = surface.shape.bending(&frame.rotate_back(&(center - frame.lever)));
+        frame.rotation * bending * frame.rotation.transpose()
+    }
+
+    /// True if the surface is a plane.
+    pub fn is_plane(&self) -> bool {
+        self.other.is_none_or(|other| other.shape == Shape::Plane)
+    }
+
     /// The contact at `q`. O(depth).
     pub fn touch_at(&self, model: &Model<f64>, q: &[f64]) -> Touch {
         let place = |body| placement(model, q, &frame_of(body));
@@ -125,6 +139,28 @@ fn frame_of(body: Option<usize>) -> Frame<f64> {
 }
 
 impl Shape {
+    /// The vector to the point x from the nearest point of a box, and its length; `None` inside.
+    fn beyond(half: &Vector3<f64>, x: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
+        let beyond = x - x.zip_map(half, |x, half| x.clamp(-half, half));
+        let distance = beyond.norm();
+        (distance > ON_SURFACE * half.amax()).then_some((beyond, distance))
+    }
+
+    /// Derivative of the normal with respect to the point x, in the frame of the shape: (P - n n*)/d for a distance d
+    /// from the nearest point, where P has the coordinates of x that the nearest point does not share.
+    fn bending(&self, x: &Vector3<f64>) -> Matrix3<f64> {
+        let (offset, distance, apart) = match self {
+            Self::Plane => return Matrix3::zeros(),
+            Self::Sphere(_) => (*x, x.norm(), Vector3::repeat(1.0)),
+            Self::Box(half) => match Self::beyond(half, x) {
+                Some((beyond, distance)) => (beyond, distance, beyond.map(|beyond| f64::from(u8::from(beyond != 0.0)))),
+                None => return Matrix3::zeros(),
+            },
+        };
+        let normal = offset / distance;
+        (Matrix3::from_diagonal(&apart) - normal * normal.transpose()) / distance
+    }
+
     /// The unit normal of the surface toward the point x, and the signed distance of x from it, m, in the frame of the
     /// shape.
     fn nearest(&self, x: &Vector3<f64>) -> (Vector3<f64>, f64) {
@@ -135,9 +171,7 @@ impl Shape {
                 (x / distance, if distance > 0.0 { distance - radius } else { f64::NAN })
             }
             Self::Box(half) => {
-                let beyond = x - x.zip_map(half, |x, half| x.clamp(-half, half));
-                let distance = beyond.norm();
-                if distance > ON_SURFACE * half.amax() {
+                if let Some((beyond, distance)) = Self::beyond(half, x) {
                     return (beyond / distance, distance);
                 }
                 // Inside, the nearest face.

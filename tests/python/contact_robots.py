@@ -33,6 +33,7 @@ class Robot:
     joints: tuple[dict[str, Any], ...] = ()
     floating: bool = True
     gravity: tuple[float, ...] = (0.3, -0.2, -9.81)
+    connections: tuple[dict[str, Any], ...] = ()
 
     def build(self) -> phipsi.Scene:
         builder = phipsi.SceneBuilder()
@@ -45,8 +46,11 @@ class Robot:
         for joint in self.joints:
             builder.joint(joint["name"], joint["kind"], joint["parent"], joint["child"], **{k: v for k, v in joint.items() if k not in ("name", "kind", "parent", "child")})
         for name, contact in self.contacts.items():
-            builder.contact(name, **contact)
-        return builder.build(floating_base=self.floating, gravity=self.gravity)
+            builder.contact(name, **{k: v for k, v in contact.items() if is_plane(contact) or k not in ("normal", "offset")})
+        for connection in self.connections:
+            builder.connect(**connection)
+        mimic = "couple" if any("mimic" in joint for joint in self.joints) else None
+        return builder.build(floating_base=self.floating, gravity=self.gravity, mimic=mimic)
 
     def with_link(self, name: str, entry: int, more: float) -> Robot:
         changed = self.links[name].copy()
@@ -59,6 +63,10 @@ class Robot:
 
 def contact(link: str, xyz: Any, friction: float, **given: Any) -> dict[str, Any]:
     return {"link": link, "xyz": xyz, "friction": friction, "radius": 0.0, "normal": np.array([0, 0, 1.0]), "offset": 0.0, "restitution": 0.0, **given}
+
+
+def is_plane(of: dict[str, Any]) -> bool:
+    return "other_radius" not in of and "other_size" not in of
 
 
 def block(friction: float, restitution: float = 0.0, corners: tuple[int, ...] = tuple(range(8)), **given: Any) -> Robot:
@@ -137,18 +145,22 @@ class Run:
         fine, coarse = (4 * once - twice) / 3, (4 * twice - four) / 3
         return np.stack([fine, np.abs(fine - coarse)])
 
+    def all_of(self, changes: list[Callable[[float], np.ndarray]], step: float = STEP) -> np.ndarray:
+        return np.stack([self.slope(change, step) for change in changes], axis=-1)
+
+    def compared_states(self, found: phipsi.RolloutGradients) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """As `compared`, of the initial state."""
+        robot, q, qd, given, unit = self.robot, self.q, self.qd, self.given, np.eye(self.scene.nv)
+        yield "q", found.q, self.all_of([lambda s, e=e: self.value(robot, self.scene.integrate(q, s * e), qd, given) for e in unit], STEP_OF_GAPS)
+        yield "qd", found.qd, self.all_of([lambda s, e=e: self.value(robot, q, qd + s * e, given) for e in unit])
+
     def compared(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """Name, gradients (..., entries), and differences with their estimated errors (2, ..., entries), of everything that has
         a gradient.
         """
         found = self.path.vjp(*self.bars, parameters=True)
-        robot, q, qd, given, unit = self.robot, self.q, self.qd, self.given, np.eye(self.scene.nv)
-
-        def all_of(changes: list[Callable[[float], np.ndarray]], step: float = STEP) -> np.ndarray:
-            return np.stack([self.slope(change, step) for change in changes], axis=-1)
-
-        yield "q", found.q, all_of([lambda s, e=e: self.value(robot, self.scene.integrate(q, s * e), qd, given) for e in unit], STEP_OF_GAPS)
-        yield "qd", found.qd, all_of([lambda s, e=e: self.value(robot, q, qd + s * e, given) for e in unit])
+        robot, q, qd, given, unit, all_of = self.robot, self.q, self.qd, self.given, np.eye(self.scene.nv), self.all_of
+        yield from self.compared_states(found)
         for name in ("tau", "armature", "damping", "stiffness", "friction"):
             if name in given:
                 own = np.zeros(self.scene.nv) + given[name]
@@ -161,7 +173,7 @@ class Run:
         ]
         yield "parameters", found.parameters.reshape(*q.shape[:-1], -1), all_of(of_links)
         for entry in ("friction", "restitution", "offset"):
-            names = [name for name, of in robot.contacts.items() if entry == "offset" or of[entry] > 0.0]
+            names = [name for name, of in robot.contacts.items() if (is_plane(of) if entry == "offset" else of[entry] > 0.0)]
             if names:
                 of_contacts = [
                     lambda s, name=name, entry=entry: self.value(robot.with_contact(name, **{entry: robot.contacts[name][entry] + s}), q, qd, given)
@@ -170,6 +182,9 @@ class Run:
                 yield f"contact {entry}", np.stack([getattr(found.contacts[name], entry) for name in names], axis=-1), all_of(of_contacts, STEP_OF_GAPS if entry == "offset" else STEP)
         gradients, turns = [], []
         for name, of in robot.contacts.items():
+            if not is_plane(of):
+                assert np.isnan(found.contacts[name].normal).all() and np.isnan(found.contacts[name].offset).all()
+                continue
             normal = of["normal"] / np.linalg.norm(of["normal"])
             for along in np.linalg.svd(normal[None])[2][1:]:
                 gradients.append(found.contacts[name].normal @ along)
@@ -178,4 +193,5 @@ class Run:
                         robot.with_contact(name, normal=np.cos(s) * normal + np.sin(s) * along), q, qd, given
                     )
                 )
-        yield "contact normal", np.stack(gradients, axis=-1), all_of(turns, STEP_OF_GAPS)
+        if turns:
+            yield "contact normal", np.stack(gradients, axis=-1), all_of(turns, STEP_OF_GAPS)

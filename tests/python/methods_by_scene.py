@@ -231,7 +231,7 @@ EXPECTED: dict[str, tuple[str, str, str]] = {
     **dict.fromkeys(["factor", "inverse_dynamics_hvp", "inverse_dynamics_variance", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "error")),
     **dict.fromkeys(["momentum_observer", "ode"], ("error", "error", "supported")),
     "observer": ("error", "error", "error"),
-    "simulate_vjp": ("error", "included", "error"),
+    "simulate_vjp": ("included", "included", "supported"),
     "to_urdf": ("error", "error", "supported"),
 }
 

@@ -599,7 +599,7 @@ BEYOND: dict[str, Callable[[phipsi.Scene, np.ndarray], object]] = {
     "check": lambda scene, q: scene.check(q),
     "hvp": lambda scene, q: scene.forward_dynamics_hvp(q, q, q, q, q, q, q),
     "vjp by parameters": lambda scene, q: scene.forward_dynamics_vjp(q, q, q, q, parameters=True),
-    "gradients of motion": lambda scene, q: scene.simulate(q, q, dt=0.1, steps=2).vjp(np.zeros((3, 1)), np.zeros((3, 1))),
+    "parameters of motion": lambda scene, q: scene.simulate(q, q, dt=0.1, steps=2).vjp(np.zeros((3, 1)), parameters=True),
 }
 
 

@@ -12,7 +12,7 @@
 
 use super::NoDirection;
 use super::gram_inverse::NOTHING;
-use super::projection::{Projected, project_positions, project_velocities};
+use super::projection::{Projected, project_velocities, visit_projection};
 use super::scratch::ConstraintScratch;
 use crate::model::Model;
 use crate::scene::constraint::Constraints;
@@ -57,14 +57,20 @@ impl Elimination {
         Ok(projected)
     }
 
-    /// Projects `q` onto the connections.
+    /// Projects `q` onto the connections; calls `visit` with its steps, as [`visit_projection`].
     pub fn positions(
         &mut self,
         model: &Model<f64>,
         workspace: &mut Workspace<f64>,
         q: &mut [f64],
+        visit: &mut dyn FnMut(&[f64], &[f64], &[f64]),
     ) -> Result<Projected, NoDirection> {
-        project_positions((model, &self.constraints), workspace, &mut self.scratch, q, &[])
+        visit_projection((model, &self.constraints), workspace, &mut self.scratch, (q, &[]), visit)
+    }
+
+    /// The forces of the last projection.
+    pub fn forces(&self) -> &[f64] {
+        &self.scratch.forces
     }
 
     /// Factorizes the rows at `q`, with the factor of M in the workspace.

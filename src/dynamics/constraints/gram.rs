@@ -15,7 +15,7 @@ use nalgebra::DMatrix;
 
 impl ConstraintScratch {
     /// W and (G + compliance)^+ at `q`, with the factor of M in the workspace. An empty compliance means zero.
-    pub(super) fn factorise(
+    pub(crate) fn factorise(
         &mut self,
         (model, constraints): (&Model<f64>, &Constraints),
         workspace: &Workspace<f64>,

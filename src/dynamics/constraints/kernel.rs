@@ -14,6 +14,7 @@
 //! moves no joint is skipped. If the other rows are dependent, or if a residual above rounding remains, the state needs
 //! a fallback: [`constrained_dynamics`](super::constrained_dynamics) determines the rank.
 
+mod ends;
 mod gram;
 mod projection;
 
@@ -21,15 +22,16 @@ use super::faults::IN_CALLS;
 use super::solution::{NO_ROUNDING, weight};
 use crate::dynamics::sweeps::{
     Forces, MOST_FORCES, Path, PathRows, SweepModel, SweepScratch, WhitenedRows, accelerations_along, frame_here,
-    motions_along, origin_along, placement_along,
+    motions_along, point_along,
 };
-use crate::kinematics::pair::{Pair, PairRows, RelativeMotion, pair_rows};
-use crate::kinematics::{Frame, FrameMotion};
+use crate::kinematics::Frame;
+use crate::kinematics::pair::{Pair, PairRows, RelativeMotion};
 use crate::model::Model;
 use crate::scalar::{Real, larger};
 use crate::scene::constraint::{Constraint, Constraints, Tie};
-use crate::spatial::{RigidShift, angular, dot, linear, scaled};
-use nalgebra::{Vector3, Vector6};
+use crate::spatial::{RigidShift, angular, cross, dot, linear, scaled};
+use ends::{axis_of, less, relative_motion, set_anchored};
+use nalgebra::Vector3;
 
 pub(crate) use projection::Residuals;
 
@@ -44,6 +46,8 @@ const UNSURE: f64 = 10.0;
 enum LaneTie<T> {
     /// Frames on the bodies, relative to the body frames of the sweeps.
     Frames(Pair, [RigidShift<T>; 2]),
+    /// A point of a body on a point of the base: the frame on the body, and the point of the base.
+    Anchored(RigidShift<T>, [T; 3]),
     /// Rows of joint coordinates, and their torques for a unit force.
     Joints([Option<(usize, T)>; 2], Followed<T>),
 }
@@ -82,7 +86,7 @@ struct Row<T> {
 pub(crate) struct ConstraintKernel<T> {
     connections: Vec<Connection<T>>,
     rows: Vec<Row<T>>,
-    /// W, and G, its diagonal scaled to one, then its Cholesky factor; one path per connection.
+    /// W, and G, then its factor L D L*; one path per connection.
     whitened: WhitenedRows<T>,
     /// One per step of the longest path.
     forces: Vec<Forces<T>>,
@@ -90,8 +94,9 @@ pub(crate) struct ConstraintKernel<T> {
     accelerations: Vec<[T; 6]>,
     /// Torques of a unit force.
     torque: Vec<T>,
-    /// The inverse square roots of the diagonal of G; zero for a row that moves no joint.
-    scale: Vec<T>,
+    /// One for each row, zero for a row that moves no joint; and the diagonal of G, one for such rows.
+    kept: Vec<T>,
+    diagonal: Vec<T>,
     pivot_inverses: Vec<T>,
     step: Vec<T>,
     /// Rows that depend on each other to within this, squared, need the rank by geometry.
@@ -139,7 +144,8 @@ impl<T: Real> ConstraintKernel<T> {
             motions: vec![[[nan; 6]; 2]; longest],
             accelerations: vec![[nan; 6]; longest],
             torque: vec![zero; nv],
-            scale: vec![nan; m],
+            kept: vec![nan; m],
+            diagonal: vec![nan; m],
             pivot_inverses: vec![nan; m],
             step: vec![nan; m],
             unsure: (UNSURE * constraints.tolerance).powi(2),
@@ -168,7 +174,7 @@ impl<T: Real> ConstraintKernel<T> {
         innovations: &[T],
     ) -> T {
         let regular = self.factor(scene, scratch, qd);
-        self.first_step(scratch, tau, innovations);
+        self.first_step(scratch, tau, innovations, true);
         regular
     }
 
@@ -191,24 +197,31 @@ impl<T: Real> ConstraintKernel<T> {
             }
         }
         self.whitened.multiply(zero);
-        regular = regular.worst(self.scaled(zero));
+        regular = regular.worst(self.prepare(zero));
         regular.worst(self.factorise(zero))
     }
 
-    /// The first step of lambda, from the innovations of the tree.
+    /// The first step of lambda, from the innovations of the tree. The scales of rounding errors are needed only if the
+    /// residual [is looked at](ConstraintKernel::look).
     #[inline(always)]
-    pub fn first_step(&mut self, scratch: &SweepScratch<T>, tau: &[T], innovations: &[T]) {
+    pub fn first_step(&mut self, scratch: &SweepScratch<T>, tau: &[T], innovations: &[T], is_watched: bool) {
         let zero = self.weight.constant(0.0);
-        self.pushing = self.weight;
-        for (row, &tau) in tau.iter().enumerate() {
-            self.pushing = tau.abs().mul_add(scratch.pivot_inverse(row).sqrt(), self.pushing);
-        }
         self.forces_of_rows.fill(zero);
-        let Self { step, terms, rows, whitened, .. } = self;
+        let Self { step, terms, rows, whitened, pushing, weight, .. } = self;
+        if is_watched {
+            *pushing = *weight;
+            for (row, &tau) in tau.iter().enumerate() {
+                *pushing = tau.abs().mul_add(scratch.pivot_inverse(row).sqrt(), *pushing);
+            }
+        }
         for of in &whitened.paths {
             for i in of.rows.clone() {
                 let gamma = rows[i].gamma;
-                (step[i], terms[i]) = whitened.times(of, i, innovations, (gamma, gamma.abs()));
+                if is_watched {
+                    (step[i], terms[i]) = whitened.times(of, i, innovations, (gamma, gamma.abs()));
+                } else {
+                    step[i] = whitened.product(of, i, innovations, gamma);
+                }
             }
         }
         self.solve();
@@ -221,12 +234,37 @@ impl<T: Real> ConstraintKernel<T> {
         let zero = scene.0.gravity[0].constant(0.0);
         let Connection { tie, ends } = &self.connections[at];
         let PathRows { path, rows, .. } = &self.whitened.paths[at];
-        for forces in &mut self.forces[..path.len()] {
+        // The forces on other bodies of the path are set by the first that they receive.
+        for &step in ends.iter().flatten() {
+            let forces = &mut self.forces[step];
             for i in 0..rows.len() {
                 (forces.z[i], forces.moments[i]) = ([zero; 6], zero);
             }
         }
         let frames = match tie {
+            LaneTie::Anchored(frame, anchor) => {
+                let step = ends[0].unwrap_or_default();
+                let point = point_along(scene, scratch, path, *anchor);
+                motions_along(scene, scratch, (path, qd), &mut self.motions);
+                let own = &mut self.rows[rows.clone()];
+                set_anchored((frame, &point), &self.motions[step], own, self.alpha);
+                let mut usual = zero.constant(1.0);
+                let on = &mut self.forces[step];
+                let apart = less(&frame.lever, &point);
+                let reach = square(&frame.lever) + square(&apart);
+                for (i, to) in own.iter_mut().enumerate() {
+                    usual = usual.worst(zero.constant(self.slack) - to.error.abs());
+                    usual = usual.worst(self.fastest - to.rate.abs());
+                    let force = axis_of(frame, i);
+                    let [x, y, z] = cross(&point.into(), &force).into();
+                    to.forces[0] = [x, y, z, force[0], force[1], force[2]];
+                    to.sizes[0] = halves(&to.forces[0]);
+                    // A force on a body reduces the force that its joint transmits.
+                    on.z[i] = [-x, -y, -z, -force[0], -force[1], -force[2]];
+                    on.moments[i] = reach;
+                }
+                return usual;
+            }
             LaneTie::Joints(torques, _) => {
                 for &(row, torque) in torques.iter().flatten() {
                     self.torque[row] = torque;
@@ -295,7 +333,7 @@ impl<T: Real> ConstraintKernel<T> {
             compliance,
             terms,
             forces_of_rows,
-            scale,
+            diagonal,
             whitened,
             pushing,
             residual,
@@ -305,12 +343,12 @@ impl<T: Real> ConstraintKernel<T> {
         // The row of bodies in static equilibrium is a sum of rounding errors. It is compared with the forces that act
         // on the bodies: sqrt(G_jj) |lambda_j| for connection forces.
         let mut acting = *pushing;
-        for (&lambda, &scale) in forces_of_rows.iter().zip(&*scale) {
+        for (&lambda, &diagonal) in forces_of_rows.iter().zip(&*diagonal) {
             // Skipped rows contribute zero.
-            acting = lambda.abs().mul_add((scale + scale.one_if_zero()).recip(), acting);
+            acting = lambda.abs().mul_add(diagonal.sqrt(), acting);
         }
         for (connection, of) in connections.iter().zip(&whitened.paths) {
-            if matches!(connection.tie, LaneTie::Frames(..)) {
+            if !matches!(connection.tie, LaneTie::Joints(..)) {
                 accelerations_along(scene, scratch, (&of.path, qdd), accelerations);
             }
             for i in of.rows.clone() {
@@ -318,7 +356,7 @@ impl<T: Real> ConstraintKernel<T> {
                 let (mut sum, mut size) = (row.gamma, row.gamma.abs());
                 let given_way = compliance[i] * forces_of_rows[i];
                 match &connection.tie {
-                    LaneTie::Frames(..) => {
+                    LaneTie::Frames(..) | LaneTie::Anchored(..) => {
                         for (end, &step) in connection.ends.iter().enumerate() {
                             let Some(step) = step else { continue };
                             let motion = &accelerations[step];
@@ -375,7 +413,13 @@ impl<T: Real> Connection<T> {
                     let placement = frame.placement.cast();
                     step.map_or(placement, |step| frame_here(sweeps, (&path, step), &placement))
                 };
-                LaneTie::Frames(*pair, [here(c, ends[0]), here(d, ends[1])])
+                let frames = [here(c, ends[0]), here(d, ends[1])];
+                if *pair == Pair::Point && ends[0].is_some() && ends[1].is_none() {
+                    let [frame, on_base] = frames;
+                    LaneTie::Anchored(frame, on_base.lever.into())
+                } else {
+                    LaneTie::Frames(*pair, frames)
+                }
             }
             Tie::Coordinates { first, second, multiplier, offset } => {
                 let factor = T::from_f64(-multiplier);
@@ -431,57 +475,6 @@ pub(crate) fn largest_of<T: Real>(x: &[T], least: T) -> T {
         most = larger(most, x.abs());
     }
     most
-}
-
-/// The motion of the first frame of a connection relative to the second, and the rows of the pair. None for joint
-/// coordinates, and for a rod without direction.
-#[inline(always)]
-fn relative_motion<T: Real>(
-    (connection, path): (&Connection<T>, &Path),
-    scene: (&Model<T>, &SweepModel<T>),
-    scratch: &SweepScratch<T>,
-    qd: &[T],
-    motions: &mut [[[T; 6]; 2]],
-) -> Option<(RelativeMotion<T>, PairRows<T>)> {
-    let Connection { tie: LaneTie::Frames(pair, frames), ends } = connection else { return None };
-    motions_along(scene, scratch, (path, qd), motions);
-    let on_branch = ends.map(|end| end.and_then(|step| path.on_branch(step)));
-    // The result does not depend on the distance of the mechanism from the base: both frames are located relative to
-    // the point at which the branch of the second one begins.
-    let origin = on_branch[1].map_or_else(|| frames[1].lever.into(), |step| origin_along(scene, scratch, (path, step)));
-    let along = (path, &*motions, &origin);
-    let c = motion_of_end(scene, scratch, along, (on_branch[0], &frames[0]));
-    let d = motion_of_end(scene, scratch, along, (on_branch[1], &frames[1]));
-    let motion = RelativeMotion::of(&c, &d);
-    pair_rows(*pair, &motion.place, &motion.velocity).map(|rows| (motion, rows))
-}
-
-/// A path, the motions of its bodies, and the origin of the poses.
-type Along<'a, T> = (&'a Path, &'a [[[T; 6]; 2]], &'a [T; 3]);
-
-/// The motion of the frame at an end of a path relative to the body where the branches meet, from the motions of the
-/// bodies on the path. Without a step on a branch, the frame is on that body.
-#[inline(always)]
-fn motion_of_end<T: Real>(
-    scene: (&Model<T>, &SweepModel<T>),
-    scratch: &SweepScratch<T>,
-    (path, motions, from): Along<'_, T>,
-    (step, frame): (Option<usize>, &RigidShift<T>),
-) -> FrameMotion<T> {
-    let Some(step) = step else {
-        let none = Vector6::from_element(scene.0.gravity[0].constant(0.0));
-        let mut placement = *frame;
-        for (lever, &from) in placement.lever.iter_mut().zip(from) {
-            *lever -= from;
-        }
-        return FrameMotion { placement, velocity: none, acceleration: none };
-    };
-    let [velocity, acceleration] = &motions[step];
-    FrameMotion {
-        placement: placement_along(scene, scratch, (path, step), (frame, from)),
-        velocity: frame.motion_to_child(&Vector6::from(*velocity)),
-        acceleration: frame.motion_to_child(&Vector6::from(*acceleration)),
-    }
 }
 
 #[inline(always)]

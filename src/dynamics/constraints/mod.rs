@@ -18,6 +18,8 @@
 //! In a model with rounded dimensions, rows that should be dependent differ in the last digits. Geometry and the
 //! tolerance of the scene decide which combinations count as dependent; Q J then replaces J.
 
+#[cfg(feature = "motion")]
+mod adjoint;
 #[cfg(feature = "derivatives")]
 mod derivatives;
 mod elimination;
@@ -28,17 +30,24 @@ mod gram_inverse;
 mod inverse;
 mod kernel;
 mod mobility;
+#[cfg(feature = "derivatives")]
+mod products;
 mod projection;
 mod rows;
 mod scratch;
 mod solution;
 
+#[cfg(feature = "motion")]
+pub(crate) use adjoint::{ConstraintAdjoint, Pushed};
 #[cfg(feature = "derivatives")]
 pub(crate) use derivatives::constrained_derivatives;
 pub(crate) use elimination::Elimination;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
 pub(crate) use kernel::{ConstraintKernel, Residuals, largest_of};
+#[cfg(feature = "derivatives")]
 pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities};
+#[cfg(feature = "motion")]
+pub(crate) use projection::{share, visit_projection};
 pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows};
 pub use scratch::ConstraintScratch;
 pub(crate) use solution::{Outcome, RowsAre, constrained_dynamics};

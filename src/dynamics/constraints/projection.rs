@@ -42,11 +42,23 @@ pub(crate) struct Projected {
 /// On return, the factors of the tree and of the rows are those of the last configuration from which a step was made.
 /// O(N + m^2 depth + m^3) per step.
 pub(crate) fn project_positions(
-    (model, constraints): (&Model<f64>, &Constraints),
+    system: (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
     scratch: &mut ConstraintScratch,
     q: &mut [f64],
     compliance: &[f64],
+) -> Result<Projected, NoDirection> {
+    visit_projection(system, workspace, scratch, (q, compliance), &mut |_, _, _| {})
+}
+
+/// As [`project_positions`]; calls `visit` with the configuration q before each step, with x = M^-1 J* p, of which the
+/// [`share`] is added, and with p. Steps from the final configuration or from later ones are not part of the result.
+pub(crate) fn visit_projection(
+    (model, constraints): (&Model<f64>, &Constraints),
+    workspace: &mut Workspace<f64>,
+    scratch: &mut ConstraintScratch,
+    (q, compliance): (&mut [f64], &[f64]),
+    visit: &mut dyn FnMut(&[f64], &[f64], &[f64]),
 ) -> Result<Projected, NoDirection> {
     let mut best = (f64::INFINITY, q.to_vec());
     let mut pivots = PivotMonitor::new();
@@ -81,8 +93,8 @@ pub(crate) fn project_positions(
             }
         }
         scratch.step_against(model, workspace);
-        let longest = largest(&scratch.estimates);
-        let share = if longest > FARTHEST { FARTHEST / longest } else { 1.0 };
+        let share = share(&scratch.estimates);
+        visit(q, &scratch.estimates, &scratch.step);
         for v in &mut scratch.estimates {
             *v *= share;
         }
@@ -103,6 +115,12 @@ pub(crate) fn project_positions(
         stays = relaxed.beyond(dropped, 1.0);
     }
     Ok(Projected { pivots, rank: scratch.inverse.rank, left, stays })
+}
+
+/// The share of a Newton step that changes no coordinate by more than [`FARTHEST`].
+pub(crate) fn share(x: &[f64]) -> f64 {
+    let longest = largest(x);
+    if longest > FARTHEST { FARTHEST / longest } else { 1.0 }
 }
 
 /// The velocities nearest to `qd`, by kinetic energy, that satisfy the connections: qd - M^-1 J* (G + compliance)^+ J

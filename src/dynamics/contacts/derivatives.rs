@@ -2,11 +2,21 @@
 //! contacts together.
 //!
 //! For impulses f at the contacts and joint velocities w, f* J(q) w is the power of the forces F on the bodies, F V.
-//! Let a body rotate by a small angle: its force is fixed in the base frame, and its lever arm to the point nearest to
-//! the plane is `center` - R* n r. The power changes by the moment `v_P` x f + r n x (f x w), with the velocity `v_P`
-//! of the point. If joint j moves by H* dq, the bodies outboard of it move with it, and their velocity changes by the
-//! inboard part of V, which is that of the parent at the joint, `V_p`. With the sums F and N of forces and moments over
-//! all bodies outboard of a joint,
+//! The sphere of radius r on body b touches the surface of body o (or of the base) with the normal n at P = C - r n; B
+//! is the derivative of n by the center C relative to the surface, and s the velocity of b relative to o at P. The axes
+//! t1, t2 turn with n by n x dn: only n and P have derivatives, because the contact law does not depend on the choice
+//! of t1 and t2. If b moves by a small displacement, with its velocity fixed in its own frame, the power changes by the
+//! force g at C and the moment m,
+//!
+//! ```text
+//! g = w_o x f + B* a,   a = (f x s) x n + r (w_b - w_o) x f
+//! m = v_C x f - r w_b x (n x f)
+//! ```
+//!
+//! A displacement of o changes it by the opposite force and moment, for it does not change if both move together, and a
+//! change of the normal of a plane by a. If joint j moves by H* dq, the bodies outboard of it move with it, and their
+//! velocity changes by the inboard part of V, which is that of the parent at the joint, `V_p`. With the sums F and N of
+//! the forces and of (m, g) over all bodies outboard of a joint,
 //!
 //! ```text
 //! grad_q f* J w = H (N - V_p x* F)
@@ -17,8 +27,7 @@ use crate::kinematics::propagation::tip_to_base;
 use crate::kinematics::velocities_base_to_tip;
 use crate::model::Model;
 use crate::scene::contact_point::ContactPoint;
-use crate::spatial::{angular, cross_force, linear, spatial, zero};
-use crate::workspace::Workspace;
+use crate::spatial::{RigidShift, angular, cross_force, linear, spatial, zero};
 use nalgebra::{DVector, Vector3, Vector6};
 
 /// Scratch of the derivatives: per body, the force F and the moment N.
@@ -34,19 +43,6 @@ impl RowDerivatives {
 }
 
 impl ContactScratch {
-    /// M^-1 (torque + J* p) of the contacts `near`, as [`ContactScratch::respond`].
-    pub fn respond_to(
-        &mut self,
-        model: &Model<f64>,
-        points: &[ContactPoint],
-        workspace: &mut Workspace<f64>,
-        torque: &[f64],
-        (near, impulses): (&[usize], &DVector<f64>),
-    ) {
-        self.torque.copy_from_slice(torque);
-        self.respond(model, points, workspace, near, impulses);
-    }
-
     /// Adds J* p of the contacts `near` to `out`, (nv). O(N + contacts).
     pub fn add_torques(
         &mut self,
@@ -65,6 +61,11 @@ impl ContactScratch {
             for (row, unit) in self.units[i].iter().enumerate() {
                 self.state[point.body] += unit * impulses[3 * at + row];
             }
+            if let Some(k) = point.other_body() {
+                for (row, unit) in self.opposite[i].iter().enumerate() {
+                    self.state[k] += unit * impulses[3 * at + row];
+                }
+            }
         }
         let stages = &model.system.stages;
         tip_to_base(stages, &self.shift, (0..stages.len()).rev(), &mut self.state, |k, force| {
@@ -75,33 +76,51 @@ impl ContactScratch {
         });
     }
 
-    /// Adds the gradient of p* J(q) w by q, in its tangent space, to `out` (nv), and for each contact of `near` that by
-    /// a rotation of its plane about the base origin, in the base frame, to `turns`. O(N + contacts).
+    /// Adds the gradient of p* J(q) w by q, in its tangent space, to `out` (nv), and for each contact of `near` with a
+    /// plane that by its normal, in the frame of the body that carries the plane (or the base frame), to `normals`. O(N
+    /// + contacts).
     pub fn add_gradient(
         &mut self,
         (model, points): (&Model<f64>, &[ContactPoint]),
         scratch: &mut RowDerivatives,
         (near, impulses, w): (&[usize], &DVector<f64>, &[f64]),
-        (out, turns): (&mut [f64], &mut [Vector3<f64>]),
+        (out, normals): (&mut [f64], &mut [Vector3<f64>]),
     ) {
         velocities_base_to_tip(model, &self.shift, w, &mut self.velocity);
         scratch.sums.fill([zero(); 2]);
         for (at, &i) in near.iter().enumerate() {
             let Some(point) = points.get(i) else { continue };
-            let (place, velocity) = (&self.places[point.body], &self.velocity[point.body]);
-            let mut force = zero();
-            for (row, unit) in self.units[i].iter().enumerate() {
-                force += unit * impulses[3 * at + row];
+            let (place, other) = (&self.places[point.body], self.other_place(point));
+            let (center, radius, axes) = (self.center(point), point.radius, &self.axes[i]);
+            let normal = axes.row(2).transpose();
+            let f = axes.tr_mul(&impulses.fixed_rows::<3>(3 * at));
+            let velocity = &self.velocity[point.body];
+            let turning = place.rotate(&angular(velocity));
+            let speed = place.rotate(&(linear(velocity) + angular(velocity).cross(&point.center)));
+            let (other_turning, other_speed) = point.other_body().map_or_else(Default::default, |k| {
+                let (velocity, arm) = (&self.velocity[k], other.rotate_back(&(center - normal * radius - other.lever)));
+                (other.rotate(&angular(velocity)), other.rotate(&(linear(velocity) + angular(velocity).cross(&arm))))
+            });
+            let slip = speed - turning.cross(&normal) * radius - other_speed;
+            let by_normal = f.cross(&slip).cross(&normal) + (turning - other_turning).cross(&f) * radius;
+            let push = other_turning.cross(&f) + point.bending(place, &other).tr_mul(&by_normal);
+            let moment = speed.cross(&f) - turning.cross(&normal.cross(&f)) * radius;
+            let mut add =
+                |k: usize, place: &RigidShift<f64>, arm: &Vector3<f64>, sign: f64, units: &[Vector6<f64>; 3]| {
+                    let [forces, moments] = &mut scratch.sums[k];
+                    let (push, moment) = (place.rotate_back(&push) * sign, place.rotate_back(&moment) * sign);
+                    for (row, unit) in units.iter().enumerate() {
+                        *forces += unit * impulses[3 * at + row];
+                    }
+                    *moments += spatial(&(moment + arm.cross(&push)), &push);
+                };
+            add(point.body, place, &point.center, 1.0, &self.units[i]);
+            if let Some(k) = point.other_body() {
+                add(k, &other, &other.rotate_back(&(center - other.lever)), -1.0, &self.opposite[i]);
             }
-            let (f, turning) = (linear(&force), angular(velocity));
-            let normal = place.rotate_back(&point.normal());
-            let arm = point.center - normal * point.radius;
-            let speed = linear(velocity) + turning.cross(&arm);
-            let moment = speed.cross(&f) + normal.cross(&f.cross(&turning)) * point.radius;
-            let [forces, moments] = &mut scratch.sums[point.body];
-            *forces += force;
-            *moments += spatial(&moment, &Vector3::zeros());
-            turns[i] -= place.rotate(&moment);
+            if point.is_plane() {
+                normals[i] += other.rotate_back(&by_normal);
+            }
         }
         let (stages, shift, velocity) = (&model.system.stages, &self.shift, &self.velocity);
         tip_to_base(stages, shift, (0..stages.len()).rev(), &mut scratch.sums, |k, [force, moment]| {
@@ -115,9 +134,20 @@ impl ContactScratch {
     }
 
     /// Center of the sphere of a contact in the base frame, m, at the configuration of [`ContactScratch::place`].
-    pub fn center(&self, point: &ContactPoint) -> Vector3<f64> {
+    fn center(&self, point: &ContactPoint) -> Vector3<f64> {
         let place = &self.places[point.body];
         place.rotate(&point.center) + place.lever
+    }
+
+    /// The pose of the body that carries the surface of a contact.
+    fn other_place(&self, point: &ContactPoint) -> RigidShift<f64> {
+        point.other_body().map_or_else(RigidShift::identity, |k| self.places[k])
+    }
+
+    /// Center of the sphere of a contact in the frame of the body that carries its surface, m.
+    pub fn center_at_surface(&self, point: &ContactPoint) -> Vector3<f64> {
+        let other = self.other_place(point);
+        other.rotate_back(&(self.center(point) - other.lever))
     }
 }
 

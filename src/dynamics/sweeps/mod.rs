@@ -49,6 +49,7 @@ pub(crate) use model::SweepModel;
 pub(crate) use path_rows::{PathRows, WhitenedRows};
 pub(crate) use paths::{
     Forces, MOST_FORCES, Path, accelerations_along, frame_here, motions_along, origin_along, placement_along,
+    point_along,
 };
 #[cfg(feature = "operators")]
 pub(crate) use scratch::Accumulated;

@@ -78,25 +78,33 @@ impl<T: Real> WhitenedRows<T> {
         }
     }
 
-    /// The lower triangle of G: sums over the joints that both paths share.
+    /// The lower triangle of G: sums over the joints that both paths share, in blocks of three rows by three while they
+    /// last. A scalar that records its operations gets no entry above the diagonal.
     #[inline(always)]
     pub fn multiply(&mut self, zero: T) {
         let Self { paths, innovations, weighted, gram, nv, sizes, .. } = self;
         let (m, nv) = (sizes.len(), *nv);
         for (at, first) in paths.iter().enumerate() {
             for (second, shared) in paths[at..].iter().zip(&first.shared) {
-                for j in second.rows.start..second.rows.end {
-                    let second = &innovations[j * nv..(j + 1) * nv];
-                    for i in first.rows.start..first.rows.end.min(j + 1) {
-                        let first = &weighted[i * nv..(i + 1) * nv];
-                        let mut sum = zero;
-                        for range in shared {
-                            for (&a, &b) in first[range.clone()].iter().zip(&second[range.clone()]) {
-                                sum = a.mul_add(b, sum);
-                            }
+                let mut j = second.rows.start;
+                while j < second.rows.end {
+                    let mut i = first.rows.start;
+                    let is_three = T::IS_KNOWN && j + 3 <= second.rows.end;
+                    let end = first.rows.end.min(j + if is_three { 3 } else { 1 });
+                    while i < end {
+                        let (of_first, of_second) = (&weighted[i * nv..], &innovations[j * nv..]);
+                        if is_three && i + 3 <= end {
+                            block::<T, 3, 3>((of_first, of_second), (nv, shared), (&mut gram[j * m + i..], m), zero);
+                            i += 3;
+                        } else if is_three {
+                            block::<T, 1, 3>((of_first, of_second), (nv, shared), (&mut gram[j * m + i..], m), zero);
+                            i += 1;
+                        } else {
+                            block::<T, 1, 1>((of_first, of_second), (nv, shared), (&mut gram[j * m + i..], m), zero);
+                            i += 1;
                         }
-                        gram[j * m + i] = sum;
                     }
+                    j += if is_three { 3 } else { 1 };
                 }
             }
         }
@@ -118,6 +126,18 @@ impl<T: Real> WhitenedRows<T> {
         }
     }
 
+    /// The sum of w e / D of row `i` of a path.
+    #[inline(always)]
+    pub fn product(&self, of: &PathRows, i: usize, innovations: &[T], mut sum: T) -> T {
+        let own = &self.weighted[i * self.nv..(i + 1) * self.nv];
+        for range in &of.shared[0] {
+            for (&own, &e) in own[range.clone()].iter().zip(&innovations[range.clone()]) {
+                sum = own.mul_add(e, sum);
+            }
+        }
+        sum
+    }
+
     /// The sum of w e / D of row `i` of a path, and of the absolute values of its terms.
     #[inline(always)]
     pub fn times(&self, of: &PathRows, i: usize, innovations: &[T], (mut sum, mut size): (T, T)) -> (T, T) {
@@ -130,5 +150,39 @@ impl<T: Real> WhitenedRows<T> {
             }
         }
         (sum, size)
+    }
+}
+
+/// The products of `A` adjacent rows of one array and `B` of another, of this width, over ranges of columns, into the
+/// matrix with this stride: a row per row of the second. Loops, because a closure that is not inlined is compiled for
+/// the baseline.
+#[inline(always)]
+fn block<T: Real, const A: usize, const B: usize>(
+    (first, second): (&[T], &[T]),
+    (width, ranges): (usize, &[Range<usize>]),
+    (gram, stride): (&mut [T], usize),
+    zero: T,
+) {
+    let mut sums = [[zero; A]; B];
+    for range in ranges {
+        let (mut firsts, mut seconds): ([&[T]; A], [&[T]; B]) = ([&[]; A], [&[]; B]);
+        for (i, to) in firsts.iter_mut().enumerate() {
+            *to = &first[i * width..][range.clone()];
+        }
+        for (i, to) in seconds.iter_mut().enumerate() {
+            *to = &second[i * width..][range.clone()];
+        }
+        for k in 0..range.len() {
+            for (sums, second) in sums.iter_mut().zip(&seconds) {
+                for (sum, first) in sums.iter_mut().zip(&firsts) {
+                    *sum = first[k].mul_add(second[k], *sum);
+                }
+            }
+        }
+    }
+    for (j, sums) in sums.iter().enumerate() {
+        for (i, &sum) in sums.iter().enumerate() {
+            gram[j * stride + i] = sum;
+        }
     }
 }

@@ -7,11 +7,10 @@ use super::joint::{self, Joint, with_joint};
 use super::model::SweepModel;
 use super::rows::Measures;
 use super::scratch::SweepScratch;
-use crate::filter::HingeMap;
 use crate::model::Model;
 use crate::scalar::{Real, larger};
+use crate::spatial::RigidShift;
 use crate::spatial::transform::Transform;
-use crate::spatial::{RigidShift, cross_motion};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use std::ops::Range;
 
@@ -107,21 +106,9 @@ pub(crate) fn innovations_along<T: Real>(
     let nv = torque.len();
     for (at, step) in path.steps.iter().enumerate() {
         let body = &sweeps.swept()[step.place];
-        // The weights of the squares of a moment and of a force.
-        let stage = &model.system.stages[step.body];
-        let (mut of_moment, mut of_force) = (model.gravity[0].constant(0.0), model.gravity[0].constant(0.0));
-        for row in 0..stage.rows.count() {
-            let weight = measured[stage.first_row + row].pivot_inverse;
-            match stage.rows.row(row) {
-                HingeMap::Axis(axis) if axis < 3 => of_moment += weight,
-                HingeMap::Axis(_) => of_force += weight,
-                HingeMap::Screw(pitch) => {
-                    of_moment += weight;
-                    of_force = (pitch * pitch).mul_add(weight, of_force);
-                }
-            }
-        }
         with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, rows, {
+            // The weights of the squares of a moment and of a force.
+            let [of_moment, of_force] = rows.weights(measured);
             for i in 0..count {
                 let (mut z, moment) = (forces[at].z[i], forces[at].moments[i]);
                 sizes[i] = moment.mul_add(of_moment, square(&z[3..]).mul_add(of_force, sizes[i]));
@@ -154,21 +141,15 @@ pub(crate) fn motions_along<T: Real>(
             motions[at] = [zero; 2];
             continue;
         }
-        let (mut velocity, mut acceleration, mut joint) = (zero, zero, zero);
+        let (mut velocity, mut acceleration) = (zero, zero);
         with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, rows, {
             if let Some(parent) = step.parent {
                 let [of_parent, its_acceleration] = &motions[parent];
                 velocity = transform.carry_motion(of_parent);
                 acceleration = transform.carry_motion(its_acceleration);
             }
-            rows.spread(qd, &mut joint);
+            rows.spread_moving(qd, &mut velocity, &mut acceleration);
         });
-        // The contribution of a joint rotates with the body inboard of it: V(k-1) x s, and V(k-1) = V(k) - s.
-        let turning = cross_motion(&velocity.into(), &joint.into());
-        for i in 0..6 {
-            velocity[i] += joint[i];
-            acceleration[i] += turning[i];
-        }
         motions[at] = [velocity, acceleration];
     }
 }
@@ -255,6 +236,32 @@ pub(crate) fn placement_along<T: Real>(
         rotation: Matrix3::new(x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]),
         lever: Vector3::new(origin[0], origin[1], origin[2]),
     }
+}
+
+/// A point of the base in the frame of the body of the outermost step, for a path of one branch that begins at the base.
+/// The vectors from the base are subtracted first: both are similarly long.
+#[inline(always)]
+pub(crate) fn point_along<T: Real>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    path: &Path,
+    mut point: [T; 3],
+) -> [T; 3] {
+    let SweepScratch { own, shifts, .. } = scratch;
+    for step in path.steps.iter().rev() {
+        let body = &sweeps.swept()[step.place];
+        for (point, offset) in point.iter_mut().zip(offset_of((model, sweeps), scratch, step)) {
+            *point -= offset;
+        }
+        point = if let Joint::Free(shift) | Joint::General(shift) | Joint::Prismatic(shift, _) = body.joint {
+            shifts[shift].rotate_to_child(point)
+        } else {
+            with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, _rows, {
+                transform.rotate_to_child(point)
+            })
+        };
+    }
+    point
 }
 
 /// A frame on the body of a step, converted from the body's frame in the model to its frame in the sweeps.

@@ -138,9 +138,9 @@ impl Case {
         let mut solver = VectorizedBackward::new(Baseline, Form::Auto, (&s.model, &s.constants));
         let fallback = backward((&self.settings, &self.settings.scheme), &mut s, &mut both[0], &mut solver, None);
         assert_eq!(fallback, 0, "{:?}: {:?}, {:?}", self.settings.method, s.consistent, s.short_enough);
-        let mut checked = CheckedBackward::new(&s.model, Form::Auto, None);
+        let mut checked = CheckedBackward::new(&s.model, None, Form::Auto, None);
         backward((&self.settings, &self.settings.scheme), &mut s, &mut both[1], &mut checked, None);
-        assert!(checked.lost.is_none());
+        assert!(checked.take_lost().is_none());
         both
     }
 

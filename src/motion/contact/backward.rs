@@ -11,29 +11,32 @@
 //! u_bar* J(q) w + p* J(q) m - m* M(q) y
 //! ```
 //!
+//! With connections or coupled joints, whose rows are `J_k`, M y = J* p + `J_k`* lambda and `J_k` y = 0, and the
+//! adjoint is the same system, M m = `y_bar` + `J_k`* mu and `J_k` m = 0. The gradients by q have two more terms,
+//! lambda* `J_k`(q) m + mu* `J_k`(q) y. The projections onto the connections at both ends of a step are systems of this
+//! kind.
+//!
 //! The cost is O(N) per solve of the law, and one dense factorization of its few rows.
 
-use super::super::backward::{BackwardSolver, StepGradients, backward, gradients_at_accelerations};
+use super::super::backward::{ARMATURE, BackwardSolver, StepGradients, backward, gradients_at_accelerations};
 use super::super::limit_rows::least_slopes;
-use super::super::scratch::{Scratch, clear};
+use super::super::scratch::{Scratch, add_scaled, clear};
 use super::super::step_settings::StepSettings;
-use super::faults::factorised;
+use super::at::{At, Connections};
 use super::free_axes::{free_joints, rotation};
 use super::laws::{Chain, Response};
-use super::project::Push;
+use super::moves::{Move, Pulled, Push};
 use super::record::StepRecord;
 use super::step::ContactStep;
 use crate::batch::accelerations::KernelArguments;
 use crate::contact::Limits;
-use crate::dynamics;
-use crate::dynamics::contacts::ContactScratch;
+use crate::dynamics::constraints::{Pushed, share};
 use crate::dynamics::contacts::derivatives::RowDerivatives;
-use crate::dynamics::derivatives::{self, Constants, Parameters, ProductScratch};
+use crate::dynamics::derivatives::{Parameters, ProductScratch};
 use crate::error::Error;
 use crate::joints::vectors::triple;
 use crate::model::Model;
 use crate::scene::Scene;
-use crate::scene::contact_point::ContactPoint;
 use crate::workspace::Workspace;
 use nalgebra::{DVector, Vector3};
 
@@ -42,86 +45,32 @@ use nalgebra::{DVector, Vector3};
 pub(in crate::motion) struct ContactGradient {
     pub friction: f64,
     pub restitution: f64,
-    /// By the offset of the plane, and by a rotation of the plane about the base origin, in the base frame.
+    /// By the offset of the plane, and by its normal at a fixed distance from the origin of the body that carries it,
+    /// in the frame of that body.
     pub offset: f64,
-    pub turn: Vector3<f64>,
+    pub normal: Vector3<f64>,
 }
 
 /// Scratch memory for the adjoint of a step, and its results in addition to those of [`StepGradients`].
 pub(super) struct ContactAdjoint {
     rows: RowDerivatives,
     products: ProductScratch<f64>,
-    /// The model without gravity, for products with M.
-    weightless: Model<f64>,
     q: Vec<f64>,
     v: Vec<f64>,
-    noise: Vec<f64>,
-    of_product: Vec<f64>,
-    parameters: Vec<Parameters<f64>>,
-    of_parameters: Vec<Parameters<f64>>,
     pub contacts: Vec<ContactGradient>,
-    turns: Vec<Vector3<f64>>,
-}
-
-/// The model, the contacts and the scratch of a step.
-pub(super) struct At<'a> {
-    pub model: &'a Model<f64>,
-    pub points: &'a [ContactPoint],
-    pub workspace: &'a mut Workspace<f64>,
-    pub rows: &'a mut ContactScratch,
-}
-
-impl At<'_> {
-    /// J x of the contacts `near`.
-    pub fn velocities(&mut self, near: &[usize], x: &[f64]) -> DVector<f64> {
-        let all = self.rows.velocities(self.model, self.points, x);
-        DVector::from_fn(3 * near.len(), |i, _| all[3 * near[i / 3] + i % 3])
-    }
-
-    /// M^-1 (torque + J* p).
-    pub fn respond(&mut self, near: &[usize], torque: &[f64], p: &DVector<f64>) -> Vec<f64> {
-        self.rows.respond_to(self.model, self.points, self.workspace, torque, (near, p));
-        self.rows.response.clone()
-    }
-
-    /// M^-1 torque.
-    pub fn solve(&mut self, torque: &[f64]) -> Vec<f64> {
-        let mut x = vec![f64::NAN; torque.len()];
-        dynamics::solve(self.model, self.workspace, torque, &mut x);
-        x
-    }
-
-    /// out += J* p.
-    pub fn add_torques(&mut self, near: &[usize], p: &DVector<f64>, out: &mut [f64]) {
-        self.rows.add_torques(self.model, self.points, (near, p), out);
-    }
-
-    /// Rows and factor of M at `q`.
-    fn place(&mut self, scene: &Scene, q: &[f64]) -> Result<(), (String, Error)> {
-        self.rows.place(self.model, self.points, q);
-        factorised(scene, (self.model, q), self.workspace)
-    }
+    normals: Vec<Vector3<f64>>,
 }
 
 impl ContactAdjoint {
-    pub fn new(scene: &Scene, model: &Model<f64>, parameters: bool) -> Self {
-        let nv = model.nv();
-        let zeros = || vec![0.0; nv];
-        let bodies = if parameters { model.bodies.len() } else { 0 };
-        let mut weightless = model.clone();
-        weightless.gravity = Vector3::zeros();
+    pub fn new(scene: &Scene, model: &Model<f64>) -> Self {
+        let zeros = || vec![0.0; model.nv()];
         Self {
             rows: RowDerivatives::new(model),
             products: ProductScratch::new(model),
-            weightless,
             q: zeros(),
             v: zeros(),
-            noise: zeros(),
-            of_product: vec![0.0; 3 * nv],
-            parameters: vec![[0.0; 10]; bodies],
-            of_parameters: vec![[0.0; 10]; bodies],
             contacts: vec![ContactGradient::default(); scene.contacts().len()],
-            turns: vec![Vector3::zeros(); scene.contacts().len()],
+            normals: vec![Vector3::zeros(); scene.contacts().len()],
         }
     }
 
@@ -132,34 +81,49 @@ impl ContactAdjoint {
         scene: &Scene,
         settings: &StepSettings,
         (step, s): (&mut ContactStep, &mut Scratch<f64>),
+        connections: &mut Connections,
         gradients: &mut StepGradients<f64>,
     ) -> Result<(), (String, Error)> {
         let nv = s.v.len();
-        for numbers in [&mut self.q, &mut self.v, &mut self.noise] {
-            clear(numbers);
-        }
-        clear(self.parameters.as_flattened_mut());
+        clear(&mut self.q);
+        clear(&mut self.v);
         self.contacts.fill(ContactGradient::default());
-        self.turns.fill(Vector3::zeros());
+        self.normals.fill(Vector3::zeros());
+        connections.adjoint.begin();
         let ContactStep { solver, rows, record, .. } = step;
-        let (points, workspace) = (scene.contact_points(), &mut solver.workspace);
         let Some(record) = record else { return Ok(()) };
-        let mut at = At { model: &s.model, points, workspace, rows };
 
         let (mut of_q, mut of_last) = (gradients.end[0].clone(), gradients.end[1].clone());
-        self.turned_axes(at.model, (&s.q, &s.q_next), &s.v_next, (&mut of_q, &mut of_last));
-        for push in record.pushes.iter().rev() {
-            of_q = self.through_push(scene, &mut at, push, &of_q)?;
+        let mut turned = s.v_next.clone();
+        if rows.closed.is_some() {
+            let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
+            let ends = (&s.q_next[..], &s.v_next[..]);
+            let mut at = At { scene, model: &s.model, workspace: &mut solver.workspace, rows, connections };
+            let through = through_pull(&mut at, ends, &record.end, (&mut of_last, &mut of_q));
+            s.model.system.noise = noise;
+            through?;
+            turned.iter_mut().zip(&record.end.change).for_each(|(v, change)| *v -= change);
         }
-        let moved = record.pushes.first().map_or(&s.q_next, |push| &push.q);
+        // M at the end has the armature only.
+        let by_armature = connections.adjoint.noise.clone();
+        connections.adjoint.noise.fill(0.0);
+        let mut at = At { scene, model: &s.model, workspace: &mut solver.workspace, rows, connections };
+        self.turned_axes(at.model, (&s.q, &s.q_next), &turned, (&mut of_q, &mut of_last));
+        for made in record.moves.iter().rev() {
+            of_q = match made {
+                Move::Push(push) => self.through_push(&mut at, push, &of_q)?,
+                Move::Pull { q, pulled } => through_step_onto(&mut at, q, pulled, &of_q)?,
+            };
+        }
+        let moved = record.moves.first().map_or(&s.q_next, Move::start);
         let mut of_moving = vec![0.0; nv];
         self.displaced(at.model, settings.step, (&s.q, moved, &record.moving), &of_q, &mut of_moving);
 
         // Without a projection, the factor of the solves is still in the workspace.
-        if record.near.is_empty() || !record.pushes.is_empty() {
-            at.place(scene, &s.q)?;
+        if record.near.is_empty() || !record.moves.is_empty() || at.rows.closed.is_some() {
+            at.place(&s.q)?;
         } else {
-            at.rows.place(at.model, at.points, &s.q);
+            at.place_rows(&s.q);
         }
         let slowed = record.laws.as_ref().is_some_and(|laws| laws.slower.is_some());
         if !slowed {
@@ -168,8 +132,10 @@ impl ContactAdjoint {
         }
         let mut of_free: Vec<f64> = of_moving.iter().zip(&of_last).map(|(a, b)| a + b).collect();
         if record.laws.is_some() {
-            self.through_laws(settings, &mut at, (s, record), (&of_moving, &of_last), &mut of_free)
-                .map_err(|found| (String::new(), Error::argument("q, qd", found, "rows that simulate recorded")))?;
+            self.through_laws(settings, &mut at, (s, record), (&of_moving, &of_last), &mut of_free)?;
+        }
+        if at.rows.closed.is_some() {
+            through_pull(&mut at, (&s.q, &record.v_free), &record.free, (&mut of_free, &mut self.q))?;
         }
         for (_, row) in free_joints(at.model) {
             // v_free = v + h w x v in the rows of the origin.
@@ -185,11 +151,12 @@ impl ContactAdjoint {
         for (start, more) in gradients.start.iter_mut().zip([&self.q, &self.v]) {
             start.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
         }
-        gradients.add_noise((settings, &settings.scheme), s, &self.noise);
+        gradients.add_noise((settings, &settings.scheme), s, &connections.adjoint.noise);
+        add_scaled(&mut gradients.acting[ARMATURE], 1.0, &by_armature);
         let sums = gradients.parameters.as_flattened_mut().iter_mut();
-        sums.zip(self.parameters.as_flattened()).for_each(|(sum, more)| *sum += more);
-        for (contact, turn) in self.contacts.iter_mut().zip(&self.turns) {
-            contact.turn += turn;
+        sums.zip(connections.adjoint.parameters.as_flattened()).for_each(|(sum, more)| *sum += more);
+        for (contact, normal) in self.contacts.iter_mut().zip(&self.normals) {
+            contact.normal += normal;
         }
         Ok(())
     }
@@ -244,41 +211,29 @@ impl ContactAdjoint {
         }
     }
 
-    /// One Newton step of the projection: from the cotangent of its result to that of its start.
-    fn through_push(
-        &mut self,
-        scene: &Scene,
-        at: &mut At<'_>,
-        push: &Push,
-        of_next: &[f64],
-    ) -> Result<Vec<f64>, (String, Error)> {
-        at.place(scene, &push.q)?;
-        let nv = of_next.len();
-        let (mut of_q, mut of_x) = (vec![0.0; nv], vec![0.0; nv]);
-        for (body, stage) in at.model.bodies.iter().zip(&at.model.system.stages) {
-            let row = stage.first_row;
-            let along = (&push.moved[row..], &of_next[row..]);
-            body.motion.advance_cotangents(along.0, along.1, &mut of_q[row..], &mut of_x[row..]);
-        }
+    /// One Newton step of the projection out of the surfaces: from the cotangent of its result to that of its start.
+    fn through_push(&mut self, at: &mut At<'_>, push: &Push, of_next: &[f64]) -> Result<Vec<f64>, (String, Error)> {
+        at.place(&push.q)?;
         let Push { near, gaps, cone, impulses, moved, .. } = push;
+        let (mut of_q, of_x) = displacement_cotangents(at.model, moved, of_next);
         let limits = Limits::beside(gaps);
         let p = cone.polished(impulses, gaps, &limits).map_or_else(|| impulses.clone(), |(p, _)| p);
-        let z = at.solve(&of_x);
-        let bar = at.velocities(near, &z);
+        let z = at.solve(&of_x)?;
+        let bar = at.velocities(near, &z.v);
         let of = cone.linearized(&cone.modes(&p, gaps, &limits), &p, gaps).cotangents(&bar);
         let Some(of) = of else { return Ok(of_q) };
-        let m = at.respond(near, &of_x, &of.velocities);
+        let m = at.respond(near, &of_x, &of.velocities)?;
+        let y = at.respond(near, &vec![0.0; of_x.len()], &p)?;
         std::mem::swap(&mut self.q, &mut of_q);
         self.add_rows(at, (near, &of.velocities, moved));
-        let response = Response { p, y: moved.clone(), m };
-        self.add_response(at, near, &push.q, &response);
+        let added = self.add_response(at, near, &Response { p, y, m });
         // Gaps of joint limits that are violated count as zero.
-        let at_gap = |i: usize| push.near[i] < at.points.len() || gaps[3 * i + 2] > 0.0;
+        let at_gap = |i: usize| near[i] < at.points().len() || gaps[3 * i + 2] > 0.0;
         let of_gaps: Vec<f64> =
             (0..near.len()).map(|i| if at_gap(i) { of.velocities[3 * i + 2] } else { 0.0 }).collect();
         self.add_gaps(at, near, &of_gaps);
         std::mem::swap(&mut self.q, &mut of_q);
-        Ok(of_q)
+        added.map(|()| of_q)
     }
 
     /// All solves of the law in the step. Adds the cotangents of the free velocities to `of_free`.
@@ -289,15 +244,15 @@ impl ContactAdjoint {
         (s, record): (&Scratch<f64>, &StepRecord),
         of_velocities: (&[f64], &[f64]),
         of_free: &mut [f64],
-    ) -> Result<(), String> {
+    ) -> Result<(), (String, Error)> {
         let (near, h) = (&record.near[..], settings.step);
-        let contacts = at.points.len();
+        let contacts = at.points().len();
         let Some(chain) = Chain::new(at, (s, record), of_velocities)? else { return Ok(()) };
         for (u_bar, w) in &chain.evaluations {
             self.add_rows(at, (near, u_bar, w));
         }
         for response in &chain.responses {
-            self.add_response(at, near, &s.q, response);
+            self.add_response(at, near, response)?;
         }
         at.add_torques(near, &chain.of_free, of_free);
         let mut of_start = chain.of_start.clone();
@@ -321,7 +276,7 @@ impl ContactAdjoint {
             }
         }
         if let Some(smoothing) = &settings.smoothing {
-            smoothing.add_masses(&chain.energy, &mut self.parameters);
+            smoothing.add_masses(&chain.energy, &mut at.connections.adjoint.parameters);
         }
         self.add_gaps(at, near, &of_gaps);
         at.add_torques(near, &of_start, &mut self.v);
@@ -330,31 +285,15 @@ impl ContactAdjoint {
 
     /// Gradients of `u_bar`* J(q) w.
     fn add_rows(&mut self, at: &mut At<'_>, (near, u_bar, w): (&[usize], &DVector<f64>, &[f64])) {
-        let scene = (at.model, at.points);
-        at.rows.add_gradient(scene, &mut self.rows, (near, u_bar, w), (&mut self.q, &mut self.turns));
+        let scene = (at.model, at.points());
+        at.rows.add_gradient(scene, &mut self.rows, (near, u_bar, w), (&mut self.q, &mut self.normals));
     }
 
-    /// Gradients of p* J(q) m - m* M(q) y.
-    fn add_response(&mut self, at: &mut At<'_>, near: &[usize], q: &[f64], response: &Response) {
+    /// Gradients of p* J(q) m - m* M(q) y, and of the connections.
+    fn add_response(&mut self, at: &mut At<'_>, near: &[usize], response: &Response) -> Result<(), (String, Error)> {
         let Response { p, y, m } = response;
-        self.add_rows(at, (near, p, m));
-        let still = vec![0.0; m.len()];
-        let constants = &mut Constants { parameters: &mut self.of_parameters, ..Constants::default() };
-        derivatives::inverse_dynamics_vjp(
-            &self.weightless,
-            at.workspace,
-            &mut self.products,
-            (q, &still, y),
-            &[],
-            m,
-            (constants, &mut self.of_product),
-        );
-        self.q.iter_mut().zip(&self.of_product).for_each(|(sum, more)| *sum -= more);
-        let sums = self.parameters.as_flattened_mut().iter_mut();
-        sums.zip(self.of_parameters.as_flattened()).for_each(|(sum, more)| *sum -= more);
-        for ((noise, m), y) in self.noise.iter_mut().zip(m).zip(y) {
-            *noise -= m * y;
-        }
+        self.add_rows(at, (near, p, &m.v));
+        at.add_gradient((y, m), &y.v, &mut self.q)
     }
 
     /// Gradients through the gaps.
@@ -362,11 +301,58 @@ impl ContactAdjoint {
         let along = DVector::from_fn(3 * near.len(), |i, _| if i % 3 == 2 { of_gaps[i / 3] } else { 0.0 });
         at.add_torques(near, &along, &mut self.q);
         for (&i, &bar) in near.iter().zip(of_gaps) {
-            let Some(point) = at.points.get(i) else { continue };
+            let Some(point) = at.points().get(i).filter(|point| point.is_plane()) else { continue };
             self.contacts[i].offset -= bar;
-            self.turns[i] += point.normal().cross(&at.rows.center(point)) * bar;
+            self.normals[i] += at.rows.center_at_surface(point) * bar;
         }
     }
+}
+
+/// Cotangents of the start of a displacement by x, and of x.
+fn displacement_cotangents(model: &Model<f64>, x: &[f64], of_next: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let (mut of_q, mut of_x) = (vec![0.0; x.len()], vec![0.0; x.len()]);
+    for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
+        let row = stage.first_row;
+        body.motion.advance_cotangents(&x[row..], &of_next[row..], &mut of_q[row..], &mut of_x[row..]);
+    }
+    (of_q, of_x)
+}
+
+/// The projection of velocities onto the connections at `q`, to v: `of_v` becomes the cotangent of the velocities
+/// before it.
+fn through_pull(
+    at: &mut At<'_>,
+    (q, v): (&[f64], &[f64]),
+    Pulled { change, impulses }: &Pulled,
+    (of_v, of_q): (&mut [f64], &mut [f64]),
+) -> Result<(), (String, Error)> {
+    let (system, room, adjoint) = at.of_connections();
+    let found = adjoint.of_velocities(system, room, (q, v, Pushed { x: change, p: impulses }), (of_v, &[]), of_q);
+    found.map_err(|row| at.undirected(row))
+}
+
+/// One Newton step of the projection onto the connections, from `q`: from the cotangent of its result to that of `q`.
+fn through_step_onto(
+    at: &mut At<'_>,
+    q: &[f64],
+    Pulled { change, impulses }: &Pulled,
+    of_next: &[f64],
+) -> Result<Vec<f64>, (String, Error)> {
+    let share = share(change);
+    let moved: Vec<f64> = change.iter().map(|x| share * x).collect();
+    let (mut of_q, mut of_x) = displacement_cotangents(at.model, &moved, of_next);
+    let along: f64 = of_x.iter().zip(&moved).map(|(bar, x)| bar * x).sum();
+    of_x.iter_mut().for_each(|bar| *bar *= share);
+    if share < 1.0 {
+        // The longest displacement is fixed.
+        let longest = (0..change.len()).max_by(|&i, &j| change[i].abs().total_cmp(&change[j].abs()));
+        longest.into_iter().for_each(|i| of_x[i] -= along / change[i]);
+    }
+    let (system, room, adjoint) = at.of_connections();
+    let step = (q, Pushed { x: change, p: impulses });
+    let found = adjoint.of_position_step(system, room, step, (&of_x, &mut [], &[]), &mut of_q);
+    found.map_err(|row| at.undirected(row))?;
+    Ok(of_q)
 }
 
 /// Penetrations up to this depth count as rounding errors of a contact at its plane, m.

@@ -9,54 +9,80 @@
 
 use super::super::step_settings::StepSettings;
 use super::faults::pivot_fault;
+use super::moves::{Move, Pulled};
 use crate::dynamics::constraints::{Elimination, NoDirection, Projected};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::model::Model;
 use crate::scene::Scene;
+use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
 
 /// The fix that the error of a step suggests.
 const SMALLER: &str = "a step that ends near a configuration that satisfies the connections: take a smaller dt";
 
 /// The rows of the connections of a scene, or of its coupled joints.
-pub(super) fn eliminated(scene: &Scene, settings: &StepSettings) -> Option<Box<Elimination>> {
-    let constraints = match &settings.coupling {
+pub(super) fn constraints(scene: &Scene, settings: &StepSettings) -> Constraints {
+    match &settings.coupling {
         Some(coupling) => coupling.as_constraints(),
         None => scene.constraints().clone(),
-    };
+    }
+}
+
+/// The elimination of these rows, if there are any.
+pub(super) fn eliminated(scene: &Scene, settings: &StepSettings) -> Option<Box<Elimination>> {
+    let constraints = constraints(scene, settings);
     (!constraints.is_empty()).then(|| Box::new(Elimination::new(scene.model(), constraints)))
 }
 
 /// Projects `v` onto the velocities that satisfy the connections at `q`, if there are any, and factorizes their rows
-/// there.
+/// there. Records the change in `pulled`.
 pub(super) fn onto_connections(
     scene: &Scene,
     (model, workspace): (&Model<f64>, &mut Workspace<f64>),
     rows: &mut ContactScratch,
     (q, v): (&[f64], &mut [f64]),
+    pulled: Option<&mut Pulled>,
 ) -> Result<(), (String, Error)> {
     let Some(closed) = &mut rows.closed else { return Ok(()) };
     if !q.iter().chain(&*v).all(|x| x.is_finite()) {
         // A diverging motion is reported as such.
         return Ok(());
     }
+    let before = pulled.is_some().then(|| v.to_vec());
     let projected = closed.velocities(model, workspace, (q, v));
+    if let (Some(pulled), Some(before)) = (pulled, before) {
+        pulled.change = v.iter().zip(before).map(|(v, before)| v - before).collect();
+        pulled.impulses = closed.forces().to_vec();
+    }
     check(scene, (model, workspace), projected, "m/s or rad/s")
 }
 
-/// Projects `q` onto the connections, if there are any.
+/// Projects `q` onto the connections, if there are any. Records the Newton steps in `moves`.
 pub(super) fn positions_onto_connections(
     scene: &Scene,
     (model, workspace): (&Model<f64>, &mut Workspace<f64>),
     rows: &mut ContactScratch,
     q: &mut [f64],
+    moves: Option<&mut Vec<Move>>,
 ) -> Result<(), (String, Error)> {
     let Some(closed) = &mut rows.closed else { return Ok(()) };
     if !q.iter().all(|x| x.is_finite()) {
         return Ok(());
     }
-    let projected = closed.positions(model, workspace, q);
+    let projected = if let Some(moves) = moves {
+        let mut steps = Vec::new();
+        let projected = closed.positions(model, workspace, q, &mut |q, change, impulses| {
+            let pulled = Pulled { change: change.to_vec(), impulses: impulses.to_vec() };
+            steps.push((q.to_vec(), pulled));
+        });
+        // Steps from the result are not part of it.
+        let made = steps.into_iter().take_while(|(start, _)| start != q);
+        moves.extend(made.map(|(q, pulled)| Move::Pull { q, pulled }));
+        projected
+    } else {
+        closed.positions(model, workspace, q, &mut |_, _, _| {})
+    };
     check(scene, (model, workspace), projected, "m or rad")
 }
 
@@ -77,6 +103,10 @@ fn check(
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::method::Method;
+    use super::super::super::properties::Properties;
+    use super::super::super::step_settings::StepSettings;
+    use super::super::at::{At, Connections, Moved};
     use crate::dynamics::constraints::Elimination;
     use crate::dynamics::contacts::ContactScratch;
     use crate::dynamics::forward::factorise;
@@ -141,5 +171,42 @@ mod tests {
         let dense = on_rods * j.transpose() * impulses;
         assert!((&response - &dense).amax() <= 1e-11 * dense.amax(), "{response} {dense}");
         assert!((k.transpose() * &response).amax() <= 1e-12 * dense.amax());
+    }
+    /// The gradient of a function of the response to an impulse is its difference; without the terms of the connections
+    /// it is not.
+    #[test]
+    fn gradients_of_responses_are_differences() {
+        const STEP: f64 = 1e-3;
+        let scene = scene();
+        let (model, points, nv) = (scene.model(), scene.contact_points(), scene.nv());
+        let settings = StepSettings::new(model, 1e-3, Method::Contact, (Properties::of(&scene), None), Vec::new());
+        let (mut workspace, mut rows) = (scene.workspace(), ContactScratch::new(model, points, Vec::new()));
+        let mut connections = Connections::new(&scene, &settings, model, false);
+        let (workspace, rows, connections) = (&mut workspace, &mut rows, &mut connections);
+        let mut at = At { scene: &scene, model, workspace, rows, connections };
+        let q = [0.3, -0.4, 0.5, 0.2, 0.7];
+        let (bar, torque) = ([0.4, -0.3, 0.9, 0.2, -0.7], [1.2, 0.3, -0.8, 0.5, 0.9]);
+        at.place(&q).unwrap();
+        let (y, m) = (at.solve(&torque).unwrap(), at.solve(&bar).unwrap());
+        let (mut found, mut naive) = (vec![0.0; nv], vec![0.0; nv]);
+        at.add_gradient((&y, &m), &y.v, &mut found).unwrap();
+        let still = |of: &Moved| Moved { v: of.v.clone(), lambda: vec![0.0; of.lambda.len()] };
+        at.add_gradient((&still(&y), &still(&m)), &y.v, &mut naive).unwrap();
+        let mut value = |joint: usize, step: f64| -> f64 {
+            let mut moved = q;
+            moved[joint] += step;
+            at.place(&moved).unwrap();
+            at.solve(&torque).unwrap().v.iter().zip(bar).map(|(v, bar)| v * bar).sum()
+        };
+        let slopes: Vec<f64> = (0..nv)
+            .map(|j| {
+                let mut of = |step: f64| value(j, step) - value(j, -step);
+                (8.0 * of(STEP) - of(2.0 * STEP)) / (12.0 * STEP)
+            })
+            .collect();
+        let size = slopes.iter().fold(0.0_f64, |most, slope| most.max(slope.abs()));
+        let off = |found: &[f64]| found.iter().zip(&slopes).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+        assert!(off(&found) <= 1e-8 * size, "{found:?} {slopes:?}");
+        assert!(off(&naive) >= 1e-2 * size, "{naive:?} {slopes:?}");
     }
 }

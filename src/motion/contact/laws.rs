@@ -8,20 +8,22 @@
 //! persistent      u = J (v_free + yh + y3) + target      arriving    u = J (v_free + yh + y4) + target
 //! ```
 //!
-//! where yh is that of the impulses of the impact, p1 + s p2. The factor s is one unless the impact would increase the
+//! where yh is that of the impulses of the impact, p1 + s p2. With connections, M^-1 is that on the connections
+//! ([`At::respond`]). The factor s is one unless the impact would increase the
 //! kinetic energy; then the energy is conserved, which determines s.
 
 use super::super::scratch::Scratch;
-use super::backward::At;
+use super::at::{At, Moved};
 use super::record::{Laws, StepRecord};
 use crate::contact::{Cone, LawCotangents, Limits};
+use crate::error::Error;
 use nalgebra::DVector;
 
 /// Impulses p, their response y = M^-1 J* p, and m = M^-1 times the cotangent of y.
 pub(super) struct Response {
     pub p: DVector<f64>,
-    pub y: Vec<f64>,
-    pub m: Vec<f64>,
+    pub y: Moved,
+    pub m: Moved,
 }
 
 /// The cotangents of all solves of a step.
@@ -51,12 +53,12 @@ struct Hit {
 
 impl Chain {
     /// The cotangents for those of the velocities of the displacement and of the last velocities. `None` without
-    /// solves; the text describes a singular problem.
+    /// solves.
     pub fn new(
         at: &mut At<'_>,
         (s, record): (&Scratch<f64>, &StepRecord),
         (of_moving, of_last): (&[f64], &[f64]),
-    ) -> Result<Option<Self>, String> {
+    ) -> Result<Option<Self>, (String, Error)> {
         let (Some(laws), near) = (&record.laws, &record.near[..]) else { return Ok(None) };
         let (cone, m) = (&laws.cone, 3 * near.len());
         let nothing = || DVector::zeros(m);
@@ -75,50 +77,50 @@ impl Chain {
         };
 
         // Persistent contact, and the solve for joints that arrive at their stops.
-        let z = at.solve(of_moving);
-        let mut of_struck = at.velocities(near, &z);
+        let z = at.solve(of_moving)?;
+        let mut of_struck = at.velocities(near, &z.v);
         let mut forces = nothing();
         let (held, of) = if let Some(energies) = &laws.energies {
             let of = cone.linearized_relaxed(&laws.held, &laws.c, energies).cotangents(&of_struck);
-            (laws.held.clone(), of.ok_or_else(|| "smoothed contacts whose impulses have no derivative".to_owned())?)
+            (laws.held.clone(), of.ok_or_else(|| singular("smoothed contacts whose impulses have no derivative"))?)
         } else {
             let held = polished(cone, &laws.held, &laws.c, &Limits::beside(&laws.c));
             let of = law(cone, &held, &laws.c, &Limits::beside(&laws.c), &of_struck)?;
             (held, of)
         };
         let all = &struck + &held;
-        let y = at.respond(near, &none, &all);
-        chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y)));
+        let y = at.respond(near, &none, &all)?;
+        chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y.v)));
         chain.of_target.iter_mut().enumerate().for_each(|(k, sum)| *sum += of.velocities[3 * k + 2]);
         chain.add(&of);
         forces += &of.velocities;
         if let Some((c, slower)) = &laws.slower {
-            let m_held = at.respond(near, of_moving, &of.velocities);
-            let y_held = at.respond(near, &none, &held);
+            let m_held = at.respond(near, of_moving, &of.velocities)?;
+            let y_held = at.respond(near, &none, &held)?;
             chain.responses.push(Response { p: held, y: y_held, m: m_held });
-            let z = at.solve(of_last);
-            let bar = at.velocities(near, &z);
+            let z = at.solve(of_last)?;
+            let bar = at.velocities(near, &z.v);
             let slower = polished(cone, slower, c, &Limits::beside(c));
             let of = law(cone, &slower, c, &Limits::beside(c), &bar)?;
-            let y = at.respond(near, &none, &(&struck + &slower));
-            chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y)));
+            let y = at.respond(near, &none, &(&struck + &slower))?;
+            chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y.v)));
             for k in (0..near.len()).filter(|k| !laws.arriving.contains(k)) {
                 chain.of_target[k] += of.velocities[3 * k + 2];
             }
             chain.add(&of);
-            let m_slower = at.respond(near, of_last, &of.velocities);
-            let y_slower = at.respond(near, &none, &slower);
+            let m_slower = at.respond(near, of_last, &of.velocities)?;
+            let y_slower = at.respond(near, &none, &slower)?;
             chain.responses.push(Response { p: slower, y: y_slower, m: m_slower });
             forces += &of.velocities;
             of_struck += bar;
         } else if hit.is_none() {
-            let m = at.respond(near, of_moving, &forces);
+            let m = at.respond(near, of_moving, &forces)?;
             chain.responses.push(Response { p: all, y, m });
             chain.of_free += forces;
             return Ok(Some(chain));
         } else {
-            let m = at.respond(near, of_moving, &forces);
-            let y_held = at.respond(near, &none, &held);
+            let m = at.respond(near, of_moving, &forces)?;
+            let y_held = at.respond(near, &none, &held)?;
             chain.responses.push(Response { p: held, y: y_held, m });
         }
         chain.of_free += &forces;
@@ -137,52 +139,52 @@ impl Chain {
         (s, record, laws): (&Scratch<f64>, &StepRecord, &Laws),
         hit: &Hit,
         (torque, mut forces, mut of_all): (&[f64], DVector<f64>, DVector<f64>),
-    ) -> Result<(), String> {
+    ) -> Result<(), (String, Error)> {
         let (near, cone, none) = (&record.near[..], &laws.cone, vec![0.0; s.v.len()]);
         let middle: Vec<f64> = s.v.iter().zip(&record.v_free).map(|(a, b)| 0.5 * (a + b)).collect();
         let mut respond = |p: &DVector<f64>| at.respond(near, &none, p);
-        let (y_all, y_first) = (respond(&hit.all), respond(&hit.first));
+        let (y_all, y_first) = (respond(&hit.all)?, respond(&hit.first)?);
         let mut of_middle = DVector::zeros(3 * near.len());
         if let (Some(second), true) = (&hit.second, hit.kept < 1.0) {
             // p (u + G p/2) = 0 determines s.
             let change = &cone.g * &hit.all;
             let along = (&laws.middle + &change).dot(second);
             if along == 0.0 {
-                return Err("an impact whose expansion has no derivative".to_owned());
+                return Err(singular("an impact whose expansion has no derivative"));
             }
             let part = -second.dot(&of_all) / along;
-            let half: Vec<f64> = middle.iter().zip(&y_all).map(|(v, y)| v + 0.5 * y).collect();
+            let half: Vec<f64> = middle.iter().zip(&y_all.v).map(|(v, y)| v + 0.5 * y).collect();
             self.evaluations.push((&hit.all * part, half));
             of_middle += &hit.all * part;
             forces += &hit.all * (0.5 * part);
             of_all += (&laws.middle + &change) * part;
         }
-        let m = at.respond(near, torque, &forces);
+        let m = at.respond(near, torque, &forces)?;
         self.responses.push(Response { p: hit.all.clone(), y: y_all, m });
         let mut of_first = of_all.clone();
         let mut forces = DVector::zeros(3 * near.len());
         if let Some(second) = &hit.second {
             let (limits, c) = (hit.bound(laws), &laws.middle + &cone.g * &hit.first);
             let of = law(cone, second, &c, &limits, &(of_all * hit.kept))?;
-            let y = at.respond(near, &none, second);
-            let before = sum(&middle, &y_first);
-            self.evaluations.push((of.velocities.clone(), sum(&before, &y)));
+            let y = at.respond(near, &none, second)?;
+            let before = sum(&middle, &y_first.v);
+            self.evaluations.push((of.velocities.clone(), sum(&before, &y.v)));
             self.add(&of);
             for (k, least) in of.least.iter().enumerate() {
                 self.restitution[k] += least * hit.first[3 * k + 2];
                 of_first[3 * k + 2] += least * laws.rebound[k];
             }
-            let m = at.respond(near, &none, &of.velocities);
+            let m = at.respond(near, &none, &of.velocities)?;
             self.responses.push(Response { p: second.clone(), y, m });
             of_first += &cone.g * &of.velocities;
             forces += of.velocities;
         }
         let of = law(cone, &hit.first, &laws.middle, &Limits::beside(&laws.middle), &of_first)?;
-        self.evaluations.push((of.velocities.clone(), sum(&middle, &y_first)));
+        self.evaluations.push((of.velocities.clone(), sum(&middle, &y_first.v)));
         self.add(&of);
         forces += of.velocities;
         of_middle += &forces;
-        let m = at.respond(near, &none, &forces);
+        let m = at.respond(near, &none, &forces)?;
         self.responses.push(Response { p: hit.first.clone(), y: y_first, m });
         self.of_free += &of_middle * 0.5;
         self.of_start += of_middle * 0.5;
@@ -228,9 +230,13 @@ fn law(
     c: &DVector<f64>,
     limits: &Limits,
     bar: &DVector<f64>,
-) -> Result<LawCotangents, String> {
+) -> Result<LawCotangents, (String, Error)> {
     let modes = cone.modes(p, c, limits);
-    cone.linearized(&modes, p, c).cotangents(bar).ok_or_else(|| "contacts whose impulses have no derivative".to_owned())
+    cone.linearized(&modes, p, c).cotangents(bar).ok_or_else(|| singular("contacts whose impulses have no derivative"))
+}
+
+fn singular(found: &str) -> (String, Error) {
+    (String::new(), Error::argument("q, qd", found, "rows that simulate recorded"))
 }
 
 fn sum(a: &[f64], b: &[f64]) -> Vec<f64> {

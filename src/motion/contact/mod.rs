@@ -21,12 +21,14 @@
 //!
 //! `backward` differentiates a step in the modes of its contacts, and `reverse` sums the gradients over all steps.
 
+mod at;
 mod backward;
 mod closed;
 mod faults;
 mod free_axes;
 mod lanes;
 mod laws;
+mod moves;
 mod pairs;
 mod project;
 mod record;

@@ -3,6 +3,7 @@
 use super::super::manifold::advance;
 use super::closed::positions_onto_connections;
 use super::faults::factorised;
+use super::moves::{Move, Push};
 use crate::contact::{Cone, Effort, Limits};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
@@ -20,33 +21,21 @@ const STEPS: usize = 5;
 /// Effort of one solve; further Newton steps correct its residual.
 const ROUGH: Effort = Effort { tolerance: 1e-6, attempts: usize::MAX, iterations: usize::MAX };
 
-/// One Newton step of the projection: its start, the near rows with their gaps and G, the impulses, and the
-/// displacement.
-#[derive(Debug, Clone)]
-pub(super) struct Push {
-    pub q: Vec<f64>,
-    pub near: Vec<usize>,
-    pub gaps: DVector<f64>,
-    pub cone: Cone,
-    pub impulses: DVector<f64>,
-    pub moved: Vec<f64>,
-}
-
-/// Displaces `q` with the least kinetic energy until no contact is below its surface: min d M d/2 subject to gap + `J_n`
-/// d >= 0, and `J_k` d = 0 for connections, in a few Newton steps, each followed by a projection onto the connections.
-/// No joint moves beyond its limit, or further beyond it. Velocities are unchanged. Returns the initial penetration, m,
-/// and the number of iterations; records the Newton steps in `pushes`.
+/// Displaces `q` with the least kinetic energy until no contact is below its surface: min d M d/2 subject to gap +
+/// `J_n` d >= 0, and `J_k` d = 0 for connections, in a few Newton steps, each followed by a projection onto the
+/// connections. No joint moves beyond its limit, or further beyond it. Velocities are unchanged. Returns the initial
+/// penetration, m, and the number of iterations; records the Newton steps in `moves`.
 pub(super) fn out_of_planes(
     (scene, model): (&Scene, &Model<f64>),
     workspace: &mut Workspace<f64>,
     rows: &mut ContactScratch,
     (q, next): (&mut [f64], &mut [f64]),
-    mut pushes: Option<&mut Vec<Push>>,
+    mut moves: Option<&mut Vec<Move>>,
 ) -> Result<(f64, usize), (String, Error)> {
     let points = scene.contact_points();
     let (mut depth, mut iterations) = (0.0, 0);
     for k in 0..=STEPS {
-        positions_onto_connections(scene, (model, workspace), rows, q)?;
+        positions_onto_connections(scene, (model, workspace), rows, q, moves.as_deref_mut())?;
         rows.place(model, points, q);
         let lowest = rows.gaps[..points.len()].iter().fold(0.0_f64, |lowest, &gap| lowest.min(gap));
         if k == 0 {
@@ -71,9 +60,9 @@ pub(super) fn out_of_planes(
         let (push, solved) = cone.solve(&c, None, &Limits::beside(&c), ROUGH);
         iterations += solved.iterations;
         rows.respond(model, points, workspace, &near, &push);
-        if let Some(pushes) = &mut pushes {
+        if let Some(moves) = &mut moves {
             let (q, moved) = (q.to_vec(), rows.response.clone());
-            pushes.push(Push { q, near, gaps: c, cone, impulses: push, moved });
+            moves.push(Move::Push(Push { q, near, gaps: c, cone, impulses: push, moved }));
         }
         advance(model, q, &rows.response, next);
         q.copy_from_slice(next);

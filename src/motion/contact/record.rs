@@ -1,6 +1,6 @@
 //! Data of a step that its adjoint reads.
 
-use super::project::Push;
+use super::moves::{Move, Pulled};
 use super::step::{Outcome, StepStart};
 use crate::contact::{Cone, ContactState, Impact, Relaxation};
 use nalgebra::DVector;
@@ -48,8 +48,11 @@ pub(super) struct StepRecord {
     pub states: Vec<ContactState>,
     /// `None` without active contacts.
     pub laws: Option<Laws>,
-    /// The Newton steps of the projection out of the planes.
-    pub pushes: Vec<Push>,
+    /// The Newton steps of the projection out of the surfaces and onto the connections.
+    pub moves: Vec<Move>,
+    /// The projection of the velocities without contacts onto the connections, and that of the last velocities.
+    pub free: Pulled,
+    pub end: Pulled,
 }
 
 impl StepRecord {
@@ -64,7 +67,9 @@ impl StepRecord {
             hit: None,
             states: Vec::new(),
             laws: None,
-            pushes: Vec::new(),
+            moves: Vec::new(),
+            free: Pulled::default(),
+            end: Pulled::default(),
         }
     }
 
@@ -77,7 +82,9 @@ impl StepRecord {
             hit: outcome.hit.clone(),
             states: outcome.states.clone(),
             laws: outcome.laws.take(),
-            pushes: Vec::new(),
+            moves: Vec::new(),
+            free: Pulled::default(),
+            end: Pulled::default(),
         }
     }
 }

@@ -4,14 +4,16 @@
 use super::super::backward::StepGradients;
 use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
-use super::backward::{At, ContactAdjoint, ContactGradient};
+use super::at::Connections;
+use super::backward::{ContactAdjoint, ContactGradient};
 use super::record::StepRecord;
 use super::report::{begin, width};
 use super::step::ContactStep;
 use crate::contact::{ContactState, Limits};
 use crate::error::Error;
 use crate::filter::Form;
-use crate::scene::Scene;
+use crate::scene::{Contact, Scene, Surface};
+use nalgebra::Vector3;
 
 /// Largest deviation of a recomputed step from the recorded one, relative to coordinates and velocities of at least
 /// one.
@@ -39,6 +41,7 @@ pub(in crate::motion) struct ContactReverse {
     pub gradients: StepGradients<f64>,
     step: ContactStep,
     adjoint: ContactAdjoint,
+    connections: Connections,
     /// Impulses of the last recomputed step, from which the solves of the next one start.
     kept: Vec<f64>,
     sums: Vec<ContactGradient>,
@@ -61,7 +64,8 @@ impl ContactReverse {
         step.record = Some(StepRecord::request());
         Self {
             gradients: StepGradients::new(&scratch.model, parameters),
-            adjoint: ContactAdjoint::new(scene, &scratch.model, parameters),
+            adjoint: ContactAdjoint::new(scene, &scratch.model),
+            connections: Connections::new(scene, settings, &scratch.model, parameters),
             step,
             scratch,
             kept: vec![0.0; width(contacts)],
@@ -88,17 +92,17 @@ impl ContactReverse {
         recorded: Option<(&[f64], &[f64])>,
         mut changed: impl FnMut(usize, ContactState, ContactState),
     ) -> Result<(), (String, Error)> {
-        let Self { scratch: s, gradients, step, adjoint, kept, sums, margins, states } = self;
+        let Self { scratch: s, gradients, step, adjoint, connections, kept, sums, margins, states } = self;
         step.step(scene, settings, s, kept)?;
         if let Some((q, v)) = recorded {
             check_reproduced(n, (q, v), (&s.q_next, &s.v_next)).map_err(|error| (String::new(), error))?;
         }
-        adjoint.step(scene, settings, (step, s), gradients)?;
+        adjoint.step(scene, settings, (step, s), connections, gradients)?;
         for (sum, more) in sums.iter_mut().zip(&adjoint.contacts) {
             sum.friction += more.friction;
             sum.restitution += more.restitution;
             sum.offset += more.offset;
-            sum.turn += more.turn;
+            sum.normal += more.normal;
         }
         let now = now(scene, settings, s, step);
         if let Some(later) = states.take() {
@@ -119,29 +123,40 @@ impl ContactReverse {
     /// Writes the sums, [`ContactReverse::WIDTH`] values per contact.
     #[allow(clippy::cast_precision_loss)] // number of steps of a run
     pub fn write(&self, scene: &Scene, out: &mut [f64]) {
-        let each = self.sums.iter().zip(&self.margins).zip(scene.contact_points());
-        for (((sum, (margin, step)), point), out) in each.zip(out.chunks_exact_mut(Self::WIDTH)) {
-            // The normal changes by turn x n.
-            let normal = sum.turn.cross(&point.normal());
-            out[..3].copy_from_slice(&[sum.friction, sum.restitution, sum.offset]);
+        let each = self.sums.iter().zip(&self.margins).zip(scene.contacts());
+        for (((sum, (margin, step)), contact), out) in each.zip(out.chunks_exact_mut(Self::WIDTH)) {
+            let (offset, normal) = by_plane(scene, contact, sum);
+            out[..3].copy_from_slice(&[sum.friction, sum.restitution, offset]);
             out[3..6].copy_from_slice(normal.as_slice());
             out[6..].copy_from_slice(&[*margin, *step as f64]);
         }
     }
 }
 
+/// Gradients by the offset of a plane and by its unit normal, tangent to the unit sphere, in the frame in which the
+/// contact gives them; NaN for another surface.
+fn by_plane(scene: &Scene, contact: &Contact, sum: &ContactGradient) -> (f64, Vector3<f64>) {
+    if contact.surface != Surface::Plane {
+        return (f64::NAN, Vector3::repeat(f64::NAN));
+    }
+    let link = contact.other.as_ref().and_then(|name| scene.link(name).ok());
+    let frame = link.map_or(contact.other_frame, |link| link.placement.compose(&contact.other_frame));
+    // The distance of the plane from the origin of the body is offset + n . lever.
+    let by_normal = frame.rotate_back(&(sum.normal + frame.lever * sum.offset));
+    let normal = contact.unit_normal();
+    (sum.offset, by_normal - normal * normal.dot(&by_normal))
+}
+
 /// Distance of each contact from another mode, m/s, and its state, in the step that was recorded.
 fn now(scene: &Scene, settings: &StepSettings, s: &Scratch<f64>, step: &mut ContactStep) -> Vec<(f64, ContactState)> {
-    let ContactStep { solver, rows, record, .. } = step;
+    let ContactStep { rows, record, .. } = step;
     let points = scene.contact_points();
     let Some(record) = record else { return Vec::new() };
     if settings.smoothing.is_some() {
         // The relaxed law has no modes.
         return vec![(f64::INFINITY, ContactState::Open); points.len()];
     }
-    let mut at = At { model: &s.model, points, workspace: &mut solver.workspace, rows };
-    let all: Vec<usize> = (0..points.len()).collect();
-    let moving = at.velocities(&all, &record.moving);
+    let moving = rows.velocities(&s.model, points, &record.moving);
     let mut found: Vec<_> = (0..points.len())
         .map(|i| ((record.before.gaps[i] / settings.step + moving[3 * i + 2]).abs(), ContactState::Open))
         .collect();

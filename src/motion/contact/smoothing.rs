@@ -237,8 +237,9 @@ impl ContactStep {
         s: &mut Scratch<f64>,
         held: &DVector<f64>,
     ) -> Result<(f64, f64), (String, Error)> {
-        let Self { solver, rows, .. } = self;
-        positions_onto_connections(scene, (&s.model, &mut solver.workspace), rows, &mut s.q_next)?;
+        let Self { solver, rows, record, .. } = self;
+        let moves = record.as_mut().map(|record| &mut record.moves);
+        positions_onto_connections(scene, (&s.model, &mut solver.workspace), rows, &mut s.q_next, moves)?;
         rows.place(&s.model, scene.contact_points(), &s.q_next);
         let depth = -rows.gaps.iter().fold(0.0_f64, |lowest, &gap| lowest.min(gap));
         let carries = |i: &usize| held[3 * i + 2] >= smoothing.shares[*i].force * settings.step;

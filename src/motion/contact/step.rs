@@ -12,6 +12,7 @@ use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
 use super::faults::{check, check_movable, check_normals, factorised};
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
+use super::moves::Pulled;
 use super::pairs::{from_fixed_axes, into_fixed_axes};
 use super::project::out_of_planes;
 use super::record::{Laws, StepRecord};
@@ -102,7 +103,10 @@ impl ContactStep {
         }
         let (h, points) = (settings.step, scene.contact_points());
         to_axes_at_rest(&s.model, h, &s.v, &mut s.v_next);
-        onto_connections(scene, (&s.model, &mut self.solver.workspace), &mut self.rows, (&s.q, &mut s.v_next))?;
+        let mut pulls = self.record.is_some().then(<[Pulled; 2]>::default);
+        let at_start = (&s.model, &mut self.solver.workspace);
+        let [free, end] = pulls.as_mut().map_or([None, None], |pulls| pulls.each_mut().map(Some));
+        onto_connections(scene, at_start, &mut self.rows, (&s.q, &mut s.v_next), free)?;
         self.rows.place(&s.model, points, &s.q);
         check_normals(scene, &self.rows.gaps)?;
         let start = self.rows.velocities(&s.model, points, &s.v);
@@ -127,12 +131,22 @@ impl ContactStep {
         } else {
             let workspace = &mut self.solver.workspace;
             let ends = (&mut s.q_next[..], &mut s.q_stage[..]);
-            let pushes = self.record.as_mut().map(|record| &mut record.pushes);
-            out_of_planes((scene, &s.model), workspace, &mut self.rows, ends, pushes)?
+            let moves = self.record.as_mut().map(|record| &mut record.moves);
+            out_of_planes((scene, &s.model), workspace, &mut self.rows, ends, moves)?
         };
         let workspace = &mut self.solver.workspace;
         to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
-        onto_connections(scene, (scene.model(), workspace), &mut self.rows, (&s.q_next, &mut s.v_next))?;
+        if self.rows.closed.is_some() {
+            // The implicit terms of the step are not part of the kinetic energy.
+            let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
+            let ends = (&s.q_next[..], &mut s.v_next[..]);
+            let projected = onto_connections(scene, (&s.model, workspace), &mut self.rows, ends, end);
+            s.model.system.noise = noise;
+            projected?;
+        }
+        if let (Some(record), Some([free, end])) = (&mut self.record, pulls) {
+            (record.free, record.end) = (free, end);
+        }
         self.settle(settings, s, &before, &outcome, points.len());
         let impulses = outcome.hit.as_mut().map(|hit| &mut hit.impulses).into_iter().chain([&mut outcome.held]);
         into_fixed_axes(points, (&before.axes, &outcome.near), impulses);

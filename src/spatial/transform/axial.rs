@@ -99,6 +99,12 @@ impl<T: Real, R: Rotates<T>, A: Axes> Transform<T> for Axial<T, R, A> {
     }
 
     #[inline(always)]
+    fn rotate_to_child(&self, v: [T; 3]) -> [T; 3] {
+        let [v] = self.free_to_child([v]);
+        v
+    }
+
+    #[inline(always)]
     fn offset_at_parent(&self) -> [T; 3] {
         self.axes.vector(self.offset.entries)
     }

@@ -20,6 +20,11 @@ impl<T: Real> Transform<T> for Base<T> {
     }
 
     #[inline(always)]
+    fn rotate_to_child(&self, v: [T; 3]) -> [T; 3] {
+        v
+    }
+
+    #[inline(always)]
     fn offset_at_parent(&self) -> [T; 3] {
         [self.0.constant(0.0); 3]
     }

@@ -18,6 +18,11 @@ impl<T: Real> Transform<T> for RigidShift<T> {
     }
 
     #[inline(always)]
+    fn rotate_to_child(&self, [x, y, z]: [T; 3]) -> [T; 3] {
+        self.rotate_back(&Vector3::new(x, y, z)).into()
+    }
+
+    #[inline(always)]
     fn offset_at_parent(&self) -> [T; 3] {
         self.lever.into()
     }

@@ -53,6 +53,9 @@ pub(crate) trait Transform<T: Real> {
     /// R v: a free vector from the child frame to the parent frame.
     fn rotate_to_parent(&self, v: [T; 3]) -> [T; 3];
 
+    /// R* v: a free vector from the parent frame to the child frame.
+    fn rotate_to_child(&self, v: [T; 3]) -> [T; 3];
+
     /// The offset l from the parent origin to the child origin, in the parent frame.
     fn offset_at_parent(&self) -> [T; 3];
 

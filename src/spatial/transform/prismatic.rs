@@ -79,6 +79,11 @@ impl<T: Real> Transform<T> for Prismatic<'_, T> {
     }
 
     #[inline(always)]
+    fn rotate_to_child(&self, v: [T; 3]) -> [T; 3] {
+        self.shift.rotate_to_child(v)
+    }
+
+    #[inline(always)]
     fn offset_at_parent(&self) -> [T; 3] {
         self.shift.offset_at_parent()
     }

@@ -1,10 +1,13 @@
 //! Positions and velocities projected onto the connections by steps of least kinetic energy, with the factor of G that
 //! forward dynamics uses.
 
-use super::{ConstraintKernel, Followed, LaneTie, joints_rate, relative_motion};
-use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use super::ends::{axis_of, less, poses_of_ends, product, relative_motion, set_anchored};
+use super::{ConstraintKernel, Followed, LaneTie, joints_rate};
+use crate::dynamics::sweeps::{SweepModel, SweepScratch, motions_along, point_along};
+use crate::kinematics::pair::{pair_rows, place_between};
 use crate::model::Model;
 use crate::scalar::{Real, larger};
+use nalgebra::Vector6;
 
 /// The residuals that a step of the projection removes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,6 +19,33 @@ pub(crate) enum Residuals {
 }
 
 impl<T: Real> ConstraintKernel<T> {
+    /// Computes the errors of every row at `q`, which is that of the rotations and shifts in the scratch. Everything
+    /// else remains that of the last [`ConstraintKernel::factor`].
+    #[inline(always)]
+    pub fn errors_at(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, q: &[T]) {
+        let still = Vector6::from_element(self.weight.constant(0.0));
+        let Self { connections, whitened, rows, .. } = &mut *self;
+        for (connection, of) in connections.iter().zip(&whitened.paths) {
+            match &connection.tie {
+                LaneTie::Joints(..) => {}
+                LaneTie::Anchored(frame, anchor) => {
+                    let apart = less(&frame.lever, &point_along(scene, scratch, &of.path, *anchor));
+                    for (i, row) in rows[of.rows.clone()].iter_mut().enumerate() {
+                        row.error = product(&axis_of(frame, i), &apart);
+                    }
+                }
+                LaneTie::Frames(pair, frames) => {
+                    let [c, d] = poses_of_ends((connection, &of.path), scene, scratch, frames);
+                    let Some(of_pair) = pair_rows(*pair, &place_between(&c, &d), &still) else { continue };
+                    for (row, &error) in rows[of.rows.clone()].iter_mut().zip(&of_pair.error) {
+                        row.error = error;
+                    }
+                }
+            }
+        }
+        self.joint_errors(q);
+    }
+
     /// Computes the errors of rows of joint coordinates at `q`; those of frames are known from
     /// [`ConstraintKernel::factor`].
     #[inline(always)]
@@ -41,6 +71,13 @@ impl<T: Real> ConstraintKernel<T> {
                 rows[of.rows.start].rate = joints_rate(torques, qd, zero);
             }
             let on_path = (connection, &of.path);
+            if let LaneTie::Anchored(frame, anchor) = &connection.tie {
+                motions_along(scene, scratch, (&of.path, qd), motions);
+                let point = point_along(scene, scratch, &of.path, *anchor);
+                let step = connection.ends[0].unwrap_or_default();
+                set_anchored((frame, &point), &motions[step], &mut rows[of.rows.clone()], *alpha);
+                continue;
+            }
             let Some((motion, of_pair)) = relative_motion(on_path, scene, scratch, qd, motions) else { continue };
             for (i, to) in rows[of.rows.clone()].iter_mut().enumerate() {
                 to.set(&motion, &of_pair, i, *alpha);

@@ -80,6 +80,23 @@ impl<T: Real> Measures<T> for AboutZ<'_, T> {
     }
 
     #[inline(always)]
+    fn spread_moving(&self, qd: &[T], velocity: &mut [T; 6], acceleration: &mut [T; 6]) {
+        let rate = qd[self.row] * velocity[0].splat(self.sense);
+        let [turn_x, turn_y, _, move_x, move_y, _] = *velocity;
+        acceleration[0] = turn_y.mul_add(rate, acceleration[0]);
+        acceleration[1] = acceleration[1].minus_product(turn_x, rate);
+        acceleration[3] = move_y.mul_add(rate, acceleration[3]);
+        acceleration[4] = acceleration[4].minus_product(move_x, rate);
+        velocity[ABOUT_Z] += rate;
+    }
+
+    #[inline(always)]
+    fn weights(&self, measured: &[Measured<T>]) -> [T; 2] {
+        let weight = measured[self.row].pivot_inverse;
+        [weight, weight.constant(0.0)]
+    }
+
+    #[inline(always)]
     fn smooth(&self, measured: &[Measured<T>], lambda: &mut [T; 6], estimates: &mut [T]) {
         let (m, to) = (&measured[self.row], &mut estimates[self.row]);
         let estimate = but_along(*to * m.pivot_inverse, &m.gain.into(), lambda);

@@ -18,10 +18,10 @@ use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
 use crate::filter::rounding::{Outward, RootMonitor};
 use crate::filter::square_root;
-use crate::filter::{System, innovations, smoother};
+use crate::filter::{HingeMap, System, innovations, smoother};
 use crate::scalar::Real;
-use crate::spatial::Root6;
 use crate::spatial::transform::{packed, unpacked};
+use crate::spatial::{Root6, cross_motion};
 use nalgebra::Vector6;
 
 /// z = L y + t of a body, in square-root form.
@@ -84,6 +84,39 @@ pub(in crate::dynamics) trait Measures<T: Real> {
             sum = stage.rows.row(i).spread_onto(&sum, u[stage.first_row + i]);
         }
         *motion = sum.into();
+    }
+
+    /// Adds H* qd to the velocity V of a body, and V x H* qd to its acceleration: the contribution of a joint rotates
+    /// with the body inboard of it.
+    #[inline(always)]
+    fn spread_moving(&self, qd: &[T], velocity: &mut [T; 6], acceleration: &mut [T; 6]) {
+        let mut joint = [velocity[0].constant(0.0); 6];
+        self.spread(qd, &mut joint);
+        let turning = cross_motion(&(*velocity).into(), &joint.into());
+        for i in 0..6 {
+            velocity[i] += joint[i];
+            acceleration[i] += turning[i];
+        }
+    }
+
+    /// The sums of 1 / D over the rows that measure a moment, and over those that measure a force.
+    #[inline(always)]
+    fn weights(&self, measured: &[Measured<T>]) -> [T; 2] {
+        let (system, k) = self.stage();
+        let (stage, zero) = (&system.stages[k], measured[0].pivot_inverse.constant(0.0));
+        let (mut of_moment, mut of_force) = (zero, zero);
+        for row in 0..stage.rows.count() {
+            let weight = measured[stage.first_row + row].pivot_inverse;
+            match stage.rows.row(row) {
+                HingeMap::Axis(axis) if axis < 3 => of_moment += weight,
+                HingeMap::Axis(_) => of_force += weight,
+                HingeMap::Screw(pitch) => {
+                    of_moment += weight;
+                    of_force = (pitch * pitch).mul_add(weight, of_force);
+                }
+            }
+        }
+        [of_moment, of_force]
     }
 
     /// Replaces e^- by the estimates (4.9) and lambda^+ by lambda^- (4.11).

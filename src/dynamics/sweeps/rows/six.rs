@@ -100,6 +100,29 @@ impl<T: Real> Measures<T> for Six<'_, T> {
         }
     }
 
+    #[inline(always)]
+    fn spread(&self, u: &[T], motion: &mut [T; 6]) {
+        for (&u, own) in u[self.rows()].iter().zip(PICKED) {
+            motion[own] += u;
+        }
+    }
+
+    /// The base does not move.
+    #[inline(always)]
+    fn spread_moving(&self, qd: &[T], velocity: &mut [T; 6], _acceleration: &mut [T; 6]) {
+        self.spread(qd, velocity);
+    }
+
+    #[inline(always)]
+    fn weights(&self, measured: &[Measured<T>]) -> [T; 2] {
+        let m = &measured[self.rows()];
+        // The linear rows precede the angular ones.
+        [
+            m[3].pivot_inverse + m[4].pivot_inverse + m[5].pivot_inverse,
+            m[0].pivot_inverse + m[1].pivot_inverse + m[2].pivot_inverse,
+        ]
+    }
+
     /// The base has no co-state: the estimates are the co-state of the body.
     #[inline(always)]
     fn smooth(&self, measured: &[Measured<T>], lambda: &mut [T; 6], estimates: &mut [T]) {

@@ -1,0 +1,226 @@
+//! Adjoint of one step of a scene with connections: the projections of velocities and positions at its end, each by
+//! implicit functions, then the stages with their constrained accelerations.
+//!
+//! Every Newton step of the projection of positions is differentiated: its result is that of least kinetic energy to
+//! first order only, and depends on the steps beyond.
+
+use super::backward::{ARMATURE, BackwardSolver, StepGradients, backward};
+use super::closed_stops::is_past;
+use super::constrained::{Constrained, ConstrainedScratch, Failure};
+use super::limit_rows::limit_rows;
+use super::properties::joint_of_row;
+use super::scratch::{Scratch, add_scaled};
+use super::settings::Stabilization;
+use super::solver::Solver;
+use super::step::step;
+use super::step_settings::StepSettings;
+use crate::batch::accelerations::KernelArguments;
+use crate::dynamics::constraints::{ConstraintAdjoint, Pushed, RowsAre, share};
+use crate::dynamics::contacts::LimitRow;
+use crate::dynamics::derivatives::Parameters;
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::error::{Error, in_language};
+use crate::filter::Form;
+use crate::model::Model;
+use crate::scene::Scene;
+
+/// One state.
+pub(super) struct ClosedReverse {
+    pub scratch: Scratch<f64>,
+    pub gradients: StepGradients<f64>,
+    closed: ConstrainedScratch,
+    adjoint: ConstraintAdjoint,
+    limits: Vec<LimitRow>,
+    newton: Vec<NewtonStep>,
+    /// Forces of the connections in each stage.
+    forces: Vec<Vec<f64>>,
+}
+
+/// A step of the projection of positions.
+struct NewtonStep {
+    q: Vec<f64>,
+    x: Vec<f64>,
+    p: Vec<f64>,
+}
+
+/// The accelerations of the stages, with their forces.
+struct Recorded<'a, 'b> {
+    forward: &'b mut Constrained<'a>,
+    forces: &'b mut Vec<Vec<f64>>,
+}
+
+impl Solver<f64> for Recorded<'_, '_> {
+    fn solve(
+        &mut self,
+        estimates: bool,
+        scene: (&Model<f64>, &SweepModel<f64>),
+        scratch: &mut SweepScratch<f64>,
+        state: (&[f64], &[f64], &[f64]),
+        qdd: &mut [f64],
+    ) -> u64 {
+        let lanes = self.forward.solve(estimates, scene, scratch, state, qdd);
+        self.forces.push(self.forward.scratch.rows.forces.clone());
+        lanes
+    }
+}
+
+/// The adjoint of the accelerations of the stages, from the last to the first. The step has set them.
+struct ClosedBackward<'a> {
+    forward: Constrained<'a>,
+    adjoint: &'a mut ConstraintAdjoint,
+    forces: &'a mut Vec<Vec<f64>>,
+}
+
+impl BackwardSolver<f64> for ClosedBackward<'_> {
+    fn factor(&mut self, _: KernelArguments<'_, f64>) -> u64 {
+        0
+    }
+
+    fn gradients(
+        &mut self,
+        call: KernelArguments<'_, f64>,
+        cotangent: &[f64],
+        parameters: &mut [Parameters<f64>],
+        out: &mut [f64],
+    ) -> u64 {
+        let KernelArguments { scene: (model, _), state: (q, qd, _), qdd, .. } = call;
+        let Constrained { scene, scratch, alpha, compliance } = &mut self.forward;
+        let ConstrainedScratch { workspace, rows, .. } = &mut **scratch;
+        if let Some(forces) = self.forces.pop() {
+            rows.forces = forces;
+        }
+        let wanted = RowsAre { alpha: *alpha, compliance };
+        let (system, room) = ((model, scene.constraints()), (workspace, rows));
+        let found = self.adjoint.of_dynamics(system, room, (q, qd, qdd), (cotangent, wanted), (parameters, out));
+        if let Err(at) = found {
+            scratch.note_error(scene.no_direction(at));
+        }
+        0
+    }
+}
+
+impl ClosedReverse {
+    pub fn new(scene: &Scene, settings: &StepSettings, form: Form, parameters: bool) -> Self {
+        let scratch = Scratch::new(scene.model(), settings);
+        Self {
+            gradients: StepGradients::new(&scratch.model, parameters),
+            closed: ConstrainedScratch::new(scene, settings, form),
+            adjoint: ConstraintAdjoint::new(scene.model(), scene.constraints(), parameters),
+            limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
+            newton: Vec::new(),
+            forces: Vec::new(),
+            scratch,
+        }
+    }
+
+    /// From `gradients.end` to all results of [`StepGradients`]. Returns the joint and the error if that fails.
+    pub fn step(&mut self, scene: &Scene, settings: &StepSettings) -> Result<(), (String, Error)> {
+        let Self { scratch: s, gradients, closed, adjoint, limits, newton, forces } = self;
+        let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
+        let mut forward = Constrained { scene, scratch: closed, alpha, compliance: &settings.compliance };
+        let by = (settings, &settings.scheme);
+        let named = |(lost, error): Failure| match (lost, error) {
+            (Some(lost), _) => {
+                let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
+                (joint, scene.singular(lost))
+            }
+            (None, Some(error)) => (String::new(), error),
+            (None, None) => (String::new(), Error::argument("q, qd", "a failed step", "rows that simulate recorded")),
+        };
+        forces.clear();
+        step(by, s, &mut Recorded { forward: &mut forward, forces });
+        let free = s.v_next.clone();
+        newton.clear();
+        let mut visit = |q: &[f64], x: &[f64], p: &[f64]| {
+            newton.push(NewtonStep { q: q.to_vec(), x: x.to_vec(), p: p.to_vec() });
+        };
+        forward.finish_visited(settings, s, &mut visit).map_err(named)?;
+        if let Some(limit) = limits.iter().find(|limit| is_past(limit, s)) {
+            let joint = joint_of_row(scene, limit.row);
+            let found = format!("joint {joint:?} at its {} limit", if limit.upper { "upper" } else { "lower" });
+            let expected = format!(
+                "a motion within the limits, or {}: stops of joints in closed loops have no gradients",
+                in_language("Limits::Report", "limits=\"report\"")
+            );
+            return Err((joint, Error::argument("limits", found, expected)));
+        }
+        if let Some(end) = newton.iter().position(|step| step.q == s.q_next) {
+            newton.truncate(end);
+        }
+        adjoint.begin();
+        if alpha.is_none() {
+            let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
+            let through =
+                through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &free), gradients);
+            s.model.system.noise = noise;
+            through.map_err(|error| (String::new(), error))?;
+        }
+        // Stages without weight have no adjoint.
+        forces.truncate(settings.scheme.tableau.last_stage() + 1);
+        let mut solver = ClosedBackward { forward, adjoint, forces };
+        backward(by, s, gradients, &mut solver, None);
+        if let Err(failure) = solver.forward.scratch.take_fault() {
+            return Err(named(failure));
+        }
+        add_scaled(&mut gradients.acting[ARMATURE], 1.0, &adjoint.noise);
+        add_scaled(gradients.parameters.as_flattened_mut(), 1.0, adjoint.parameters.as_flattened());
+        let mut results = gradients.results();
+        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
+    }
+}
+
+/// Propagates `gradients.end` through the projections at the end of a step, in place. `free`: the velocities before
+/// their projection, whose forces are in the scratch.
+fn through_projections(
+    (scene, settings): (&Scene, &StepSettings),
+    s: &Scratch<f64>,
+    closed: &mut ConstrainedScratch,
+    (adjoint, newton, free): (&mut ConstraintAdjoint, &[NewtonStep], &[f64]),
+    gradients: &mut StepGradients<f64>,
+) -> Result<(), Error> {
+    let (system, compliance) = ((&s.model, scene.constraints()), &settings.compliance[..]);
+    let ConstrainedScratch { workspace, rows, .. } = closed;
+    let [of_q, of_v] = &mut gradients.end;
+    let (p, x): (Vec<f64>, Vec<f64>) = (rows.forces.clone(), s.v_next.iter().zip(free).map(|(v, u)| v - u).collect());
+    let (moving, change) = ((&s.q_next[..], &s.v_next[..]), Pushed { x: &x, p: &p });
+    adjoint
+        .of_velocities(system, (workspace, rows), (moving.0, moving.1, change), (of_v, compliance), of_q)
+        .map_err(|at| scene.no_direction(at))?;
+    // The steps end where the next one would be rounding. Perturbed configurations are moved by this step too.
+    adjoint
+        .of_last_step(system, (workspace, rows), moving.0, (of_q, compliance))
+        .map_err(|at| scene.no_direction(at))?;
+    let mut of_sum: Vec<f64> = vec![0.0; p.len()];
+    subtract_products(&mut of_sum, compliance, &adjoint.r);
+    for NewtonStep { q, x, p } in newton.iter().rev() {
+        let share = share(x);
+        let moved: Vec<f64> = x.iter().map(|x| share * x).collect();
+        let (mut of_start, mut of_x) = (vec![0.0; x.len()], vec![0.0; x.len()]);
+        for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
+            let row = stage.first_row;
+            body.motion.advance_cotangents(&moved[row..], &of_q[row..], &mut of_start[row..], &mut of_x[row..]);
+        }
+        let of_share: f64 = of_x.iter().zip(x).chain(of_sum.iter().zip(p)).map(|(bar, x)| bar * x).sum();
+        of_x.iter_mut().for_each(|bar| *bar *= share);
+        let of_p: Vec<f64> = of_sum.iter().map(|bar| share * bar).collect();
+        if share < 1.0
+            && let Some(longest) = (0..x.len()).max_by(|&i, &j| x[i].abs().total_cmp(&x[j].abs()))
+        {
+            of_x[longest] -= of_share * share / x[longest];
+        }
+        let step = (&q[..], Pushed { x, p });
+        adjoint
+            .of_position_step(system, (workspace, rows), step, (&of_x, &of_p, compliance), &mut of_start)
+            .map_err(|at| scene.no_direction(at))?;
+        subtract_products(&mut of_sum, compliance, &adjoint.r);
+        of_q.copy_from_slice(&of_start);
+    }
+    Ok(())
+}
+
+/// sum -= c r, entry by entry; an empty c is zero.
+fn subtract_products(sum: &mut [f64], c: &[f64], r: &[f64]) {
+    for ((sum, c), r) in sum.iter_mut().zip(c).zip(r) {
+        *sum -= c * r;
+    }
+}
