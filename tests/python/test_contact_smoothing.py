@@ -280,6 +280,76 @@ def test_the_gradient_is_that_of_the_smoothing_of_the_run() -> None:
         scene.simulate_vjp(path.q, path.qd, bar, bar, **given)
 
 
+def leg(friction: float = 0.8, offset: float = 0.0) -> phipsi.Scene:
+    """A leg on a rail, whose knee is driven by a rod."""
+    builder = phipsi.SceneBuilder().link("world").link("hip", mass=3.0, inertia=0.02 * np.eye(3))
+    builder.joint("rail", "prismatic", "world", "hip", axis=(0, 0, 1))
+    for name, parent, xyz, length in (("thigh", "hip", (0, 0, 0), 0.3), ("shank", "thigh", (0, 0, -0.3), 0.4), ("crank", "hip", (0.1, 0, 0), 0.3)):
+        builder.link(name, mass=0.5, com=(0, 0, -length / 2), inertia=0.5 * length**2 / 12 * np.diag([1, 1, 0.02]))
+        builder.joint(name, "continuous", parent, name, xyz=xyz, axis=(0, 1, 0), damping=0.05)
+    builder.connect("rod", "distance", "crank", "shank", xyz=(0, 0, -0.3), other_xyz=(0.1, 0, 0.02), length=0.06)
+    return builder.contact("foot", "shank", xyz=(0, 0, -0.4), friction=friction, offset=offset).build()
+
+
+def test_a_closed_loop_stands_at_the_length() -> None:
+    s, scene = 1e-4, leg()
+    bent, _, _ = scene.project([0.0, -0.4, 0.7, -0.35])
+    bent[0] -= scene.contact_gaps(bent)[0] - s
+    gains = np.array([0.0, 400.0, 0.0, 400.0])
+    path = scene.simulate(bent, np.zeros(4), dt=1e-3, steps=500, pd=phipsi.PD(gains, gains / 20, bent), smoothing=s)
+    assert path.contacts is not None and path.drift.max() <= 1e-12
+    near(path.contacts.gap["foot"][-1] * path.contacts.force["foot"][-1, 2], s * scene.total_mass * G, 3 * SMOOTHED_REST)
+
+
+def test_gradients_on_connections_beside_differences() -> None:
+    s, scene = 2e-3, leg()
+    bent, _, _ = scene.project([0.0, -0.4, 0.7, -0.35])
+    bent[0] -= scene.contact_gaps(bent)[0] - 3e-3
+    rates, tau = np.array([-1.0, 0, 0, 0]), np.array([0.0, 2.0, 0, -1.0])
+    given: dict[str, Any] = {"dt": 2e-3, "steps": 8, "smoothing": s}
+    path = scene.simulate(bent, rates, tau=tau, **given)
+    assert path.contacts is not None and path.contacts.force["foot"][:, 2].max() > 3 * path.contacts.force["foot"][1, 2]
+    bar = np.random.default_rng(6).normal(size=path.qd.shape)
+    found = path.vjp(cotangent_qd=bar)
+
+    def slope(at: Any, step: float) -> float:
+        once, twice = ((at(k * step) - at(-k * step)) / (2 * k * step) for k in (1, 2))
+        return float(4 * once - twice) / 3
+
+    def value(scene: phipsi.Scene, tau: np.ndarray) -> float:
+        return float((bar * scene.simulate(bent, rates, tau=tau, **given).qd).sum())
+
+    size = np.abs(found.tau).max()
+    near(found.tau, [slope(lambda d, e=e: value(scene, tau + d * e), 1e-3) for e in np.eye(4)], CONTACT_GRADIENT, size)
+    near(found.contacts["foot"].friction, slope(lambda d: value(leg(0.8 + d), tau), 1e-4), CONTACT_GRADIENT, size)
+    near(found.contacts["foot"].offset, slope(lambda d: value(leg(offset=d), tau), 1e-6), CONTACT_GRADIENT)
+
+
+def balls() -> phipsi.Scene:
+    """Two balls on one line, without gravity."""
+    builder = phipsi.SceneBuilder().link("world")
+    for name, mass in (("left", 3.0), ("right", 1.0)):
+        builder.link(name, mass=mass, inertia=0.01 * np.eye(3)).joint(name, "prismatic", "world", name, axis=(1, 0, 0))
+    return builder.contact("pair", "left", radius=0.1, friction=0.0, other="right", other_radius=0.1).build(gravity=(0, 0, 0))
+
+
+def test_gradients_of_a_contact_between_links_beside_differences() -> None:
+    scene, start, rates = balls(), np.array([0.0, 0.25]), np.array([1.0, -1.0])
+    given: dict[str, Any] = {"dt": 1e-3, "steps": 60, "smoothing": 1e-3}
+    path = scene.simulate(start, rates, **given)
+    bar = np.random.default_rng(8).normal(size=path.qd.shape)
+    found = path.vjp(cotangent_qd=bar)
+
+    def value(q: np.ndarray, qd: np.ndarray) -> float:
+        return float((bar * scene.simulate(q, qd, **given).qd).sum())
+
+    for name, step in (("q", 1e-6), ("qd", 1e-5)):
+        for e, bar_of in zip(np.eye(2), getattr(found, name), strict=True):
+            at = (lambda d, e=e: value(start + d * e, rates)) if name == "q" else (lambda d, e=e: value(start, rates + d * e))
+            once, twice = ((at(k * step) - at(-k * step)) / (2 * k * step) for k in (1, 2))
+            near(bar_of, (4 * once - twice) / 3, CONTACT_GRADIENT, np.abs(getattr(found, name)).max())
+
+
 # --- the same by other ways ---
 
 
@@ -308,10 +378,7 @@ def test_a_simulator_and_batches_have_the_same_bits(tmp_path: Path) -> None:
 
 def test_contacts_between_links_are_smoothed() -> None:
     """Two balls that approach each other: the smaller share of the two weights is the reference force of their contact."""
-    s, dt, builder = 1e-3, 1e-3, phipsi.SceneBuilder().link("world")
-    for name, mass in (("left", 3.0), ("right", 1.0)):
-        builder.link(name, mass=mass, inertia=0.01 * np.eye(3)).joint(name, "prismatic", "world", name, axis=(1, 0, 0))
-    scene = builder.contact("pair", "left", radius=0.1, friction=0.0, other="right", other_radius=0.1).build(gravity=(0, 0, 0))
+    s, dt, scene = 1e-3, 1e-3, balls()
     path = scene.simulate([0.0, 0.25], [1.0, -1.0], dt=dt, steps=200, smoothing=s)
     assert path.contacts is not None
     gap, force = path.contacts.gap["pair"], -path.contacts.force["pair"][:, 0]
