@@ -695,7 +695,7 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution, smoothing
+        limits, restitution, baumgarte, compliance, smoothing
             As given to simulate.
 
         Returns
@@ -718,7 +718,10 @@ class Scene:
         -----
         O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
         the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
-        differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md.
+        differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. In closed loops,
+        steps are recomputed too, a joint at a limit that acts as a stop raises, and the gradients by q and qd are those
+        of changes that satisfy the connections. With mimic joints, q, qd and tau are those of the independent joints, and
+        parameters has the links of all joints.
 
         Examples
         --------
