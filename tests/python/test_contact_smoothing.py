@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mpmath as mp
 import numpy as np
 import pytest
 from contact_robots import Robot, Run, arm, ball, block, contact, parameters, quadruped
@@ -76,6 +77,26 @@ def test_the_law_holds_by_its_definition() -> None:
     slip = -np.sqrt(G * s) * share * dt * 0.4 * p[..., :2] / inside[..., None]
     near(u[..., :2], slip, SMOOTHED_LAW, np.abs(u).max())
     assert path.contacts is not None and path.contacts.converged.all() and (path.contacts.residual <= CONTACT).all()
+
+
+def test_impulses_are_the_root_in_mpmath() -> None:
+    """The dense equations of one contact with 30 digits, from G and the velocities without contacts."""
+    s, dt, mu = 1e-3, 2e-3, 0.4
+    robot, q, qd = tips(np.random.default_rng(9), 12)
+    path = robot.build().simulate(q, qd, dt=dt, steps=1, limits="report", smoothing=s)
+    found, u, gram, _ = law(path, dt)
+    c = u[:, 0] - np.einsum("nij,nj->ni", gram, found[:, 0])
+    energy, creep = s * G * path.scene.total_mass, np.sqrt(G * s) * G * path.scene.total_mass * dt * mu
+    with mp.workdps(30):
+        for i in range(len(q)):
+            g, free = mp.matrix(gram[i].tolist()), mp.matrix(c[i].tolist())
+
+            def equations(*p: Any, g: Any = g, free: Any = free) -> Any:
+                slow = creep / ((mu * p[2]) ** 2 - p[0] ** 2 - p[1] ** 2)
+                return g * mp.matrix(p) + free + mp.matrix([slow * p[0], slow * p[1], -energy / p[2]])
+
+            root = mp.findroot(equations, tuple(found[i, 0] * [0.99, 0.99, 1.0]))
+            near(found[i, 0], np.array([float(x) for x in root]), SMOOTHED_LAW, np.abs(found[i, 0]).max())
 
 
 def test_the_reported_bias_is_the_residual_of_the_exact_law() -> None:
