@@ -547,7 +547,7 @@ def _outcome(about: dict[str, Any]) -> dict[str, Any]:
 
 
 def contacts_of(names: tuple[str, ...], rows: _Array, totals: _Array) -> ContactMotion:
-    """Recorded values by name: rows (..., contacts * 11), and the values of the steps, (..., 10)."""
+    """Recorded values by name: rows (..., contacts * 11), and the values of the steps, (..., 11)."""
     each = rows.reshape(*rows.shape[:-1], len(names), 11)
     by_name = [{name: each[..., i, part] for i, name in enumerate(names)} for part in _PARTS]
     residual, converged, iterations, *rest = np.moveaxis(totals, -1, 0)

@@ -179,6 +179,10 @@ class ContactMotion(NamedTuple):
     """With smoothing, the largest gap at the end of a step of a contact that carries at least its equal share of the
     weight of its tree, (...), m; 0 without.
     """
+    creep: _Array
+    """With smoothing, the largest slip speed at the end of a step of a contact whose state is STICKING, (...), m/s; 0
+    without.
+    """
 
 
 class EnergyAudit(NamedTuple):

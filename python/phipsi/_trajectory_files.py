@@ -249,7 +249,7 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
     correction, contacts, end = several("momentum_correction"), None, several("end")
     if "contacts/gap" in arrays:
         # Archives of versions without smoothing have no bias.
-        exact = {f"contacts/{name}": np.zeros_like(arrays["contacts/depth"]) for name in ("bias", "hover")}
+        exact = {f"contacts/{name}": np.zeros_like(arrays["contacts/depth"]) for name in ("bias", "hover", "creep")}
         parts: dict[str, Any] = {name: (exact | arrays)[f"contacts/{name}"] for name in ContactMotion._fields}
         named = ("gap", "slip", "force", "impulse", "state")
         contacts = ContactMotion(**parts | {name: dict(zip(scene.contact_names, parts[name], strict=True)) for name in named})

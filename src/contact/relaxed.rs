@@ -33,8 +33,10 @@ const ALL_BUT_NONE: f64 = 0.02;
 const HALVINGS: usize = 12;
 const DECREASE: f64 = 1e-4;
 
-/// An error, relative to the terms of an equation, below which the quadratic convergence ends in rounding.
+/// An error, relative to the terms of an equation, below which the quadratic convergence ends in rounding; and the
+/// error at which a search ends.
 const NEAR: f64 = 1e-9;
+const ROUNDING: f64 = 1e-14;
 
 /// Number of passes over the single contacts, and of bisections of the friction of one.
 const PASSES: usize = 4;
@@ -157,7 +159,14 @@ impl Cone {
             by_friction.push(of_friction);
             by_energy.push(b * of_energy);
         }
-        Linearization { by_velocity, by_friction, by_least: vec![0.0; n], by_energy, with_springs: matrix.clone(), matrix }
+        Linearization {
+            by_velocity,
+            by_friction,
+            by_least: vec![0.0; n],
+            by_energy,
+            with_springs: matrix.clone(),
+            matrix,
+        }
     }
 }
 
@@ -192,7 +201,13 @@ fn one_by_one(problem: &Scaled<'_>, aims: &[[f64; 2]], mut z: DVector<f64>) -> P
 /// The positive p with p (g p + u) = e.
 fn normal_impulse(g: f64, u: f64, e: f64) -> f64 {
     let root = u.hypot(2.0 * (g * e).sqrt());
-    if u > 0.0 { 2.0 * e / (u + root) } else if g > 0.0 { (root - u) / (2.0 * g) } else { 1.0 }
+    if u > 0.0 {
+        2.0 * e / (u + root)
+    } else if g > 0.0 {
+        (root - u) / (2.0 * g)
+    } else {
+        1.0
+    }
 }
 
 /// The r in [0, 1) with `easy` r + `beta` r / (1 - r^2) = u, about.
@@ -220,6 +235,9 @@ impl Interior<'_> {
                 if !(next < error) {
                     self.now = before;
                 }
+                return;
+            }
+            if larger <= 1.0 && next <= ROUNDING {
                 return;
             }
             stuck = if made < ALL_BUT_NONE { stuck + 1 } else { 0 };

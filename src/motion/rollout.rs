@@ -117,12 +117,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if conserve_momentum {
             holds.check_no_connections("conserve_momentum")?;
         }
-        let restitution = settings.restitution;
+        let (restitution, accuracy) = (settings.restitution, settings.accuracy);
         if !(0.0..=1.0).contains(&restitution) {
             return Err(Error::argument("restitution", format!("{restitution}"), "a number from 0 to 1"));
         }
         let is_tree = holds.constraints().is_empty() && holds.contacts().is_empty();
-        let accuracy = settings.accuracy;
         if let Some(accuracy) = accuracy
             && !(accuracy.is_finite() && accuracy >= 1e-12)
         {
@@ -133,7 +132,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
         let stops = settings.limits == Limits::Stop;
-        let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
         if !is_tree && properties.friction_speed == 0.0 {
             properties.friction_speed = FRICTION_SPEED;
         }
@@ -170,7 +168,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         step_settings.tolerance = settings.tolerance;
         step_settings.connected = (!holds.constraints().is_empty()).then_some(stabilization);
         step_settings.compliance = settings.compliance;
-        step_settings.smoothing = smoothing;
+        step_settings.smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
         let momentum = MomentumProjection::new(holds.model(), &step_settings.roots);
         let current = memory::filled("q, qd", states.saturating_mul(step_settings.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;

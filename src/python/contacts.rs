@@ -240,7 +240,7 @@ impl PyScene {
     }
 }
 
-/// Reports of the steps about the contacts of each state of a batch, (..., 10).
+/// Reports of the steps about the contacts of each state of a batch, (..., 11).
 pub(super) fn reports<'py>(
     py: Python<'py>,
     batch: &[usize],
@@ -258,10 +258,11 @@ pub(super) fn reports<'py>(
             of.depth,
             of.bias,
             of.hover,
+            of.creep,
         ]
     };
     let all: Vec<f64> = (0..batch.iter().product()).filter_map(of).flat_map(numbers).collect();
-    from_numbers(py, &all, &[batch, &[10]].concat())
+    from_numbers(py, &all, &[batch, &[11]].concat())
 }
 
 /// Creates a `ContactMotion` from the recorded rows of contacts, (..., rows, contacts * 11), and the reports of the

@@ -93,9 +93,9 @@ impl PyScene {
     /// accuracy : float, optional
     ///     Error control: bound of the estimated error of each substep, rad or m, relative above 1 rad/s or m/s.
     /// smoothing : float, default 0
-    ///     Length by which contacts are smoothed, m; 0: the exact law. A contact at rest that carries its equal share of
-    ///     the weight has this gap; gradients exist before contact and at changes of its state. The bias is reported in
-    ///     Trajectory.contacts. An error for contacts with restitution and with limits="stop" at joints with limits.
+    ///     Length by which contacts are smoothed, m; 0: the exact law. A contact at rest that carries its equal share
+    ///     of the weight has this gap; gradients exist before contact and at changes of its state. The bias is reported
+    ///     in Trajectory.contacts. An error for contacts with restitution and with limits="stop" at joints with limits.
     /// duration : float, optional
     ///     Simulated time, s, instead of steps.
     /// covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional

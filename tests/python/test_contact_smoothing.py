@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mpmath as mp
 import numpy as np
 import pytest
 from contact_robots import Robot, Run, arm, ball, block, contact, parameters, quadruped
@@ -45,7 +46,7 @@ def law(path: phipsi.Trajectory, dt: float) -> tuple[np.ndarray, np.ndarray, np.
     assert found is not None
     p = dt * np.stack([found.force[name][..., 1, :] for name in scene.contact_names], axis=-2)
     u = scene.contact_velocities(path.q[..., 0, :], path.qd[..., 1, :])
-    gram = scene.contact_gram(path.q[..., 0, :])
+    gram = scene.contact_gram(path.q[..., 0, :]).reshape(*p.shape[:-2], 3 * p.shape[-2], -1)
     free = u - (gram @ p.reshape(*p.shape[:-2], -1, 1)).reshape(u.shape)
     u[..., 2] += scene.contact_gaps(path.q[..., 0, :]) / dt
     return p, u, gram, free
@@ -76,6 +77,26 @@ def test_the_law_holds_by_its_definition() -> None:
     slip = -np.sqrt(G * s) * share * dt * 0.4 * p[..., :2] / inside[..., None]
     near(u[..., :2], slip, SMOOTHED_LAW, np.abs(u).max())
     assert path.contacts is not None and path.contacts.converged.all() and (path.contacts.residual <= CONTACT).all()
+
+
+def test_impulses_are_the_root_in_mpmath() -> None:
+    """The dense equations of one contact with 30 digits, from G and the velocities without contacts."""
+    s, dt, mu = 1e-3, 2e-3, 0.4
+    robot, q, qd = tips(np.random.default_rng(9), 12)
+    path = robot.build().simulate(q, qd, dt=dt, steps=1, limits="report", smoothing=s)
+    found, u, gram, _ = law(path, dt)
+    c = u[:, 0] - np.einsum("nij,nj->ni", gram, found[:, 0])
+    energy, creep = s * G * path.scene.total_mass, np.sqrt(G * s) * G * path.scene.total_mass * dt * mu
+    with mp.workdps(30):
+        for i in range(len(q)):
+            g, free = mp.matrix(gram[i].tolist()), mp.matrix(c[i].tolist())
+
+            def equations(*p: Any, g: Any = g, free: Any = free) -> Any:
+                slow = creep / ((mu * p[2]) ** 2 - p[0] ** 2 - p[1] ** 2)
+                return g * mp.matrix(p) + free + mp.matrix([slow * p[0], slow * p[1], -energy / p[2]])
+
+            root = mp.findroot(equations, tuple(found[i, 0] * [0.99, 0.99, 1.0]))
+            near(found[i, 0], np.array([float(x) for x in root]), SMOOTHED_LAW, np.abs(found[i, 0]).max())
 
 
 def test_the_reported_bias_is_the_residual_of_the_exact_law() -> None:
@@ -122,8 +143,11 @@ def test_a_contact_that_would_stick_creeps_by_the_formula(pull: float) -> None:
     scene = puck(0.5, radius=0.0).build()
     tau = np.array([pull * 0.5 * 2.0 * G, 0, 0, 0, 0, 0])
     path = scene.simulate(floating(0, 0, s), np.zeros(6), dt=1e-3, steps=3000, tau=tau, smoothing=s)
-    near(path.qd[-1, 0], np.sqrt(G * s) * pull / (1 - pull**2), SMOOTHED_REST)
+    speed = np.sqrt(G * s) * pull / (1 - pull**2)
+    near(path.qd[-1, 0], speed, SMOOTHED_REST)
     assert path.contacts is not None
+    if pull < 0.9:
+        near(path.contacts.creep, speed, SMOOTHED_REST)
     assert path.contacts.state["leg0"][-1] == (phipsi.ContactState.STICKING if pull < 0.9 else phipsi.ContactState.SLIDING)
 
 
@@ -149,7 +173,7 @@ def test_without_smoothing_nothing_changes() -> None:
     start, rates = floating(0, 0, 0.01), np.array([1.0, 0, -0.5, 0, 0, 0.5])
     path, same = scene.simulate(start, rates, dt=1e-3, steps=50), scene.simulate(start, rates, dt=1e-3, steps=50, smoothing=0.0)
     assert_same_bits(path.q, same.q)
-    assert path.contacts is not None and path.contacts.bias == 0.0 and path.contacts.hover == 0.0
+    assert path.contacts is not None and path.contacts.bias == path.contacts.hover == path.contacts.creep == 0.0
 
 
 def test_a_penetration_is_removed_slowly() -> None:
@@ -181,7 +205,7 @@ def test_the_sum_of_all_energies_does_not_rise(friction: float) -> None:
         total = total - s * 0.5 * G / 2 * np.log(gap)
     assert (np.diff(total) <= SMOOTHED_ENERGY).all(), np.diff(total).max()
     assert total[-1] < total[0] - 0.1
-    # What the contacts took is in the audit, up to the error of the integrator.
+    # The audit has the energy that contacts dissipate, up to the error of the integrator.
     audit = path.energy_audit()
     assert abs(audit.remainder) <= 0.1 * abs(audit.contacts)
 
@@ -207,6 +231,7 @@ def test_gradients_beside_differences_through_landings(robot: Robot, limits: str
     else:
         _, q, qd = tips(random, 12)
     given = {"dt": 2e-3, "steps": 8, "smoothing": s, "limits": limits, "tau": random.uniform(-1, 1, scene.nv)}
+    given |= {name: random.uniform(0.05, 0.2, scene.nv) for name in ("armature", "damping", "stiffness")}
     run = Run(robot, q, qd, given)
     force = np.stack([force[..., 2] for force in run.path.contacts.force.values()])
     assert force[:, :, 1:].max() > 8 * np.median(force[:, :, 1]), "no state lands"
@@ -276,6 +301,76 @@ def test_the_gradient_is_that_of_the_smoothing_of_the_run() -> None:
         scene.simulate_vjp(path.q, path.qd, bar, bar, **given)
 
 
+def leg(friction: float = 0.8, offset: float = 0.0) -> phipsi.Scene:
+    """A leg on a rail, whose knee is driven by a rod."""
+    builder = phipsi.SceneBuilder().link("world").link("hip", mass=3.0, inertia=0.02 * np.eye(3))
+    builder.joint("rail", "prismatic", "world", "hip", axis=(0, 0, 1))
+    for name, parent, xyz, length in (("thigh", "hip", (0, 0, 0), 0.3), ("shank", "thigh", (0, 0, -0.3), 0.4), ("crank", "hip", (0.1, 0, 0), 0.3)):
+        builder.link(name, mass=0.5, com=(0, 0, -length / 2), inertia=0.5 * length**2 / 12 * np.diag([1, 1, 0.02]))
+        builder.joint(name, "continuous", parent, name, xyz=xyz, axis=(0, 1, 0), damping=0.05)
+    builder.connect("rod", "distance", "crank", "shank", xyz=(0, 0, -0.3), other_xyz=(0.1, 0, 0.02), length=0.06)
+    return builder.contact("foot", "shank", xyz=(0, 0, -0.4), friction=friction, offset=offset).build()
+
+
+def test_a_closed_loop_stands_at_the_length() -> None:
+    s, scene = 1e-4, leg()
+    bent, _, _ = scene.project([0.0, -0.4, 0.7, -0.35])
+    bent[0] -= scene.contact_gaps(bent)[0] - s
+    gains = np.array([0.0, 400.0, 0.0, 400.0])
+    path = scene.simulate(bent, np.zeros(4), dt=1e-3, steps=500, pd=phipsi.PD(gains, gains / 20, bent), smoothing=s)
+    assert path.contacts is not None and path.drift.max() <= 1e-12
+    near(path.contacts.gap["foot"][-1] * path.contacts.force["foot"][-1, 2], s * scene.total_mass * G, 3 * SMOOTHED_REST)
+
+
+def test_gradients_on_connections_beside_differences() -> None:
+    s, scene = 2e-3, leg()
+    bent, _, _ = scene.project([0.0, -0.4, 0.7, -0.35])
+    bent[0] -= scene.contact_gaps(bent)[0] - 3e-3
+    rates, tau = np.array([-1.0, 0, 0, 0]), np.array([0.0, 2.0, 0, -1.0])
+    given: dict[str, Any] = {"dt": 2e-3, "steps": 8, "smoothing": s}
+    path = scene.simulate(bent, rates, tau=tau, **given)
+    assert path.contacts is not None and path.contacts.force["foot"][:, 2].max() > 3 * path.contacts.force["foot"][1, 2]
+    bar = np.random.default_rng(6).normal(size=path.qd.shape)
+    found = path.vjp(cotangent_qd=bar)
+
+    def slope(at: Any, step: float) -> float:
+        once, twice = ((at(k * step) - at(-k * step)) / (2 * k * step) for k in (1, 2))
+        return float(4 * once - twice) / 3
+
+    def value(scene: phipsi.Scene, tau: np.ndarray) -> float:
+        return float((bar * scene.simulate(bent, rates, tau=tau, **given).qd).sum())
+
+    size = np.abs(found.tau).max()
+    near(found.tau, [slope(lambda d, e=e: value(scene, tau + d * e), 1e-3) for e in np.eye(4)], CONTACT_GRADIENT, size)
+    near(found.contacts["foot"].friction, slope(lambda d: value(leg(0.8 + d), tau), 1e-4), CONTACT_GRADIENT, size)
+    near(found.contacts["foot"].offset, slope(lambda d: value(leg(offset=d), tau), 1e-6), CONTACT_GRADIENT)
+
+
+def balls() -> phipsi.Scene:
+    """Two balls on one line, without gravity."""
+    builder = phipsi.SceneBuilder().link("world")
+    for name, mass in (("left", 3.0), ("right", 1.0)):
+        builder.link(name, mass=mass, inertia=0.01 * np.eye(3)).joint(name, "prismatic", "world", name, axis=(1, 0, 0))
+    return builder.contact("pair", "left", radius=0.1, friction=0.0, other="right", other_radius=0.1).build(gravity=(0, 0, 0))
+
+
+def test_gradients_of_a_contact_between_links_beside_differences() -> None:
+    scene, start, rates = balls(), np.array([0.0, 0.25]), np.array([1.0, -1.0])
+    given: dict[str, Any] = {"dt": 1e-3, "steps": 60, "smoothing": 1e-3}
+    path = scene.simulate(start, rates, **given)
+    bar = np.random.default_rng(8).normal(size=path.qd.shape)
+    found = path.vjp(cotangent_qd=bar)
+
+    def value(q: np.ndarray, qd: np.ndarray) -> float:
+        return float((bar * scene.simulate(q, qd, **given).qd).sum())
+
+    for name, step in (("q", 1e-6), ("qd", 1e-5)):
+        for e, bar_of in zip(np.eye(2), getattr(found, name), strict=True):
+            at = (lambda d, e=e: value(start + d * e, rates)) if name == "q" else (lambda d, e=e: value(start, rates + d * e))
+            once, twice = ((at(k * step) - at(-k * step)) / (2 * k * step) for k in (1, 2))
+            near(bar_of, (4 * once - twice) / 3, CONTACT_GRADIENT, np.abs(getattr(found, name)).max())
+
+
 # --- the same by other ways ---
 
 
@@ -297,16 +392,14 @@ def test_a_simulator_and_batches_have_the_same_bits(tmp_path: Path) -> None:
     assert_same_bits(simulator.contacts.bias, path.contacts.bias)
     path.save(tmp_path / "path.npz")
     loaded = phipsi.Trajectory.load(tmp_path / "path.npz", scene)
-    assert_same_bits(loaded.contacts.hover, path.contacts.hover)
+    for figure in ("bias", "hover", "creep"):
+        assert_same_bits(getattr(loaded.contacts, figure), getattr(path.contacts, figure))
     assert_same_bits(loaded.vjp(path.qd).q, path.vjp(path.qd).q)
 
 
 def test_contacts_between_links_are_smoothed() -> None:
     """Two balls that approach each other: the smaller share of the two weights is the reference force of their contact."""
-    s, dt, builder = 1e-3, 1e-3, phipsi.SceneBuilder().link("world")
-    for name, mass in (("left", 3.0), ("right", 1.0)):
-        builder.link(name, mass=mass, inertia=0.01 * np.eye(3)).joint(name, "prismatic", "world", name, axis=(1, 0, 0))
-    scene = builder.contact("pair", "left", radius=0.1, friction=0.0, other="right", other_radius=0.1).build(gravity=(0, 0, 0))
+    s, dt, scene = 1e-3, 1e-3, balls()
     path = scene.simulate([0.0, 0.25], [1.0, -1.0], dt=dt, steps=200, smoothing=s)
     assert path.contacts is not None
     gap, force = path.contacts.gap["pair"], -path.contacts.force["pair"][:, 0]

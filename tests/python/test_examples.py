@@ -53,7 +53,7 @@ def test_the_arm_reaches_its_goal_by_gradients() -> None:
 
 
 
-@pytest.mark.parametrize("name", ["push_block", "friction_from_a_slide", "hopper", "inertia_from_a_throw"])
+@pytest.mark.parametrize("name", ["push_block", "push_from_rest", "friction_from_a_slide", "hopper", "inertia_from_a_throw"])
 def test_gradients_lead_to_the_goal(name: str, tmp_path: Path) -> None:
     """The examples assert their results; as a script they also write a page, which needs the viewer."""
     command = [sys.executable, "-W", "error", "-c", "import runpy, sys; runpy.run_path(sys.argv[1])", str(PAPER.with_name(f"{name}.py"))]

@@ -146,7 +146,7 @@ SMOOTHED_LAW = 1e-9
 under a large force has the rounding error of the larger velocities from which it follows.
 """
 SMOOTHED_REST = 1e-3
-"""What is left of the motion toward rest with smoothing after the time that the tests wait, relative."""
+"""Relative error of states at rest with smoothing: the motion toward rest after the simulated time."""
 SMOOTHED_ENERGY = 1e-9
 """Rise of the sum of all energies in a step with smoothing, J: rounding, and the tolerance of the solver."""
 

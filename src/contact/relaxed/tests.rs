@@ -107,7 +107,8 @@ fn several_contacts_satisfy_the_law_and_have_one_solution() {
         assert!(report.converged, "trial {trial}: {report:?}");
         // The distance from the cone cancels in the definition.
         assert!(violation(&cone, &p, &c, &energies) <= 1e-8, "trial {trial}: {}", violation(&cone, &p, &c, &energies));
-        let start = DVector::from_fn(3 * contacts, |i, _| if i % 3 == 2 { 10_f64.powf(3.0 * draw.next()) } else { 0.0 });
+        let start =
+            DVector::from_fn(3 * contacts, |i, _| if i % 3 == 2 { 10_f64.powf(3.0 * draw.next()) } else { 0.0 });
         let (other, report) = cone.relaxed(&c, Some(&start), &energies, c.amax());
         assert!(report.converged, "trial {trial}: {report:?}");
         assert!((&p - &other).amax() <= 1e-6 * p.amax(), "trial {trial}: {p} {other}");
@@ -147,7 +148,10 @@ fn derivatives_are_those_of_the_solutions() {
         let contacts = 1 + trial % 4;
         let j = if trial % 2 == 0 { draw.matrix(3 * contacts, 3 * contacts + 2) } else { body(&mut draw, contacts) };
         let c = &j * draw.matrix(j.ncols(), 1).column(0);
-        let cone = Cone::new(&j * j.transpose(), (0..contacts).map(|i| if i == 3 { 0.0 } else { 0.2 * (draw.next() + 1.5) }).collect());
+        let cone = Cone::new(
+            &j * j.transpose(),
+            (0..contacts).map(|i| if i == 3 { 0.0 } else { 0.2 * (draw.next() + 1.5) }).collect(),
+        );
         let energy = [1e-1, 1e-2][trial / 2 % 2];
         let energies = vec![Relaxation { normal: energy, tangent: 2.0 * energy }; contacts];
         let p = solved(&cone, &c, &energies);

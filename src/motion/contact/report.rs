@@ -5,7 +5,7 @@
 pub(in crate::motion) const RECORD: usize = 11;
 
 /// Number of values of a report.
-const REPORT: usize = 10;
+const REPORT: usize = 11;
 
 /// Number of values stored per state: persistent impulses, impulses of impacts, contact states, and the report.
 pub(in crate::motion) fn width(contacts: usize) -> usize {
@@ -48,6 +48,9 @@ pub struct ContactReport {
     /// With smoothing, the largest gap at the end of a step of a contact that carries at least its equal share of the
     /// weight of its tree, m; zero without.
     pub hover: f64,
+    /// With smoothing, the largest slip velocity at the end of a step of a contact that is reported as sticking, m/s;
+    /// zero without.
+    pub creep: f64,
 }
 
 impl ContactReport {
@@ -63,6 +66,7 @@ impl ContactReport {
             depth: 0.0,
             bias: 0.0,
             hover: 0.0,
+            creep: 0.0,
         }
     }
 
@@ -78,13 +82,14 @@ impl ContactReport {
             self.depth,
             self.bias,
             self.hover,
+            self.creep,
         ];
     }
 
     fn read(
-        &[residual, converged, iterations, impacts, friction, expansion_kept, impulse_kept, depth, bias, hover]: &[f64;
-             REPORT],
+        &[residual, converged, iterations, impacts, friction, expansion_kept, impulse_kept, rest @ ..]: &[f64; REPORT],
     ) -> Self {
+        let [depth, bias, hover, creep] = rest;
         Self {
             residual,
             converged: converged > 0.5,
@@ -96,6 +101,7 @@ impl ContactReport {
             depth,
             bias,
             hover,
+            creep,
         }
     }
 
@@ -119,6 +125,7 @@ impl ContactReport {
             depth: before.depth.max(step.depth),
             bias: before.bias.max(step.bias),
             hover: before.hover.max(step.hover),
+            creep: before.creep.max(step.creep),
         };
         all.write(report);
     }

@@ -26,7 +26,7 @@ use crate::model::Model;
 use crate::motion::properties::joint_of_row;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
-use nalgebra::DVector;
+use nalgebra::{DVector, Vector3};
 
 /// Acceleration of gravity of scenes without gravity, m/s^2.
 const STANDARD: f64 = 9.806_65;
@@ -110,10 +110,8 @@ impl Smoothing {
 
     /// The energies of the relaxed law in a step of `h`.
     fn energies(&self, h: f64) -> Vec<Relaxation> {
-        let of = |share: &Share| Relaxation {
-            normal: self.length * share.force,
-            tangent: self.speed * h * share.force,
-        };
+        let of =
+            |share: &Share| Relaxation { normal: self.length * share.force, tangent: self.speed * h * share.force };
         self.shares.iter().map(of).collect()
     }
 
@@ -145,7 +143,7 @@ impl Smoothing {
     }
 
     /// The state that is reported for a contact.
-    fn state(&self, i: usize, friction: f64, p: &[f64], h: f64) -> ContactState {
+    fn state(&self, i: usize, friction: f64, p: &Vector3<f64>, h: f64) -> ContactState {
         let drag = p[0].hypot(p[1]);
         if p[2] < OPENS * self.shares[i].force * h {
             ContactState::Open
@@ -199,11 +197,17 @@ impl ContactStep {
         }
         let after = rows.velocities(&s.model, points, &s.v_next);
         check(scene, &near, &solved)?;
-        let (mut normal, mut tangent) = (0.0, 0.0);
-        for i in 0..points.len() {
+        let (mut normal, mut tangent, mut creep) = (0.0, 0.0, 0.0_f64);
+        let mut states = Vec::with_capacity(points.len());
+        for (i, point) in points.iter().enumerate() {
             let [p, start, after] = [&held, &before.start, &after].map(|rows| rows.fixed_rows::<3>(3 * i));
             tangent -= 0.5 * p.xy().dot(&(start.xy() + after.xy()));
             normal -= 0.5 * p[2] * (start[2] + after[2]);
+            let state = smoothing.state(i, point.friction, &p.into(), h);
+            if state == ContactState::Sticking {
+                creep = creep.max(after.xy().norm());
+            }
+            states.push(state);
         }
         let mut outcome = Outcome::nothing();
         #[allow(clippy::cast_precision_loss)] // a small count
@@ -215,10 +219,10 @@ impl ContactStep {
             lost_in_impacts: normal,
             lost_in_friction: tangent,
             bias: cone.residual(&held, &c, &limits),
+            creep,
             ..ContactReport::nothing()
         };
-        let state = |i: usize| smoothing.state(i, points[i].friction, &held.as_slice()[3 * i..], h);
-        outcome.states = near.iter().map(|&i| state(i)).collect();
+        outcome.states = states;
         outcome.laws = record.is_some().then(|| Laws::new(&cone, &[], DVector::zeros(0), (&c, &held), &[]));
         outcome.laws.iter_mut().for_each(|laws| laws.energies = Some(energies.clone()));
         (outcome.near, outcome.held) = (near, held);

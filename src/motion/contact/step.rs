@@ -368,6 +368,7 @@ pub(super) fn report(
         depth: 0.0,
         bias: 0.0,
         hover: 0.0,
+        creep: 0.0,
     }
 }
 
