@@ -126,6 +126,25 @@ def thousand(dt: float, quick: bool) -> list[Row]:
     return rows("thousand balls", {("mean sum of squared penetrations", "m^2"): errors})
 
 
+def piles(dt: float, quick: bool) -> list[Row]:
+    found: list[Row] = []
+    for side in (2,) if quick else (2, 3):
+        scenario = scenarios.pile(side)
+        scene, each = motions(scenario, dt)
+
+        def rise(motion: Motion, scene: phipsi.Scene = scene) -> float:
+            total = energies(scene, motion)
+            return float(np.max(total - np.minimum.accumulate(total)))
+
+        table: dict[tuple[str, str], list[Value]] = {
+            ("mean sum of squared penetrations", "m^2"): [float(np.mean(np.sum(np.maximum(-motion.gaps, 0.0) ** 2, axis=1))) for motion in each],
+            ("largest rise of the energy", "J"): [rise(motion) for motion in each],
+            ("horizontal momentum", "N s"): [float(np.max(np.abs(scene.momentum(motion.q, motion.qd)[:, 3:5]))) for motion in each],
+        }
+        found += rows(scenario.name, table)
+    return found
+
+
 def standing(dt: float, quick: bool) -> list[Row]:
     scene, found = motions(scenarios.standing(), dt)
     early = round(2.0 / dt)
@@ -175,7 +194,7 @@ def momentum(dt: float, quick: bool) -> list[Row]:
 
 CONTACT_BENCH: dict[str, Callable[[float, bool], list[Row]]] = {"sliding cube": sliding, "dragged cube": dragged, "dropped cube": dropped}
 SIM_BENCHMARK: dict[str, Callable[[float, bool], list[Row]]] = {
-    "rolling": rolling, "bouncing": bouncing, "thousand balls": thousand, "ANYmal, PD control": standing, "ANYmal, energy": energy, "ANYmal, momentum": momentum,
+    "rolling": rolling, "bouncing": bouncing, "thousand balls": thousand, "piles": piles, "ANYmal, PD control": standing, "ANYmal, energy": energy, "ANYmal, momentum": momentum,
 }  # fmt: skip
 #: Scenarios whose steps are timed, with the number of steps.
 TIMED: dict[str, tuple[Callable[[], Scenario], int]] = {
@@ -184,6 +203,7 @@ TIMED: dict[str, tuple[Callable[[], Scenario], int]] = {
     "rolling, 26 bodies": (scenarios.rolling, 50),
     "bouncing, 49 bodies": (scenarios.bouncing, 2000),
     "thousand balls, all": (scenarios.thousand_balls, 200),
+    "pile of 27 balls": (lambda: scenarios.pile(3), 100),
     "ANYmal, PD control": (scenarios.standing, 1000),
     "ANYmal, momentum": (scenarios.colliding, 200),
 }
