@@ -112,7 +112,7 @@ class ContactState(IntEnum):
     OPEN = 0
     """The normal force is zero."""
     STICKING = 1
-    """The normal force is positive, and the slip is below 1e-10 of the velocity of the fastest contact."""
+    """The normal force is positive, and the slip is below 1e-9 of the velocity of the fastest contact."""
     SLIDING = 2
     """The contact slips, and the friction force is at its bound. A contact without friction has this state
     at any slip speed, also at zero.

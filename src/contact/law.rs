@@ -3,6 +3,10 @@
 use super::report::TOLERANCE;
 use nalgebra::{DMatrix, DVector, Vector3};
 
+/// A contact sticks if its slip, relative to the scale of the velocities, is below this. Impulses with errors within the
+/// tolerance change the slip of a contact at its friction bound by a few times the tolerance.
+const STICKS: f64 = 10.0 * TOLERANCE;
+
 /// The Delassus matrix G of some contacts, and their coefficients of friction.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Cone {
@@ -37,7 +41,7 @@ impl Limits {
 pub enum ContactState {
     /// No contact force.
     Open,
-    /// Contact force, and a slip below 1e-10 of the velocity of the fastest contact.
+    /// Contact force, and a slip below 1e-9 of the velocity of the fastest contact.
     Sticking,
     /// Contact force with slip and friction at its bound; without friction, regardless of slip.
     Sliding,
@@ -54,10 +58,9 @@ impl ContactState {
         }
     }
 
-    /// The state of a contact with a force: it sticks if its slip, relative to the scale of the velocities, is below the
-    /// tolerance of the solver.
+    /// The state of a contact with a force: it sticks if its slip is small relative to the scale of the velocities.
     pub(crate) fn of_slip(slip: f64, scale: f64, friction: f64) -> Self {
-        if friction > 0.0 && slip <= TOLERANCE * scale { Self::Sticking } else { Self::Sliding }
+        if friction > 0.0 && slip <= STICKS * scale { Self::Sticking } else { Self::Sliding }
     }
 
     /// The state for a number in a recorded row; `None` for any other number.
