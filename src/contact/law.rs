@@ -127,9 +127,9 @@ impl Cone {
     /// State of each contact: open if its target x is below its plane; otherwise by its slip, because at the boundary
     /// of the cone the case of F in which x is depends on rounding.
     pub fn states(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<ContactState> {
-        let (u, x) = (self.velocities(p, c), self.targets(p, c));
+        let u = self.velocities(p, c);
         let of = |i: usize| {
-            if x[3 * i + 2] <= 0.0 && limits.least[i] == 0.0 {
+            if p[3 * i + 2] - self.lengths[i] * u[3 * i + 2] <= 0.0 && limits.least[i] == 0.0 {
                 return ContactState::Open;
             }
             ContactState::of_slip(u[3 * i].hypot(u[3 * i + 1]), limits.scale, self.friction[i])

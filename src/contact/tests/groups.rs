@@ -85,7 +85,7 @@ fn a_contact_without_slip_sticks_also_at_the_bound_of_friction() {
             };
             assert_eq!(state(mu), ContactState::Sticking);
             assert_eq!(state(mu * (1.0 - 1e-12)), ContactState::Sticking);
-            assert_eq!(state(mu * (1.0 + 1e-8)), ContactState::Sliding);
+            assert_eq!(state(mu * (1.0 + 1e-6)), ContactState::Sliding);
         }
     }
 }
