@@ -31,7 +31,8 @@ CRITERIA = """## Criteria
 - **Largest rise of the energy**: of a passive body, from any row to a later one, J.
 - **Mean squared error of the velocities** (SimBenchmark, rolling): of the box and of one ball, from the exact solution.
 - **Root mean squared error of the energy** (SimBenchmark, bouncing): relative to the initial energy.
-- **Mean sum of squared penetrations** (SimBenchmark, thousand balls, also called 666): over all balls, mean over time.
+- **Mean sum of squared penetrations** (SimBenchmark, thousand balls and piles, also called 666): over all contacts, mean over time.
+- **Horizontal momentum** (piles): its largest component; zero, because there is no friction.
 - **Height and slip** (SimBenchmark, ANYmal PD control): SimBenchmark reports only that the robot keeps its stance; here the height of the trunk and the displacement of the feet are measured.
 - **Mean squared error of the energy** (SimBenchmark, ANYmal energy): in free flight with moving joints, with integrators of equal order.
 - **Momentum minus contact impulses** (SimBenchmark, ANYmal momentum): the linear momentum of the robot changes by the contact impulses only; the largest norm of the difference, until 0.1 s after the first impact and until the legs have folded at up to 60 rad/s, where the error is that of the integrators.
@@ -46,15 +47,16 @@ Both programs have the same MJCF model: `Scene.from_mujoco(contacts="plane")` re
 
 MuJoCo integrates by its semi-implicit Euler method, with implicit joint damping, except for the energy of order 4. phipsi uses its only method for contacts, of order 1.
 
-Differences from the original suites, because phipsi has only contacts with planes here:
+Differences from the original suites:
 
 - Rolling: the 25 balls are on the ground instead of on the box, and gravity is inclined such that all bodies are pushed by 15 N per kg along the direction of the original force.
 - Thousand balls: balls do not collide with each other. phipsi simulates a batch of 1,000 states of one ball, MuJoCo one model with 1,000 balls.
+- Piles: 3 x 3 x 3 and 6 x 6 x 6 balls without friction and restitution, which fall from 5 cm; the larger pile with steps of 4 ms only. phipsi searches no pairs: the model names one contact per pair of balls (23,220 for 216 balls), and each costs time in every step. Contacts that are coupled are solved as one dense system, so a pile takes time cubic in the number of active contacts.
 - ANYmal: the model is ANYmal B of example-robot-data with the spheres of its feet. The controller of the standing robot is a spring and a damper per joint, with the original gains. For the energy, the robot is thrown with moving joints instead of lifted by a force; for the momentum, it collides with a frictionless plane instead of a ball.
 """
 LIMITS = """## Limitations
 
-Contacts between bodies, meshes, and the Atlas and Kapla scenarios of SimBenchmark are not covered. Signorini's criterion is defined on velocities, and is therefore not met by a soft contact that is compressed. Times are for one thread, as the minimum of interleaved timings from the initial state. phipsi solves all contacts of a scene as one dense system, so independent bodies in one scene (rolling, bouncing) take longer than as states of a batch (thousand balls).
+Meshes, and the Atlas and Kapla scenarios of SimBenchmark are not covered. Signorini's criterion is defined on velocities, and is therefore not met by a soft contact that is compressed. Times are for one thread, as the minimum of interleaved timings from the initial state.
 """
 
 
@@ -93,7 +95,7 @@ def head(quick: bool) -> str:
     return (
         "# Contacts in public suites\n\nThe scenarios of [SimBenchmark](https://leggedrobotics.github.io/SimBenchmark/) (ETH Zurich) and the criteria of "
         "[ContactBench](https://github.com/Simple-Robotics/ContactBench) (Q. Le Lidec and others, Contact Models in Robotics: a Comparative Analysis, 2023), as far as [contacts](../how-to/contacts.md) "
-        f"with planes can represent them. Written by `make contact-suites` (benches/contact_suites.py): phipsi {phipsi.__version__}, MuJoCo {version('mujoco')}, {known['cpu']}, one thread, "
+        f"can represent them. Written by `make contact-suites` (benches/contact_suites.py): phipsi {phipsi.__version__}, MuJoCo {version('mujoco')}, {known['cpu']}, one thread, "
         f"{datetime.now(timezone.utc).date()}.{built}{trial}"
     )
 

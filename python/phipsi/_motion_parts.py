@@ -112,9 +112,9 @@ class ContactState(IntEnum):
     OPEN = 0
     """The normal force is zero."""
     STICKING = 1
-    """The normal force is positive and the friction force is below mu times the normal force."""
+    """The normal force is positive, and the slip is below 1e-9 of the velocity of the fastest contact."""
     SLIDING = 2
-    """The normal force is positive and the friction force is at its bound. A contact without friction has this state
+    """The contact slips, and the friction force is at its bound. A contact without friction has this state
     at any slip speed, also at zero.
     """
 
@@ -147,8 +147,8 @@ class ContactMotion(NamedTuple):
     state: dict[str, NDArray[np.int8]]
     """ContactState in the step that ends at the row, (..., rows): 0 open, 1 sticking, 2 sliding; open in the first row.
 
-    The state is that at the end of the step. If a rebound has separated the contact by then, it is the state during
-    the impact.
+    The state is that at the end of the step. If a rebound has separated the contact by then, it is the state at
+    the end of the impact.
     """
     residual: _Array
     """Largest residual of the contact law in a step, (...): a velocity relative to that of the fastest contact.

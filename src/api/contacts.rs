@@ -6,6 +6,12 @@ use crate::error::{Error, check_length};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 
+/// A scene with at most this many contacts counts as coupled.
+const FEW_CONTACTS: usize = 8;
+
+/// Largest number of entries of G, relative to those that are not zero, of coupled contacts.
+const MOSTLY_ZERO: usize = 4;
+
 impl Scene {
     /// Signed distance of each contact from its surface at `q`, written to `out` (contacts), m; negative for
     /// penetration. O(depth) per contact.
@@ -75,6 +81,19 @@ impl Scene {
     /// True if every contact has a plane of the base.
     pub(crate) fn contacts_have_planes(&self) -> bool {
         self.tree().contact_points().iter().all(|point| point.other.is_none())
+    }
+
+    /// True unless contacts are on many trees, such that most blocks of G are zero.
+    pub(crate) fn contacts_are_coupled(&self) -> bool {
+        let points = self.tree().contact_points();
+        if points.len() <= FEW_CONTACTS {
+            return true;
+        }
+        let mut on_tree = vec![0_usize; self.tree().model().bodies.len()];
+        for point in points {
+            point.path.last().into_iter().for_each(|&root| on_tree[root] += 1);
+        }
+        points.len().pow(2) <= MOSTLY_ZERO * on_tree.iter().map(|n| n * n).sum::<usize>()
     }
 
     /// Returns an error if the scene has contacts, for functions that do not support them.

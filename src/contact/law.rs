@@ -1,6 +1,11 @@
 //! The contact law as a function that vanishes for solutions, and the projection onto friction cones.
 
+use super::report::TOLERANCE;
 use nalgebra::{DMatrix, DVector, Vector3};
+
+/// A contact sticks if its slip, relative to the scale of the velocities, is below this. Impulses with errors within the
+/// tolerance change the slip of a contact at its friction bound by a few times the tolerance.
+const STICKS: f64 = 10.0 * TOLERANCE;
 
 /// The Delassus matrix G of some contacts, and their coefficients of friction.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,7 +41,7 @@ impl Limits {
 pub enum ContactState {
     /// No contact force.
     Open,
-    /// Contact force with friction below its bound.
+    /// Contact force, and a slip below 1e-9 of the velocity of the fastest contact.
     Sticking,
     /// Contact force with slip and friction at its bound; without friction, regardless of slip.
     Sliding,
@@ -51,6 +56,11 @@ impl ContactState {
             Self::Sticking => 1.0,
             Self::Sliding => 2.0,
         }
+    }
+
+    /// The state of a contact with a force: it sticks if its slip is small relative to the scale of the velocities.
+    pub(crate) fn of_slip(slip: f64, scale: f64, friction: f64) -> Self {
+        if friction > 0.0 && slip <= STICKS * scale { Self::Sticking } else { Self::Sliding }
     }
 
     /// The state for a number in a recorded row; `None` for any other number.
@@ -114,18 +124,15 @@ impl Cone {
         defect
     }
 
-    /// State of each contact: the case of F in which its target x is.
+    /// State of each contact: open if its target x is below its plane; otherwise by its slip, because at the boundary
+    /// of the cone the case of F in which x is depends on rounding.
     pub fn states(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<ContactState> {
-        let x = self.targets(p, c);
+        let u = self.velocities(p, c);
         let of = |i: usize| {
-            let bound = self.friction[i] * x[3 * i + 2].max(limits.least[i]);
-            if x[3 * i + 2] <= 0.0 && limits.least[i] == 0.0 {
-                ContactState::Open
-            } else if x[3 * i].hypot(x[3 * i + 1]) < bound {
-                ContactState::Sticking
-            } else {
-                ContactState::Sliding
+            if p[3 * i + 2] - self.lengths[i] * u[3 * i + 2] <= 0.0 && limits.least[i] == 0.0 {
+                return ContactState::Open;
             }
+            ContactState::of_slip(u[3 * i].hypot(u[3 * i + 1]), limits.scale, self.friction[i])
         };
         (0..self.len()).map(of).collect()
     }

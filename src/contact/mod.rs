@@ -12,13 +12,14 @@
 //! ([`law`], [`newton`]), started from the impulses of the previous step, usually converges to rounding. Otherwise an
 //! interior-point method ([`interior`]) or continuation along a curve ([`path`]) provides a better start. If G is
 //! singular (four points on a rigid foot), individual impulses are not unique; the solver returns those of equal
-//! springs at the contacts ([`Cone::impulses`]).
+//! springs at the contacts ([`Cone::impulses`]). Contacts that G does not couple are solved in groups ([`Cones`]).
 //!
 //! A relaxed law ([`relaxed`]) makes the impulses smooth functions of the velocities.
 //!
 //! P. Alart and A. Curnier, Computer Methods in Applied Mechanics and Engineering 92, 1991, 353-375.
 
 mod energy;
+mod groups;
 mod held;
 mod implicit;
 mod interior;
@@ -32,7 +33,8 @@ mod solve;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use energy::{Impact, expansion_kept, impact, passive};
+pub(crate) use energy::{ContactProblem, Impact, expansion_kept, impact, passive};
+pub(crate) use groups::Cones;
 pub(crate) use implicit::LawCotangents;
 pub use law::ContactState;
 pub(crate) use law::{Cone, Limits};

@@ -27,6 +27,9 @@ impl SolveReport {
     }
 }
 
+/// The residual at which a solve ends.
+pub(super) const TOLERANCE: f64 = 1e-10;
+
 /// Limits of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Effort {
@@ -40,6 +43,6 @@ pub(crate) struct Effort {
 
 impl Default for Effort {
     fn default() -> Self {
-        Self { tolerance: 1e-10, attempts: usize::MAX, iterations: usize::MAX }
+        Self { tolerance: TOLERANCE, attempts: usize::MAX, iterations: usize::MAX }
     }
 }

@@ -4,7 +4,8 @@
 //! The rows of a contact are t1, t2, n of its surface: u = J v is the velocity of the material point of the link
 //! nearest to the surface, relative to the link of the surface. The innovations W of a unit force along each row, and
 //! of the opposite force on the other link, are propagated inward to the base. G = W* W as for
-//! [connections](super::constraints), without subtraction.
+//! [connections](super::constraints), without subtraction. Contacts whose trees are not coupled have separate blocks of
+//! G.
 //!
 //! With connections or coupled joints, W is first projected onto the complement of their rows
 //! ([`Elimination`](super::constraints::Elimination)): G and the responses are those on the connections.
@@ -28,6 +29,9 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6};
 
 /// A row of W that the projection reduces below this, relative to its size, is zero: the connections fix its motion.
 const HELD: f64 = 1e-12;
+
+/// No row.
+const NONE: usize = usize::MAX;
 
 /// A joint limit as a row of the contact law.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,6 +84,11 @@ pub(crate) struct ContactScratch {
     velocity: Vec<Vector6<f64>>,
     state: Vec<Vector6<f64>>,
     torque: Vec<f64>,
+    innovations: Vec<f64>,
+    /// The body next to the base on the path of each body.
+    roots: Vec<usize>,
+    /// The first row in W of each body; `NONE` without rows.
+    rows: Vec<usize>,
     /// The result of [`ContactScratch::respond`], (nv).
     pub response: Vec<f64>,
 }
@@ -87,6 +96,10 @@ pub(crate) struct ContactScratch {
 impl ContactScratch {
     pub fn new(model: &Model<f64>, points: &[ContactPoint], limits: Vec<LimitRow>) -> Self {
         let (bodies, nv) = (model.bodies.len(), model.nv());
+        let mut roots: Vec<usize> = Vec::with_capacity(bodies);
+        for (k, stage) in model.system.stages.iter().enumerate() {
+            roots.push(stage.parent.map_or(k, |parent| roots[parent]));
+        }
         Self {
             shift: vec![RigidShift::identity(); bodies],
             places: vec![RigidShift::identity(); bodies],
@@ -99,6 +112,9 @@ impl ContactScratch {
             velocity: vec![zero(); bodies],
             state: vec![zero(); bodies],
             torque: vec![0.0; nv],
+            innovations: vec![0.0; nv],
+            roots,
+            rows: vec![NONE; bodies],
             response: vec![0.0; nv],
         }
     }
@@ -143,21 +159,93 @@ impl ContactScratch {
         })
     }
 
-    /// G of the contacts `near`, with the factor of M in the workspace. Joint limits whose joints the connections fix
-    /// are removed from `near`. O(m depth + m^2 depth) for m rows.
+    /// The contacts `near`, by index in it, in groups whose trees they do not couple.
+    fn coupled(&self, points: &[ContactPoint], near: &[usize]) -> Vec<Vec<usize>> {
+        let one = |i: usize| points.get(i).map_or_else(|| self.limits[i - points.len()].body, |point| point.body);
+        let Some(&first) = near.first() else { return Vec::new() };
+        if near.iter().all(|&i| self.roots[one(i)] == self.roots[one(first)]) {
+            return vec![(0..near.len()).collect()];
+        }
+        let mut leader: Vec<usize> = (0..self.roots.len()).collect();
+        for &i in near {
+            if let Some(k) = points.get(i).and_then(ContactPoint::other_body) {
+                let (a, b) = (led_by(&mut leader, self.roots[one(i)]), led_by(&mut leader, self.roots[k]));
+                leader[a] = b;
+            }
+        }
+        let (mut groups, mut group_of): (Vec<Vec<usize>>, _) = (Vec::new(), vec![NONE; leader.len()]);
+        for (at, &i) in near.iter().enumerate() {
+            let group = &mut group_of[led_by(&mut leader, self.roots[one(i)])];
+            if *group == NONE {
+                *group = groups.len();
+                groups.push(Vec::new());
+            }
+            groups[*group].push(at);
+        }
+        groups
+    }
+
+    /// The block of G of each group of the contacts `near` that are coupled, and their indices in `near`, with the
+    /// factor of M in the workspace. Joint limits whose joints the connections fix are removed from `near`. O(m depth +
+    /// m^2 depth) for m rows of a group.
     pub fn gram(
         &mut self,
         model: &Model<f64>,
         points: &[ContactPoint],
         workspace: &Workspace<f64>,
         near: &mut Vec<usize>,
+    ) -> Vec<(Vec<usize>, DMatrix<f64>)> {
+        if self.closed.is_some() {
+            let whitened = self.whiten_on_connections(model, points, workspace, near);
+            return vec![((0..near.len()).collect(), squared(&whitened))];
+        }
+        let groups = self.coupled(points, near);
+        let of = |members: Vec<usize>| {
+            let which: Vec<usize> = members.iter().map(|&at| near[at]).collect();
+            let whitened = self.whiten(model, points, workspace, &which);
+            (members, squared(&whitened))
+        };
+        groups.into_iter().map(of).collect()
+    }
+
+    /// W of some contacts, with the rows of the joints on their paths.
+    fn whiten(
+        &mut self,
+        model: &Model<f64>,
+        points: &[ContactPoint],
+        workspace: &Workspace<f64>,
+        which: &[usize],
     ) -> DMatrix<f64> {
-        let (system, nv, m) = (&model.system, model.nv(), 3 * near.len());
+        let (system, m) = (&model.system, 3 * which.len());
         let measured = &workspace.store.measured;
-        let Self { shift, limits, units, opposite, state, torque, closed, .. } = self;
-        let mut whitened = DMatrix::zeros(nv, m);
+        let Self { shift, limits, units, opposite, state, torque, innovations, rows, closed, .. } = self;
+        let (mut height, mut bodies) = (0, Vec::new());
+        let mut add = |k: usize| {
+            if rows[k] == NONE {
+                rows[k] = height;
+                height += system.stages[k].rows.count();
+                bodies.push(k);
+            }
+        };
+        if closed.is_some() {
+            // Those of all joints, in the order of the rows of connections.
+            (0..system.stages.len()).for_each(&mut add);
+        } else {
+            for &i in which {
+                if let Some(point) = points.get(i) {
+                    point.path.iter().copied().for_each(&mut add);
+                } else {
+                    let mut body = Some(limits[i - points.len()].body);
+                    while let Some(k) = body {
+                        add(k);
+                        body = system.stages[k].parent;
+                    }
+                }
+            }
+        }
+        let mut whitened = DMatrix::zeros(height, m);
         for row in 0..m {
-            let (i, out) = (near[row / 3], &mut whitened.as_mut_slice()[row * nv..(row + 1) * nv]);
+            let (i, out) = (which[row / 3], &mut whitened.as_mut_slice()[row * height..(row + 1) * height]);
             // A force on a body reduces the force that its joint transmits; a limit acts as a torque of its joint.
             let (force, body) = match points.get(i) {
                 Some(point) => (-units[i][row % 3], point.body),
@@ -168,7 +256,9 @@ impl ContactScratch {
                 }
                 None => continue,
             };
-            let past = |k: usize, z: &mut Vector6<f64>| whiten((model, k), measured, torque, z, out);
+            let past = |k: usize, z: &mut Vector6<f64>| {
+                whiten((model, k), (measured, torque), (innovations, z), &mut out[rows[k]..]);
+            };
             match points.get(i).and_then(|point| Some((point, point.other_body()?))) {
                 Some((point, other)) => {
                     for &k in &point.path {
@@ -182,28 +272,41 @@ impl ContactScratch {
                     inward_along_path(&system.stages, shift, [Some(body), None], force, past);
                 }
             }
-            torque.fill(0.0);
-        }
-        if let Some(closed) = closed {
-            let sizes: Vec<f64> = whitened.column_iter().map(|column| column.norm()).collect();
-            closed.project(&mut whitened);
-            for (mut column, size) in whitened.column_iter_mut().zip(sizes) {
-                if column.norm() <= HELD * size {
-                    column.fill(0.0);
-                }
-            }
-            let moves = |&at: &usize| near[at] < points.len() || whitened.column(3 * at + 2).amax() > 0.0;
-            let moving: Vec<usize> = (0..near.len()).filter(moves).collect();
-            if moving.len() < near.len() {
-                let columns: Vec<usize> = moving.iter().flat_map(|at| 3 * at..3 * at + 3).collect();
-                whitened = whitened.select_columns(&columns);
-                closed.select(&columns);
-                *near = moving.iter().map(|&at| near[at]).collect();
+            if let Some(limit) = i.checked_sub(points.len()) {
+                torque[limits[limit].row] = 0.0;
             }
         }
-        let mut gram = whitened.tr_mul(&whitened);
-        gram.fill_lower_triangle_with_upper_triangle();
-        gram
+        bodies.into_iter().for_each(|k| rows[k] = NONE);
+        whitened
+    }
+
+    /// W of the contacts `near`, projected onto the complement of the rows of connections; removes joint limits that
+    /// the connections fix.
+    fn whiten_on_connections(
+        &mut self,
+        model: &Model<f64>,
+        points: &[ContactPoint],
+        workspace: &Workspace<f64>,
+        near: &mut Vec<usize>,
+    ) -> DMatrix<f64> {
+        let mut whitened = self.whiten(model, points, workspace, near);
+        let Some(closed) = &mut self.closed else { return whitened };
+        let sizes: Vec<f64> = whitened.column_iter().map(|column| column.norm()).collect();
+        closed.project(&mut whitened);
+        for (mut column, size) in whitened.column_iter_mut().zip(sizes) {
+            if column.norm() <= HELD * size {
+                column.fill(0.0);
+            }
+        }
+        let moves = |&at: &usize| near[at] < points.len() || whitened.column(3 * at + 2).amax() > 0.0;
+        let moving: Vec<usize> = (0..near.len()).filter(moves).collect();
+        if moving.len() < near.len() {
+            let columns: Vec<usize> = moving.iter().flat_map(|at| 3 * at..3 * at + 3).collect();
+            whitened = whitened.select_columns(&columns);
+            closed.select(&columns);
+            *near = moving.iter().map(|&at| near[at]).collect();
+        }
+        whitened
     }
 
     /// M^-1 J* p of the contacts `near`, which [`ContactScratch::gram`] has returned, into `response`: one more right-hand
@@ -245,20 +348,38 @@ impl ContactScratch {
 /// One stage of the inward pass of a unit force: its rows of W into `out`.
 fn whiten(
     (model, k): (&Model<f64>, usize),
-    measured: &[Measured<f64>],
-    torque: &[f64],
-    z: &mut Vector6<f64>,
+    (measured, torque): (&[Measured<f64>], &[f64]),
+    (innovations, z): (&mut [f64], &mut Vector6<f64>),
     out: &mut [f64],
 ) {
-    innovations::through_stage((&model.system, k), measured, torque, z, out);
+    innovations::through_stage((&model.system, k), measured, torque, z, innovations);
     let stage = &model.system.stages[k];
     let joint = stage.first_row..stage.first_row + stage.rows.count();
-    for (out, measured) in out[joint.clone()].iter_mut().zip(&measured[joint]) {
-        *out *= measured.pivot_inverse.sqrt();
+    for ((out, e), measured) in out.iter_mut().zip(&innovations[joint.clone()]).zip(&measured[joint]) {
+        *out = e * measured.pivot_inverse.sqrt();
     }
+}
+
+/// W* W.
+fn squared(whitened: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut gram = whitened.tr_mul(whitened);
+    gram.fill_lower_triangle_with_upper_triangle();
+    gram
+}
+
+/// The first of a chain of leaders, with the chain shortened.
+fn led_by(leader: &mut [usize], mut k: usize) -> usize {
+    while leader[k] != k {
+        leader[k] = leader[leader[k]];
+        k = leader[k];
+    }
+    k
 }
 
 /// The velocity in the tangent plane of a contact, in the base frame, from its rows and their axes.
 pub(crate) fn slip(axes: &Matrix3<f64>, rows: &[f64]) -> Vector3<f64> {
     axes.tr_mul(&Vector3::new(rows[0], rows[1], 0.0))
 }
+
+#[cfg(test)]
+mod tests;

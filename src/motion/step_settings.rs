@@ -104,10 +104,12 @@ impl StepSettings {
         self.coupling.is_none() && is_rigid && self.accuracy.is_none()
     }
 
-    /// True if steps with contacts are vectorized: those of a tree on planes of the base, with the exact law.
+    /// True if steps with contacts are vectorized: those of a tree on planes of the base with the exact law, unless its
+    /// contacts are in many independent groups, because G of all contacts is computed in lanes.
     pub fn touches_in_lanes(&self, scene: &Scene) -> bool {
         self.method == Method::Contact
             && scene.contacts_have_planes()
+            && scene.contacts_are_coupled()
             && self.coupling.is_none()
             && self.connected.is_none()
             && self.smoothing.is_none()

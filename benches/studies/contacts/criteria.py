@@ -8,6 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 import phipsi
+import phipsi.mujoco
 
 from . import scenarios
 from .programs import DEFAULT, Array, Motion, Scenario, compiled, elastic, hard, law, own, scene_of, start, theirs
@@ -126,6 +127,37 @@ def thousand(dt: float, quick: bool) -> list[Row]:
     return rows("thousand balls", {("mean sum of squared penetrations", "m^2"): errors})
 
 
+def piles(dt: float, quick: bool) -> list[Row]:
+    """Rows every 40 ms: pairs are too many for records of every step."""
+    found: list[Row] = []
+    for side in (2,) if quick else (3, 6) if dt > 2e-3 else (3,):
+        scenario, every = scenarios.pile(side), round(0.04 / dt)
+        scene, steps = scene_of(scenario), round(scenario.duration / dt)
+        path = scene.simulate(*start(scenario, scene), dt=dt, steps=steps, record_every=every)
+        states = [(path.q, path.qd)]
+        for softness in (DEFAULT, hard(dt)):
+            model = compiled(scenario, dt, softness)
+            data = mujoco.MjData(model)
+            data.qpos[:], kept = scenario.qpos, [(scenario.qpos, scenario.qvel)]
+            for _ in range(steps // every):
+                mujoco.mj_step(model, data, nstep=every)
+                kept.append((data.qpos.copy(), data.qvel.copy()))
+            states.append(phipsi.mujoco.to_state(scene, *(np.array(part) for part in zip(*kept, strict=True))))
+
+        def rise(q: Array, qd: Array, scene: phipsi.Scene = scene) -> float:
+            energy = scene.energy(q, qd)
+            total = np.asarray(energy.kinetic + energy.potential)
+            return float(np.max(total - np.minimum.accumulate(total)))
+
+        gaps = [np.minimum(scene.contact_gaps(q), 0.0) for q, _ in states]
+        found += rows(scenario.name, {
+            ("mean sum of squared penetrations", "m^2"): [float(np.mean(np.sum(gap**2, axis=1))) for gap in gaps],
+            ("largest rise of the energy", "J"): [rise(*state) for state in states],
+            ("horizontal momentum", "N s"): [float(np.max(np.abs(scene.momentum(*state)[:, 3:5]))) for state in states],
+        })  # fmt: skip
+    return found
+
+
 def standing(dt: float, quick: bool) -> list[Row]:
     scene, found = motions(scenarios.standing(), dt)
     early = round(2.0 / dt)
@@ -175,7 +207,7 @@ def momentum(dt: float, quick: bool) -> list[Row]:
 
 CONTACT_BENCH: dict[str, Callable[[float, bool], list[Row]]] = {"sliding cube": sliding, "dragged cube": dragged, "dropped cube": dropped}
 SIM_BENCHMARK: dict[str, Callable[[float, bool], list[Row]]] = {
-    "rolling": rolling, "bouncing": bouncing, "thousand balls": thousand, "ANYmal, PD control": standing, "ANYmal, energy": energy, "ANYmal, momentum": momentum,
+    "rolling": rolling, "bouncing": bouncing, "thousand balls": thousand, "piles": piles, "ANYmal, PD control": standing, "ANYmal, energy": energy, "ANYmal, momentum": momentum,
 }  # fmt: skip
 #: Scenarios whose steps are timed, with the number of steps.
 TIMED: dict[str, tuple[Callable[[], Scenario], int]] = {
@@ -184,6 +216,7 @@ TIMED: dict[str, tuple[Callable[[], Scenario], int]] = {
     "rolling, 26 bodies": (scenarios.rolling, 50),
     "bouncing, 49 bodies": (scenarios.bouncing, 2000),
     "thousand balls, all": (scenarios.thousand_balls, 200),
+    "pile of 27 balls": (lambda: scenarios.pile(3), 100),
     "ANYmal, PD control": (scenarios.standing, 1000),
     "ANYmal, momentum": (scenarios.colliding, 200),
 }

@@ -87,6 +87,24 @@ def bouncing() -> Scenario:
     return Scenario("bouncing", spec, free(*at), np.zeros(6 * 49), 20.0, scene=scene)
 
 
+def pile(side: int) -> Scenario:
+    """A cube of side^3 balls of 10 kg and 0.1 m without friction or restitution, dropped: any two balls can touch."""
+    count = side**3
+    builder = phipsi.SceneBuilder().link("world")
+    names = [f"ball{i}" for i in range(count)]
+    for name in names:
+        builder.link(name, mass=10.0, inertia=0.4 * 10.0 * 0.1**2 * np.eye(3)).joint(f"joint {name}", "floating", "world", name)
+        builder.contact(name, name, radius=0.1, friction=0.0)
+    for i, one in enumerate(names):
+        for other in names[:i]:
+            builder.contact(f"{one} {other}", one, radius=0.1, friction=0.0, other=other, other_radius=0.1)
+    bodies = [body(name, "sphere", "0.1", 10.0, 0.0).replace('conaffinity="0"', 'conaffinity="1"') for name in names]
+    layer = 0.21 * np.arange(side)
+    x, y, z = np.meshgrid(layer, layer, layer + 0.15, indexing="ij")
+    at = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1) + 0.001 * np.random.default_rng(42).uniform(size=(count, 3))
+    return Scenario(f"pile of {count} balls", spec_of(bodies, floor='condim="1"'), free(*map(tuple, at)), np.zeros(6 * count), 1.0, scene=builder.build())
+
+
 def falling_balls() -> np.ndarray:
     """Positions of 1,000 balls of 0.1 m in a cube of ten layers, (1000, 3)."""
     random = np.random.default_rng(42)

@@ -1,6 +1,6 @@
 //! Faults of steps with contacts.
 
-use crate::contact::{Cone, SolveReport};
+use crate::contact::SolveReport;
 use crate::dynamics::forward::factorise;
 use crate::error::Error;
 use crate::filter::pivots::LostPivot;
@@ -22,9 +22,9 @@ pub(super) fn check(scene: &Scene, near: &[usize], solved: &SolveReport) -> Resu
     Err((String::new(), Error::argument(named(scene, near), found, expected)))
 }
 
-/// Returns an error for a contact that no joint can move.
-pub(super) fn check_movable(scene: &Scene, near: &[usize], cone: &Cone) -> Result<(), (String, Error)> {
-    let Some(at) = cone.lengths.iter().position(|r| !r.is_finite()) else { return Ok(()) };
+/// Returns an error for a contact that no joint can move, for r of each contact.
+pub(super) fn check_movable(scene: &Scene, near: &[usize], lengths: &[f64]) -> Result<(), (String, Error)> {
+    let Some(at) = lengths.iter().position(|r| !r.is_finite()) else { return Ok(()) };
     let found = "a point that the joints and connections cannot move in this configuration";
     let error = Error::argument(named(scene, &near[at..=at]), found, "contacts that joints can move");
     Err((String::new(), error))

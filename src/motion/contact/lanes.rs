@@ -20,7 +20,7 @@ use super::step::{ContactStep, LATE, Outcome, keep, report};
 use super::stepper::record;
 use crate::batch::factor;
 use crate::batch::instruction_set::{Target, Vectorized, Work};
-use crate::contact::{Cone, Effort, Limits, SolveReport, passive};
+use crate::contact::{Cone, Cones, ContactProblem, Effort, Limits, SolveReport, passive};
 use crate::dynamics::contact_kernel::ContactKernel;
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::sweeps::{SweepScratch, place};
@@ -183,6 +183,7 @@ impl<T: Vectorized<Number = f64>> Touching<T> {
         if !cone.lengths.iter().chain(&c).all(|x| x.is_finite()) {
             return false;
         }
+        let cone = Cones::split(cone);
         let mut limits = Limits::beside(&c);
         limits.scale = limits.scale.max(free_here.amax());
         let warm = DVector::from_fn(m, |i, _| kept[row(i)]);

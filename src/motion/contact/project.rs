@@ -4,7 +4,7 @@ use super::super::manifold::advance;
 use super::closed::positions_onto_connections;
 use super::faults::factorised;
 use super::moves::{Move, Push};
-use crate::contact::{Cone, Effort, Limits};
+use crate::contact::{Cones, Effort, Limits};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::model::Model;
@@ -50,18 +50,18 @@ pub(super) fn out_of_planes(
         if let Some(closed) = &mut rows.closed {
             closed.factorize(model, workspace, q).map_err(|at| (String::new(), scene.no_direction(at)))?;
         }
-        let gram = rows.gram(model, points, workspace, &mut near);
+        let blocks = rows.gram(model, points, workspace, &mut near);
         let gap = |i: usize| if i < points.len() { rows.gaps[i] } else { rows.gaps[i].max(0.0) };
         let c = DVector::from_fn(3 * near.len(), |i, _| if i % 3 == 2 { gap(near[i / 3]) } else { 0.0 });
-        let cone = Cone::new(gram, vec![0.0; near.len()]);
-        if cone.lengths.iter().any(|r| !r.is_finite()) {
+        let cone = Cones::new(blocks, &vec![0.0; near.len()]);
+        if cone.lengths().iter().any(|r| !r.is_finite()) {
             break;
         }
-        let (push, solved) = cone.solve(&c, None, &Limits::beside(&c), ROUGH);
+        let (push, solved) = cone.solve(&c, &Limits::beside(&c), ROUGH);
         iterations += solved.iterations;
         rows.respond(model, points, workspace, &near, &push);
         if let Some(moves) = &mut moves {
-            let (q, moved) = (q.to_vec(), rows.response.clone());
+            let (q, cone, moved) = (q.to_vec(), cone.whole(), rows.response.clone());
             moves.push(Move::Push(Push { q, near, gaps: c, cone, impulses: push, moved }));
         }
         advance(model, q, &rows.response, next);

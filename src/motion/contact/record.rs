@@ -25,13 +25,13 @@ pub(super) struct Laws {
 
 impl Laws {
     pub fn new(
-        cone: &Cone,
+        cone: Cone,
         rebound: &[f64],
         middle: DVector<f64>,
         (c, held): (&DVector<f64>, &DVector<f64>),
         arriving: &[usize],
     ) -> Self {
-        let (cone, rebound, arriving) = (cone.clone(), rebound.to_vec(), arriving.to_vec());
+        let (rebound, arriving) = (rebound.to_vec(), arriving.to_vec());
         Self { cone, rebound, middle, c: c.clone(), held: held.clone(), arriving, slower: None, energies: None }
     }
 }

@@ -20,7 +20,7 @@ use super::pairs::from_fixed_axes;
 use super::record::Laws;
 use super::report::ContactReport;
 use super::step::{ContactStep, Outcome, StepStart};
-use crate::contact::{Cone, ContactState, Limits, Relaxation};
+use crate::contact::{Cones, ContactState, Limits, Relaxation};
 use crate::error::Error;
 use crate::model::Model;
 use crate::motion::properties::joint_of_row;
@@ -180,9 +180,10 @@ impl ContactStep {
         if rows.closed.is_none() {
             factorised(scene, (&s.model, &s.q), workspace)?;
         }
-        let gram = rows.gram(&s.model, points, workspace, &mut near);
-        let cone = Cone::new(gram, points.iter().map(|point| point.friction).collect());
-        check_movable(scene, &near, &cone)?;
+        let blocks = rows.gram(&s.model, points, workspace, &mut near);
+        let friction: Vec<f64> = points.iter().map(|point| point.friction).collect();
+        let cone = Cones::new(blocks, &friction).whole();
+        check_movable(scene, &near, &cone.lengths)?;
         let mut c = before.free.clone();
         for (i, &gap) in before.gaps.iter().enumerate() {
             c[3 * i + 2] += smoothing.target(gap, h)[0];
@@ -223,7 +224,7 @@ impl ContactStep {
             ..ContactReport::nothing()
         };
         outcome.states = states;
-        outcome.laws = record.is_some().then(|| Laws::new(&cone, &[], DVector::zeros(0), (&c, &held), &[]));
+        outcome.laws = record.is_some().then(|| Laws::new(cone.clone(), &[], DVector::zeros(0), (&c, &held), &[]));
         outcome.laws.iter_mut().for_each(|laws| laws.energies = Some(energies.clone()));
         (outcome.near, outcome.held) = (near, held);
         Ok(outcome)

@@ -17,7 +17,7 @@ use super::pairs::{from_fixed_axes, into_fixed_axes};
 use super::project::out_of_planes;
 use super::record::{Laws, StepRecord};
 use super::report::ContactReport;
-use crate::contact::{Cone, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
+use crate::contact::{Cones, ContactProblem, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;
@@ -187,12 +187,12 @@ impl ContactStep {
         let mut iterations = 0;
         let kept = from_fixed_axes(points, &before.axes, kept);
         for _ in 0..=all_rows {
-            let gram = rows.gram(&s.model, points, workspace, &mut near);
+            let blocks = rows.gram(&s.model, points, workspace, &mut near);
             let pick =
                 |all: &dyn Fn(usize) -> f64| DVector::from_fn(3 * near.len(), |i, _| all(3 * near[i / 3] + i % 3));
-            let friction = near.iter().map(|&i| points.get(i).map_or(0.0, |point| point.friction)).collect();
-            let cone = Cone::new(gram, friction);
-            check_movable(scene, &near, &cone)?;
+            let friction: Vec<f64> = near.iter().map(|&i| points.get(i).map_or(0.0, |of| of.friction)).collect();
+            let cone = Cones::new(blocks, &friction);
+            check_movable(scene, &near, &cone.lengths())?;
             let free_here = pick(&|i| free[i]);
             let rebound = restitutions(points, &near, (start, free), (rest_speed, settings.restitution));
             let mut u = free_here.clone();
@@ -203,7 +203,7 @@ impl ContactStep {
                 let middle = (pick(&|i| start[i]) + &u) * 0.5;
                 let struck = impact(&cone, &middle, &rebound, Effort::default());
                 lost = lost_at_contacts(&cone, &middle, &struck.impulses, touching);
-                u += &cone.g * &struck.impulses;
+                u += cone.response(&struck.impulses);
                 warm = None;
                 hit = Some(struck);
             }
@@ -226,14 +226,14 @@ impl ContactStep {
                 *v = v_free[i] + rows.response[i];
             }
             let after = rows.velocities(&s.model, points, &s.v_next);
-            let late = |i: &usize| !near.contains(i) && gaps[*i].max(0.0) + h * after[3 * *i + 2] < -LATE;
+            let late = |i: &usize| gaps[*i].max(0.0) + h * after[3 * i + 2] < -LATE && near.binary_search(i).is_err();
             let late: Vec<usize> = (0..all_rows).filter(late).collect();
             if late.is_empty() {
                 let arrives = |at: usize| near[at] >= n && gaps[near[at]] > 0.0 && held[3 * at + 2] > 0.0;
                 let arriving: Vec<usize> = (touching..near.len()).filter(|&at| arrives(at)).collect();
                 let mut after = after;
                 let middle = || (pick(&|i| start[i]) + &free_here) * 0.5;
-                outcome.laws = records.then(|| Laws::new(&cone, &rebound, middle(), (&c, &held), &arriving));
+                outcome.laws = records.then(|| Laws::new(cone.whole(), &rebound, middle(), (&c, &held), &arriving));
                 if !arriving.is_empty() {
                     for at in arriving {
                         c[3 * at + 2] = u[3 * at + 2];
@@ -257,7 +257,7 @@ impl ContactStep {
                 check(scene, &near, &solved)?;
                 outcome.states = cone.states(&held, &c, &limits);
                 if let Some(hit) = &hit {
-                    states_of_rebounds(&cone, &hit.impulses, &mut outcome.states);
+                    states_of_rebounds((&cone, &friction), (&middle(), &hit.impulses), &mut outcome.states);
                 }
                 (outcome.near, outcome.hit, outcome.held) = (near, hit, held);
                 break;
@@ -317,21 +317,24 @@ fn restitutions(
 }
 
 /// Kinetic energy dissipated by an impact at contacts, without joint limits, J, for velocities u.
-fn lost_at_contacts(cone: &Cone, u: &DVector<f64>, impulses: &DVector<f64>, contacts: usize) -> f64 {
-    let change = &cone.g * impulses;
+fn lost_at_contacts(cone: &Cones, u: &DVector<f64>, impulses: &DVector<f64>, contacts: usize) -> f64 {
+    let change = cone.response(impulses);
     -(0..3 * contacts).map(|i| impulses[i] * (u[i] + 0.5 * change[i])).sum::<f64>()
 }
 
-/// Sets the states of contacts that had an impact but no persistent force to their state during the impact.
-fn states_of_rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [ContactState]) {
-    /// Rounding errors relative to the largest impulse and to the friction bound.
+/// Sets the states of contacts that had an impact but no persistent force: sticking if they do not slip after it, for
+/// velocities u before it.
+fn states_of_rebounds(
+    (cone, friction): (&Cones, &[f64]),
+    (u, impulses): (&DVector<f64>, &DVector<f64>),
+    states: &mut [ContactState],
+) {
+    /// Rounding errors relative to the largest impulse.
     const ROUNDING: f64 = 1e-9;
-    let largest = impulses.amax();
+    let (largest, after, scale) = (impulses.amax(), u + cone.response(impulses), Limits::beside(u).scale);
     for (i, state) in states.iter_mut().enumerate().filter(|(_, state)| **state == ContactState::Open) {
-        let (pressed, drag) = (impulses[3 * i + 2], impulses[3 * i].hypot(impulses[3 * i + 1]));
-        if pressed > ROUNDING * largest {
-            let sticks = drag < (1.0 - ROUNDING) * cone.friction[i] * pressed;
-            *state = if sticks { ContactState::Sticking } else { ContactState::Sliding };
+        if impulses[3 * i + 2] > ROUNDING * largest {
+            *state = ContactState::of_slip(after[3 * i].hypot(after[3 * i + 1]), scale, friction[i]);
         }
     }
 }
