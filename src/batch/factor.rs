@@ -113,7 +113,7 @@ impl<T: Vectorized> Work for WithInnovations<'_, T> {
     }
 }
 
-/// e^- of a state (q, qd, tau), with the existing factor.
+/// e^- of a state (q, qd, tau), with the existing factor, which is that at q.
 #[inline(never)]
 pub(crate) fn innovations<T: Vectorized, I: Target>(
     target: I,
@@ -138,7 +138,7 @@ impl<T: Vectorized> Work for Innovations<'_, T> {
     #[inline(always)]
     fn call(self) {
         let Self(scene, scratch, state, (wrenches, out)) = self;
-        sweeps::innovations_of_factor::<T, T::Columns>(scene, scratch, state, wrenches, out);
+        sweeps::innovations_of_factor(scene, scratch, state, wrenches, out);
     }
 }
 

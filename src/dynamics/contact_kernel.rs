@@ -145,8 +145,8 @@ impl<T: Real> ContactKernel<T> {
         let zero = scene.0.gravity[0].constant(0.0);
         let Self { contacts, whitened, units, forces, torque, .. } = self;
         for (at, (contact, units)) in contacts.iter().zip(units).enumerate() {
-            // A force on a body reduces the force that its joint transmits. The forces on the other bodies of the path are
-            // set by the first that they receive.
+            // A force on a body reduces the force that its joint transmits. The forces on the other bodies of the path
+            // are set by the first that they receive.
             let on = &mut forces[contact.step];
             for (row, unit) in units.iter().enumerate() {
                 for i in 0..6 {

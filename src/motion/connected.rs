@@ -1,9 +1,10 @@
 //! Steps of scenes with connections by the compiled kernels, for one state per lane of a scalar.
 //!
 //! At the end of a step, positions are projected onto the connections by the factors of the last stage, and velocities
-//! by factors of M and of G at the new configuration, which also remove what remains of the errors. In explicit methods the first stage of the next step uses the same factors. A state needs the
-//! [checked step](super::constrained) if its rows are dependent, if an error estimate exceeds the tolerance, if a
-//! projection does not converge in a few steps, or if a joint reaches a stop.
+//! by factors of M and of G at the new configuration, which also remove what remains of the errors. In explicit methods
+//! the first stage of the next step uses the same factors. A state needs the [checked step](super::constrained) if its
+//! rows are dependent, if an error estimate exceeds the tolerance, if a projection does not converge in a few steps, or
+//! if a joint reaches a stop.
 
 use super::manifold::advance;
 use super::scratch::Scratch;
@@ -242,8 +243,8 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
         let mut of_factor;
         let mut before = zero.constant(f64::INFINITY);
         let mut step = 0;
-        // The factors of the last stage are those of a configuration nearby: they remove the errors of the step, so that
-        // usually only the factors at the end are computed. A lane does not depend on others.
+        // The factors of the last stage are those of a configuration nearby: they remove the errors of the step, so
+        // that usually only the factors at the end are computed. A lane does not depend on others.
         let mut open = if is_shared { *active & !doubt } else { 0 };
         while open != 0 && step < STEPS {
             sweeps::place(scene.1, sweeps, T::Columns::from_f64(0.0), q_next);
@@ -254,11 +255,8 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
                 break;
             }
             (before, step) = (left, step + 1);
-            step_back((target, scene), (sweeps, rows), (innovations, change));
-            let longest = largest_of(change, zero);
-            doubt |= open & lanes_but::<T>(|lane| longest.lane(lane) <= FARTHEST);
-            advance(scene.0, q_next, change, moved);
-            replace(q_next, moved, open);
+            let vectors = (&mut innovations[..], &mut change[..], &mut moved[..]);
+            doubt |= step_back((target, scene), (sweeps, rows), vectors, (q_next, open));
             open &= lanes_but::<T>(|lane| left.lane(lane) <= NEAR * size.lane(lane));
         }
         (before, step) = (zero.constant(f64::INFINITY), 0);
@@ -271,11 +269,8 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
                 break;
             }
             (before, step) = (left, step + 1);
-            step_back((target, scene), (sweeps, rows), (innovations, change));
-            let longest = largest_of(change, zero);
-            doubt |= open & lanes_but::<T>(|lane| longest.lane(lane) <= FARTHEST);
-            advance(scene.0, q_next, change, moved);
-            replace(q_next, moved, open);
+            let vectors = (&mut innovations[..], &mut change[..], &mut moved[..]);
+            doubt |= step_back((target, scene), (sweeps, rows), vectors, (q_next, open));
         }
         doubt |= of_factor;
         let speed = largest_of(v_next, zero).mul_add(size, zero.constant(1.0));
@@ -301,16 +296,22 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
     }
 }
 
-/// The change of the configuration that removes the errors of the rows to first order, into `change`.
+/// Changes the configuration of the lanes given as bits so that the errors of the rows vanish to first order. Returns
+/// those of them whose change is too large.
 #[inline(always)]
 fn step_back<T: Vectorized, I: Target>(
     (target, scene): (I, (&Model<T>, &SweepModel<T>)),
     (sweeps, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
-    (innovations, change): (&mut [T], &mut [T]),
-) {
+    (innovations, change, moved): (&mut [T], &mut [T], &mut [T]),
+    (q, lanes): (&mut [T], u64),
+) -> u64 {
     rows.step_against(Residuals::Errors, innovations);
     change.copy_from_slice(innovations);
     factor::smooth(target, scene, sweeps, change);
+    let longest = largest_of(change, scene.0.gravity[0].constant(0.0));
+    advance(scene.0, q, change, moved);
+    replace(q, moved, lanes);
+    lanes & lanes_but::<T>(|lane| longest.lane(lane) <= FARTHEST)
 }
 
 /// The lanes whose largest residual is above rounding. A residual that is small and no longer decreases by `falls` is

@@ -62,6 +62,16 @@ pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
     state: Motion<'_, T>,
 ) {
     carriers(scene.1, scratch, C::zero(), state.q);
+    base_to_tip_placed::<T, ROOT>(scene, scratch, state);
+}
+
+/// [`base_to_tip`] with the rotations and shifts of the joints at `q` in the scratch.
+#[inline(always)]
+pub(super) fn base_to_tip_placed<T: Real, const ROOT: bool>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    state: Motion<'_, T>,
+) {
     let (needed, g) = (Needed::of(scene.0, state), &scene.0.gravity);
     // The base accelerates upward, so that the weight is part of every force.
     let base = [-g[0], -g[1], -g[2]];

@@ -71,8 +71,9 @@ impl<T: Real> WhitenedRows<T> {
         let width = (*nv).max(1);
         for (own, weighted) in out.chunks_exact(width).zip(weighted[rows.start * *nv..].chunks_exact_mut(width)) {
             for range in &shared[0] {
-                for row in range.start..range.end {
-                    weighted[row] = own[row] * scratch.pivot_inverse(row);
+                let measured = &scratch.measured[range.clone()];
+                for ((to, &own), m) in weighted[range.clone()].iter_mut().zip(&own[range.clone()]).zip(measured) {
+                    *to = own * m.pivot_inverse;
                 }
             }
         }

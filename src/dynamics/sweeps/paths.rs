@@ -238,8 +238,8 @@ pub(crate) fn placement_along<T: Real>(
     }
 }
 
-/// A point of the base in the frame of the body of the outermost step, for a path of one branch that begins at the base.
-/// The vectors from the base are subtracted first: both are similarly long.
+/// A point of the base in the frame of the body of the outermost step, for a path of one branch that begins at the
+/// base. The vectors from the base are subtracted first: both are similarly long.
 #[inline(always)]
 pub(crate) fn point_along<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),

@@ -8,20 +8,20 @@ use super::scratch::SweepScratch;
 use crate::dynamics::forces::Motion;
 use crate::filter::rounding::Outward;
 use crate::model::Model;
-use crate::scalar::{ColumnsOf, Real};
+use crate::scalar::Real;
 use crate::spatial::transform::Transform;
 use nalgebra::Vector6;
 
-/// e^- of a state (4.2), with the factor in the scratch; [`smooth`] computes the accelerations from them.
+/// e^- of a state (4.2), with the factor at its q in the scratch; [`smooth`] computes the accelerations from them.
 #[inline(always)]
-pub(crate) fn innovations_of_factor<T: Real, C: ColumnsOf<T>>(
+pub(crate) fn innovations_of_factor<T: Real>(
     scene: (&Model<T>, &SweepModel<T>),
     scratch: &mut SweepScratch<T>,
     (q, qd, tau): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     innovations: &mut [T],
 ) {
-    motion::base_to_tip::<T, C, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches });
+    motion::base_to_tip_placed::<T, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches });
     tip_to_base::<T, true, false>(scene, scratch, tau, innovations);
 }
 

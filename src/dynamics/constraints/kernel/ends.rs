@@ -29,7 +29,7 @@ pub(super) fn relative_motion<T: Real>(
 }
 
 /// The poses of both frames of a connection in the axes of the body where the branches meet. They do not depend on the
-/// distance of the mechanism from the base: both are relative to the point at which the branch of the second one begins.
+/// distance of the mechanism from the base: both are relative to the point where the branch of the second one begins.
 #[inline(always)]
 pub(super) fn poses_of_ends<T: Real>(
     (connection, path): (&Connection<T>, &Path),

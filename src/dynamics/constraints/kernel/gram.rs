@@ -65,22 +65,69 @@ impl<T: Real> ConstraintKernel<T> {
     #[inline(always)]
     pub(super) fn solve(&mut self) {
         let Self { whitened: WhitenedRows { gram, .. }, pivot_inverses, kept, step, .. } = self;
-        let m = step.len();
-        for i in 0..m {
-            let mut sum = step[i] * kept[i];
-            for (&entry, &x) in gram[i * m..i * m + i].iter().zip(&step[..i]) {
-                sum = sum.minus_product(entry, x);
-            }
-            step[i] = sum;
+        for (step, &kept) in step.iter_mut().zip(&*kept) {
+            *step *= kept;
+        }
+        let (m, mut j) = (step.len(), 0);
+        while j + TOGETHER <= m {
+            substitute::<T, TOGETHER>(gram, step, j);
+            j += TOGETHER;
+        }
+        let grouped = j;
+        while j < m {
+            substitute::<T, 1>(gram, step, j);
+            j += 1;
         }
         for (step, &inverse) in step.iter_mut().zip(&*pivot_inverses) {
             *step *= -inverse;
         }
-        for i in (0..m).rev() {
-            let own = step[i];
-            for (&entry, x) in gram[i * m..i * m + i].iter().zip(&mut step[..i]) {
-                *x = x.minus_product(entry, own);
-            }
+        while j > grouped {
+            j -= 1;
+            substitute_back::<T, 1>(gram, step, j);
+        }
+        while j > 0 {
+            j -= TOGETHER;
+            substitute_back::<T, TOGETHER>(gram, step, j);
+        }
+    }
+}
+
+/// Entries `j` to `j + R` of L^-1 x, from those before.
+#[inline(always)]
+fn substitute<T: Real, const R: usize>(gram: &[T], x: &mut [T], j: usize) {
+    let m = x.len();
+    let (before, to) = x.split_at_mut(j);
+    let (rows, mut own) = (&gram[j * m..(j + R) * m], [to[0]; R]);
+    own.copy_from_slice(&to[..R]);
+    for (k, &x) in before.iter().enumerate() {
+        for (r, own) in own.iter_mut().enumerate() {
+            *own = own.minus_product(rows[r * m + k], x);
+        }
+    }
+    for r in 1..R {
+        for s in 0..r {
+            own[r] = own[r].minus_product(rows[r * m + j + s], own[s]);
+        }
+    }
+    to[..R].copy_from_slice(&own);
+}
+
+/// Entries `j` to `j + R` of L^-* x, and their effect on those before.
+#[inline(always)]
+fn substitute_back<T: Real, const R: usize>(gram: &[T], x: &mut [T], j: usize) {
+    let m = x.len();
+    let (before, to) = x.split_at_mut(j);
+    let (rows, mut own) = (&gram[j * m..(j + R) * m], [to[0]; R]);
+    own.copy_from_slice(&to[..R]);
+    for r in (1..R).rev() {
+        for s in 0..r {
+            own[s] = own[s].minus_product(rows[r * m + j + s], own[r]);
+        }
+    }
+    to[..R].copy_from_slice(&own);
+    for (k, x) in before.iter_mut().enumerate() {
+        for (r, &own) in own.iter().enumerate() {
+            *x = x.minus_product(rows[r * m + k], own);
         }
     }
 }
