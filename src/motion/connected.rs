@@ -223,7 +223,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
     fn call(self) -> u64 {
         let Self { connected, target, form, s } = self;
         let Connected { rows, own, innovations, change, moved, active, .. } = connected;
-        let Scratch { model, constants, sweeps, q, q_next, v_next, .. } = s;
+        let Scratch { model, constants, sweeps, q, q_stage, q_next, v_next, .. } = s;
         let zero = model.gravity[0].constant(0.0);
         let mut within = zero.constant(1.0);
         for limit in &connected.limits {
@@ -244,13 +244,20 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
         let mut before = zero.constant(f64::INFINITY);
         let mut step = 0;
         // The factors of the last stage are those of a configuration nearby: they remove the errors of the step, so
-        // that usually only the factors at the end are computed. A lane does not depend on others.
+        // that usually only the factors at the end are computed. The results differ by the error times the distance
+        // of the configurations, so errors are removed like this only if that is rounding. A lane does not depend on
+        // others.
+        for (moved, (end, stage)) in moved.iter_mut().zip(q_next.iter().zip(&*q_stage)) {
+            *moved = *end - *stage;
+        }
+        let distance = largest_of(moved, zero);
         let mut open = if is_shared { *active & !doubt } else { 0 };
         while open != 0 && step < STEPS {
             sweeps::place(scene.1, sweeps, T::Columns::from_f64(0.0), q_next);
             rows.errors_at(scene, sweeps, q_next);
             let left = rows.largest(Residuals::Errors);
             open &= open_lanes(left, before, size, 0.5);
+            open &= lanes_but::<T>(|lane| !(left.lane(lane) * distance.lane(lane) <= ROUNDED * size.lane(lane)));
             if open == 0 {
                 break;
             }
