@@ -694,7 +694,7 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution
+        limits, restitution, baumgarte, compliance, smoothing
             As given to simulate.
 
         Returns
@@ -717,7 +717,10 @@ class Scene:
         -----
         O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
         the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
-        differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md.
+        differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. In closed loops,
+        steps are recomputed too, a joint at a limit that acts as a stop raises, and the gradients by q and qd are those
+        of changes that satisfy the connections. With mimic joints, q, qd and tau are those of the independent joints, and
+        parameters has the links of all joints.
 
         Examples
         --------
@@ -818,6 +821,10 @@ class Scene:
             Coefficient of restitution of the stops, 0 to 1.
         accuracy : float, optional
             Error control: bound of the estimated error of each substep, rad or m, relative above 1 rad/s or m/s.
+        smoothing : float, default 0
+            Length by which contacts are smoothed, m; 0: the exact law. A contact at rest that carries its equal share of
+            the weight has this gap; gradients exist before contact and at changes of its state. The bias is reported in
+            Trajectory.contacts. An error for contacts with restitution and with limits="stop" at joints with limits.
         duration : float, optional
             Simulated time, s, instead of steps.
         covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
@@ -893,7 +900,7 @@ class Scene:
             Step, s.
         method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum
             As in simulate, for all steps.
-        baumgarte, compliance, limits, restitution, accuracy
+        baumgarte, compliance, limits, restitution, accuracy, smoothing
             As in simulate, for all steps.
 
         Returns

@@ -4,7 +4,6 @@ use super::super::rows::pair_at;
 use super::RowGradients;
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
-use crate::motion::manifold::advance;
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::{Connection, ConnectionKind, Inertial, JointDescription, JointKind, LinkDescription};
 use crate::scene::{Scene, SceneBuilder};
@@ -105,7 +104,9 @@ fn gradients_of_rows_are_differences() {
                     change[j] = DoubleDouble::from_f64(step);
                     let (mut next, mut faster) = (at.clone(), rates.clone());
                     if of_q {
-                        advance(&wide, &at, &change, &mut next);
+                        for (body, stage) in wide.bodies.iter().zip(&wide.system.stages) {
+                            body.motion.advance(&at[body.q..], &change[stage.first_row..], &mut next[body.q..]);
+                        }
                     } else {
                         faster[j] += change[j];
                     }
