@@ -143,8 +143,8 @@ def quaternion(turn: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("friction", "slip", "restitution", "points", "expected"),
-    [(0.4, 0.06, 0.0, 1, {STICKING, SLIDING}), (0.1, 0.3, 0.0, 1, {SLIDING}), (0.4, 0.1, 0.5, 1, set()), (0.2, 0.1, 0.0, 3, {SLIDING})],
-    ids=["holds", "slides", "bounces", "three points"],
+    [(0.4, 0.06, 0.0, 1, {STICKING, SLIDING}), (0.1, 0.3, 0.0, 1, {SLIDING}), (0.4, 0.1, 0.5, 1, set()), (0.0, 0.1, 0.0, 3, set())],
+    ids=["holds", "slides", "bounces", "three smooth points"],
 )
 def test_a_gripper_with_a_mimic_joint_beside_differences(friction: float, slip: float, restitution: float, points: int, expected: set[phipsi.ContactState]) -> None:
     random = np.random.default_rng(6)
@@ -153,7 +153,7 @@ def test_a_gripper_with_a_mimic_joint_beside_differences(friction: float, slip: 
     q, qd = gripper_states(robot, 24, random, slip=slip)
     tau = np.zeros(scene.nv)
     tau[scene.v_index("left")] = 30.0
-    run = Run(robot, q, qd, {"dt": 2e-3, "steps": 2 if points == 3 else 3, **properties(scene.nv, random), "tau": tau})
+    run = Run(robot, q, qd, {"dt": 2e-3, "steps": 2 if points > 1 else 3, **properties(scene.nv, random), "tau": tau})
     # Six contacts are redundant: their impulses have the accuracy of the solver, and its error over the step is in the differences.
     check(run, 8, expected, rebounds=restitution > 0, sure_share=0.95 if points == 1 else 0.5)
     assert run.path.contacts is not None
