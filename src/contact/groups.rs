@@ -139,7 +139,7 @@ impl ContactProblem for Cones {
 }
 
 impl Limits {
-    /// Those of some contacts.
+    /// The limits of some contacts.
     fn of(&self, members: &[usize]) -> Self {
         Self { least: members.iter().map(|&i| self.least[i]).collect(), scale: self.scale }
     }

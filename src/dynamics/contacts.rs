@@ -228,7 +228,7 @@ impl ContactScratch {
             }
         };
         if closed.is_some() {
-            // Those of all joints, in the order of the rows of connections.
+            // The rows of all joints, in the order of the rows of connections.
             (0..system.stages.len()).for_each(&mut add);
         } else {
             for &i in which {

@@ -4,8 +4,11 @@ use super::{Draw, breach};
 use crate::contact::{Cone, Cones, ContactProblem, ContactState, Effort, Limits, impact};
 use nalgebra::{DMatrix, DVector};
 
-/// Three groups of contacts in mixed order, each with the same contacts as alone.
-fn problem(draw: &mut Draw) -> (Cone, DVector<f64>, Vec<(Vec<usize>, Cone, DVector<f64>)>) {
+/// The contacts of a group, their problem and its free velocities.
+type Alone = (Vec<usize>, Cone, DVector<f64>);
+
+/// Three groups of contacts in mixed order, in one problem and alone.
+fn problem(draw: &mut Draw) -> (Cone, DVector<f64>, Vec<Alone>) {
     let groups = [vec![0, 3, 5], vec![1], vec![2, 4]];
     let (mut g, mut c, mut friction) = (DMatrix::zeros(18, 18), DVector::zeros(18), vec![0.0; 6]);
     let mut alone = Vec::new();
