@@ -49,6 +49,9 @@ pub(super) struct Connected<T: Vectorized> {
     end: Vec<T>,
     limits: Vec<LimitRow>,
     is_projected: bool,
+    /// True if the factors of the last stage of a step are close to those at its end: with one stage they are those at
+    /// its start.
+    is_near: bool,
     /// One plus the distance of the bodies from the base, m.
     size: f64,
     /// The lanes that hold states.
@@ -99,6 +102,7 @@ impl<T: Vectorized> Connected<T> {
             end: vec![nan; model.nq + model.nv()],
             limits,
             is_projected: alpha == 0.0,
+            is_near: shares && settings.scheme.tableau.stages > 1,
             size: 1.0 + extent(model),
             active: u64::MAX,
             is_ready: false,
@@ -241,9 +245,9 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
         let mut of_factor;
         let mut before = zero.constant(f64::INFINITY);
         let mut step = 0;
-        // The factors of the last stage are those of a configuration nearby: they remove the errors of the step, so
-        // that usually only the factors at the end are computed. A lane does not depend on others.
-        let mut open = if is_shared { *active & !doubt } else { 0 };
+        // The factors of a configuration nearby remove the errors of the step, so that usually only the factors at the
+        // end are computed. A lane does not depend on others.
+        let mut open = if connected.is_near { *active & !doubt } else { 0 };
         while open != 0 && step < STEPS {
             sweeps::place(scene.1, sweeps, T::Columns::from_f64(0.0), q_next);
             rows.errors_at(scene, sweeps, q_next);
