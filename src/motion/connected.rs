@@ -34,6 +34,17 @@ const NEAR: f64 = 1e3 * ROUNDED;
 /// A limit is reached if the step ends further outside than this, rad or m.
 const LATE: f64 = 1e-12;
 
+/// The factors with which the projection of positions begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum FirstFactors {
+    /// Positions are not projected.
+    None,
+    /// Those at the end of the step.
+    End,
+    /// Those of the last stage, which are close to those at the end. With one stage they would be those at the start.
+    LastStage,
+}
+
 /// Scratch memory of one state per lane.
 #[derive(Debug)]
 pub(super) struct Connected<T: Vectorized> {
@@ -48,10 +59,7 @@ pub(super) struct Connected<T: Vectorized> {
     /// q and v at the end of the last run.
     end: Vec<T>,
     limits: Vec<LimitRow>,
-    is_projected: bool,
-    /// True if the factors of the last stage of a step are close to those at its end: with one stage they are those at
-    /// its start.
-    is_near: bool,
+    begins_with: FirstFactors,
     /// One plus the distance of the bodies from the base, m.
     size: f64,
     /// The lanes that hold states.
@@ -101,8 +109,11 @@ impl<T: Vectorized> Connected<T> {
             moved: vec![nan; model.nq],
             end: vec![nan; model.nq + model.nv()],
             limits,
-            is_projected: alpha == 0.0,
-            is_near: shares && settings.scheme.tableau.stages > 1,
+            begins_with: match alpha == 0.0 {
+                false => FirstFactors::None,
+                true if shares && settings.scheme.tableau.stages > 1 => FirstFactors::LastStage,
+                true => FirstFactors::End,
+            },
             size: 1.0 + extent(model),
             active: u64::MAX,
             is_ready: false,
@@ -233,7 +244,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
             within = within.worst(sign * (q_next[at] - bound) + zero.constant(LATE)).worst(sign * (q[at] - bound));
         }
         let mut doubt = lanes_but::<T>(|lane| within.lane(lane) >= 0.0);
-        if !connected.is_projected {
+        if connected.begins_with == FirstFactors::None {
             return doubt;
         }
         let is_shared = own.is_none();
@@ -247,7 +258,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
         let mut step = 0;
         // The factors of a configuration nearby remove the errors of the step, so that usually only the factors at the
         // end are computed. A lane does not depend on others.
-        let mut open = if connected.is_near { *active & !doubt } else { 0 };
+        let mut open = if connected.begins_with == FirstFactors::LastStage { *active & !doubt } else { 0 };
         while open != 0 && step < STEPS {
             sweeps::place(scene.1, sweeps, T::Columns::from_f64(0.0), q_next);
             rows.errors_at(scene, sweeps, q_next);
