@@ -276,7 +276,9 @@ impl ContactScratch {
                 torque[limits[limit].row] = 0.0;
             }
         }
-        bodies.into_iter().for_each(|k| rows[k] = NONE);
+        for k in bodies {
+            rows[k] = NONE;
+        }
         whitened
     }
 
