@@ -5,7 +5,7 @@ use super::scratch::Scratch;
 use super::solver::Solver;
 use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{
-    ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, project_velocities, visit_projection,
+    ConstraintScratch, NoDirection, Outcome, RowsAre, Visit, constrained_dynamics, project_velocities, visit_projection,
 };
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::error::Error;
@@ -115,7 +115,7 @@ impl Constrained<'_> {
         &mut self,
         settings: &StepSettings,
         s: &mut Scratch<f64>,
-        visit: &mut dyn FnMut(&[f64], &[f64], &[f64]),
+        visit: Visit<'_>,
     ) -> Result<(), Failure> {
         self.scratch.take_fault()?;
         // A diverging motion is reported as such.
@@ -137,12 +137,7 @@ impl Constrained<'_> {
         self.visit_positions(model, q, &mut |_, _, _| {})
     }
 
-    fn visit_positions(
-        &mut self,
-        model: &Model<f64>,
-        q: &mut [f64],
-        visit: &mut dyn FnMut(&[f64], &[f64], &[f64]),
-    ) -> Result<(), Failure> {
+    fn visit_positions(&mut self, model: &Model<f64>, q: &mut [f64], visit: Visit<'_>) -> Result<(), Failure> {
         let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
         let system = (model, scene.constraints());
         let positions = visit_projection(system, workspace, rows, (q, self.compliance), visit)

@@ -155,7 +155,9 @@ impl ConstraintAdjoint {
             body.motion.advance_cotangents(&moved[row..], &of_q[row..], &mut of_start[row..], &mut of_x[row..]);
         }
         let of_share: f64 = of_x.iter().zip(x).chain(of_sum.iter().zip(p)).map(|(bar, x)| bar * x).sum();
-        of_x.iter_mut().for_each(|bar| *bar *= share);
+        for bar in &mut of_x {
+            *bar *= share;
+        }
         let of_p: Vec<f64> = of_sum.iter().map(|bar| share * bar).collect();
         if share < 1.0
             && let Some(longest) = (0..x.len()).max_by(|&i, &j| x[i].abs().total_cmp(&x[j].abs()))

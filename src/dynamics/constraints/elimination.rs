@@ -12,7 +12,7 @@
 
 use super::NoDirection;
 use super::gram_inverse::NOTHING;
-use super::projection::{Projected, project_velocities, visit_projection};
+use super::projection::{Projected, Visit, project_velocities, visit_projection};
 use super::scratch::ConstraintScratch;
 use crate::model::Model;
 use crate::scene::constraint::Constraints;
@@ -63,7 +63,7 @@ impl Elimination {
         model: &Model<f64>,
         workspace: &mut Workspace<f64>,
         q: &mut [f64],
-        visit: &mut dyn FnMut(&[f64], &[f64], &[f64]),
+        visit: Visit<'_>,
     ) -> Result<Projected, NoDirection> {
         visit_projection((model, &self.constraints), workspace, &mut self.scratch, (q, &[]), visit)
     }

@@ -44,9 +44,9 @@ pub(crate) use derivatives::constrained_derivatives;
 pub(crate) use elimination::Elimination;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
 pub(crate) use kernel::{ConstraintKernel, Residuals, largest_of};
-#[cfg(feature = "motion")]
-pub(crate) use projection::visit_projection;
 pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities};
+#[cfg(feature = "motion")]
+pub(crate) use projection::{Visit, visit_projection};
 pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows};
 pub use scratch::ConstraintScratch;
 pub(crate) use solution::{Outcome, RowsAre, constrained_dynamics};

@@ -51,6 +51,9 @@ pub(crate) fn project_positions(
     visit_projection(system, workspace, scratch, (q, compliance), &mut |_, _, _| {})
 }
 
+/// What looks at the steps of a projection of positions: called with q, x and p.
+pub(crate) type Visit<'a> = &'a mut dyn FnMut(&[f64], &[f64], &[f64]);
+
 /// As [`project_positions`]; calls `visit` with the configuration q before each step, with x = M^-1 J* p, of which the
 /// [`share`] is added, and with p. Steps from the final configuration or from later ones are not part of the result.
 pub(crate) fn visit_projection(
@@ -58,7 +61,7 @@ pub(crate) fn visit_projection(
     workspace: &mut Workspace<f64>,
     scratch: &mut ConstraintScratch,
     (q, compliance): (&mut [f64], &[f64]),
-    visit: &mut dyn FnMut(&[f64], &[f64], &[f64]),
+    visit: Visit<'_>,
 ) -> Result<Projected, NoDirection> {
     let mut best = (f64::INFINITY, q.to_vec());
     let mut pivots = PivotMonitor::new();

@@ -53,6 +53,8 @@ pub(super) struct StepRecord {
     /// The projection of the velocities without contacts onto the connections, and that of the last velocities.
     pub free: Pulled,
     pub end: Pulled,
+    /// Velocities at the end, in the axes at the start, from which the next solve of the law starts.
+    pub known: Option<Vec<f64>>,
 }
 
 impl StepRecord {
@@ -70,6 +72,7 @@ impl StepRecord {
             moves: Vec::new(),
             free: Pulled::default(),
             end: Pulled::default(),
+            known: None,
         }
     }
 
@@ -85,6 +88,7 @@ impl StepRecord {
             moves: Vec::new(),
             free: Pulled::default(),
             end: Pulled::default(),
+            known: None,
         }
     }
 }
