@@ -84,18 +84,6 @@ impl Cones {
         Cone { g, friction, lengths }
     }
 
-    /// The least impulses p with G p = `change`, a change of velocities.
-    pub fn causes_of(&self, change: &DVector<f64>) -> DVector<f64> {
-        /// Singular values below this fraction of the largest one count as zero.
-        const NOTHING: f64 = 1e-9;
-        let of = |members: &[usize], cone: &Cone| {
-            let nothing = NOTHING * cone.g.amax();
-            let p = cone.g.clone().svd(true, true).solve(&pick(change, members), nothing);
-            (p.unwrap_or_else(|_| DVector::zeros(3 * members.len())), SolveReport::nothing())
-        };
-        self.each(of).0
-    }
-
     /// [`Cone::solve`] of each group.
     pub fn solve(&self, c: &DVector<f64>, limits: &Limits, effort: Effort) -> (DVector<f64>, SolveReport) {
         self.each(|members, cone| cone.solve(&pick(c, members), None, &limits.of(members), effort))

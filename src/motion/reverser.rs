@@ -488,11 +488,17 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
             job.row((n + 1) / every, &mut row);
         }
         let recorded = (!row.is_empty()).then(|| row.split_at(job.scene.nq()));
+        let row_before = |back: usize| {
+            let mut row = Vec::new();
+            let at = n.checked_sub(back).filter(|step| step.is_multiple_of(every))?;
+            job.row(at / every, &mut row);
+            Some(row)
+        };
         let changed = |contact, before, after| {
             let mut changes = job.changes.lock().unwrap_or_else(PoisonError::into_inner);
             changes.push(ModeChange { state, step: n + 1, contact, before, after });
         };
-        let through = touching.through((job.scene, job.settings), n, recorded, changed);
+        let through = touching.through((job.scene, job.settings), n, recorded, row_before, changed);
         through.map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
         for (numbers, own) in gradients.results().zip(touching.gradients.results()) {
             fill(numbers, 0, own);

@@ -197,8 +197,8 @@ impl<'py> Output<'_, 'py> {
         asked_by(self.py, "q", from_numbers(self.py, numbers, &[self.batch, own].concat()))
     }
 
-    /// Gradients of the scene by a quantity, from those of its tree: by states, of which each independent joint moves
-    /// those that follow it, or by torques and properties at the independent joints.
+    /// Gradients of the scene by a quantity, from those of its tree: by states, in which an independent joint also moves
+    /// its followers, or by torques and properties at the independent joints.
     fn of_scene(&self, numbers: &[f64], by_states: bool) -> Vec<f64> {
         let Some(coupling) = self.scene.coupling() else { return numbers.to_vec() };
         let rows = numbers.chunks_exact(self.scene.tree().nv().max(1));

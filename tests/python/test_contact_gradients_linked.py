@@ -143,8 +143,8 @@ def quaternion(turn: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("friction", "slip", "restitution", "points", "expected"),
-    [(0.4, 0.06, 0.0, 1, {STICKING, SLIDING}), (0.1, 0.3, 0.0, 1, {SLIDING}), (0.4, 0.1, 0.5, 1, set()), (0.0, 0.1, 0.0, 3, set())],
-    ids=["holds", "slides", "bounces", "three smooth points"],
+    [(0.4, 0.06, 0.0, 1, {STICKING, SLIDING}), (0.1, 0.3, 0.0, 1, {SLIDING}), (0.4, 0.1, 0.5, 1, set()), (0.0, 0.1, 0.0, 3, set()), (0.2, 0.1, 0.0, 3, {SLIDING})],
+    ids=["holds", "slides", "bounces", "three smooth points", "three points"],
 )
 def test_a_gripper_with_a_mimic_joint_beside_differences(friction: float, slip: float, restitution: float, points: int, expected: set[phipsi.ContactState]) -> None:
     random = np.random.default_rng(6)

@@ -51,7 +51,7 @@ pub(crate) fn project_positions(
     visit_projection(system, workspace, scratch, (q, compliance), &mut |_, _, _| {})
 }
 
-/// What looks at the steps of a projection of positions: called with q, x and p.
+/// Callback for the steps of a projection of positions, with q, x and p.
 pub(crate) type Visit<'a> = &'a mut dyn FnMut(&[f64], &[f64], &[f64]);
 
 /// As [`project_positions`]; calls `visit` with the configuration q before each step, with x = M^-1 J* p, of which the

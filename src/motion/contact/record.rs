@@ -53,8 +53,6 @@ pub(super) struct StepRecord {
     /// The projection of the velocities without contacts onto the connections, and that of the last velocities.
     pub free: Pulled,
     pub end: Pulled,
-    /// Velocities at the end, in the axes at the start, from which the next solve of the law starts.
-    pub known: Option<Vec<f64>>,
 }
 
 impl StepRecord {
@@ -72,7 +70,6 @@ impl StepRecord {
             moves: Vec::new(),
             free: Pulled::default(),
             end: Pulled::default(),
-            known: None,
         }
     }
 
@@ -88,7 +85,6 @@ impl StepRecord {
             moves: Vec::new(),
             free: Pulled::default(),
             end: Pulled::default(),
-            known: None,
         }
     }
 }

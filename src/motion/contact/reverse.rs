@@ -6,7 +6,6 @@ use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
 use super::at::Connections;
 use super::backward::{ContactAdjoint, ContactGradient};
-use super::free_axes::to_axes_at_end;
 use super::record::StepRecord;
 use super::report::{begin, width};
 use super::step::ContactStep;
@@ -19,6 +18,9 @@ use nalgebra::Vector3;
 /// Largest deviation of a recomputed step from the recorded one, relative to coordinates and velocities of at least
 /// one.
 const REPRODUCED: f64 = 1e-5;
+
+/// Largest number of steps from which the impulses before a step are recomputed.
+const BACK: usize = 16;
 
 /// A contact that is in another state in a step than in the step before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,27 +86,51 @@ impl ContactReverse {
         self.states = None;
     }
 
-    /// Propagates the gradients through step `n`, whose end is `recorded` if it is known. Calls `changed` with the
-    /// changes of contacts between this step and the next one. Returns the joint and the error if it fails.
+    /// Repeats step `n` until it ends at the recorded row. With friction the law can have several solutions, of which the
+    /// one near the impulses of the step before is found: they are recomputed from more and more of the rows before.
+    fn reproduce(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        n: usize,
+        recorded: (&[f64], &[f64]),
+        row_before: impl Fn(usize) -> Option<Vec<f64>>,
+    ) -> Result<(), (String, Error)> {
+        let Self { scratch: s, step, kept, .. } = self;
+        let start = (s.q.clone(), s.v.clone());
+        for back in 0.. {
+            let missed = check_reproduced(n, recorded, (&s.q_next, &s.v_next));
+            let rows: Option<Vec<_>> = (1..=back).rev().map(&row_before).collect();
+            let (Err(_), Some(rows)) = (&missed, rows.filter(|_| back <= BACK)) else {
+                return missed.map_err(|error| (String::new(), error));
+            };
+            begin(kept);
+            for row in rows {
+                let (q, v) = row.split_at(s.q.len());
+                (s.q, s.v) = (q.to_vec(), v.to_vec());
+                step.step(scene, settings, s, kept)?;
+            }
+            (s.q, s.v) = start.clone();
+            step.step(scene, settings, s, kept)?;
+        }
+        Ok(())
+    }
+
+    /// Propagates the gradients through step `n`, whose end is `recorded` if it is known; `row_before` gives (q, qd) some
+    /// steps before it, if they are known. Calls `changed` with the changes of contacts between this step and the next
+    /// one. Returns the joint and the error if it fails.
     pub fn through(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
         n: usize,
         recorded: Option<(&[f64], &[f64])>,
+        row_before: impl Fn(usize) -> Option<Vec<f64>>,
         mut changed: impl FnMut(usize, ContactState, ContactState),
     ) -> Result<(), (String, Error)> {
-        let Self { scratch: s, gradients, step, adjoint, connections, kept, sums, margins, states } = self;
-        step.step(scene, settings, s, kept)?;
-        if let Some((q, v)) = recorded
-            && check_reproduced(n, (q, v), (&s.q_next, &s.v_next)).is_err()
-        {
-            // With friction the law can have several solutions: the one of the simulation has the recorded velocities.
-            let mut end = v.to_vec();
-            to_axes_at_end(&s.model, (q, &s.q), &mut end);
-            step.record.iter_mut().for_each(|record| record.known = Some(end.clone()));
-            step.step(scene, settings, s, kept)?;
-            check_reproduced(n, (q, v), (&s.q_next, &s.v_next)).map_err(|error| (String::new(), error))?;
+        self.step.step(scene, settings, &mut self.scratch, &mut self.kept)?;
+        if let Some(recorded) = recorded {
+            self.reproduce((scene, settings), n, recorded, row_before)?;
         }
+        let Self { scratch: s, gradients, step, adjoint, connections, sums, margins, states, .. } = self;
         adjoint.step(scene, settings, (step, s), connections, gradients)?;
         for (sum, more) in sums.iter_mut().zip(&adjoint.contacts) {
             sum.friction += more.friction;

@@ -186,7 +186,6 @@ impl ContactStep {
         let v_free = s.v_next.clone();
         let mut iterations = 0;
         let kept = from_fixed_axes(points, &before.axes, kept);
-        let known = record.as_mut().and_then(|of| Some(rows.velocities(&s.model, points, &of.known.take()?)));
         for _ in 0..=all_rows {
             let blocks = rows.gram(&s.model, points, workspace, &mut near);
             let pick =
@@ -197,9 +196,7 @@ impl ContactStep {
             let free_here = pick(&|i| free[i]);
             let rebound = restitutions(points, &near, (start, free), (rest_speed, settings.restitution));
             let mut u = free_here.clone();
-            let last = pick(&|i| if i < 3 * n { kept[i] } else { 0.0 });
-            let from_known = |end: &DVector<f64>| cone.causes_of(&(pick(&|i| end[i]) - &free_here));
-            let mut warm = Some(known.as_ref().map_or(last, from_known));
+            let mut warm = Some(pick(&|i| if i < 3 * n { kept[i] } else { 0.0 }));
             let touching = near.iter().filter(|&&i| i < n).count();
             let (mut hit, mut lost) = (None, 0.0);
             if rebound.iter().any(|&e| e > 0.0) {
