@@ -228,7 +228,7 @@ def agreement(model: Problem) -> dict[str, float]:
             fail(
                 f"{name}: one step is off by {error:.1e} of what it changes, more than {AGREEMENT:g}; nothing is timed"
             )
-    # MuJoCo has no such methods: only the agreement of the motion is checked here; tests/motion.rs checks their
+    # MuJoCo has no such methods: only the agreement of the motion is checked here; tests/motion checks their
     # orders.
     for method in ("rosenbrock-2", "rosenbrock-3"):
         error = off(our_step(model, method, "covariance", False), reference, start)
