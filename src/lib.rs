@@ -191,9 +191,9 @@
 //!
 //! # Features
 //!
-//! The default features are `estimation`, `inverse-kinematics`, `motion` and `report`. A program that needs the dynamics
-//! of single states alone compiles in half of the time with `default-features = false`. Without `lanes` every function
-//! exists and computes one state at a time in plain f64, with the same results up to rounding.
+//! The default features are `estimation`, `inverse-kinematics`, `motion` and `report`. A program that needs the
+//! dynamics of single states alone compiles in half of the time with `default-features = false`. Without `lanes` every
+//! function exists and computes one state at a time in plain f64, with the same results up to rounding.
 //!
 //! | feature | adds |
 //! |---|---|

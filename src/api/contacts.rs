@@ -18,8 +18,8 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`], [`Error::NotFinite`] (also for two spheres whose centers coincide), and [`Error::Argument`] for a
-    /// quaternion that is not of unit norm.
+    /// [`Error::Shape`], [`Error::NotFinite`] (also for two spheres whose centers coincide), and [`Error::Argument`]
+    /// for a quaternion that is not of unit norm.
     pub fn contact_gaps(&self, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
         let (tree, q) = (self.tree(), self.tree_configuration("q", q)?);
         check_length("out", out.len(), tree.contact_points().len())?;

@@ -117,8 +117,8 @@ pub trait Work {
     fn call(self) -> Self::Output;
 }
 
-/// Runs `work` with the widest instructions of this processor; without the feature `lanes`, with those that the crate is
-/// compiled for.
+/// Runs `work` with the widest instructions of this processor; without the feature `lanes`, with those that the crate
+/// is compiled for.
 #[inline]
 pub(crate) fn with_widest<W: Work>(work: W) -> W::Output {
     #[cfg(feature = "lanes")]

@@ -3,8 +3,8 @@
 use super::report::TOLERANCE;
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// A contact sticks if its slip, relative to the scale of the velocities, is below this. Impulses with errors within the
-/// tolerance change the slip of a contact at its friction bound by a few times the tolerance.
+/// A contact sticks if its slip, relative to the scale of the velocities, is below this. Impulses with errors within
+/// the tolerance change the slip of a contact at its friction bound by a few times the tolerance.
 const STICKS: f64 = 10.0 * TOLERANCE;
 
 /// The Delassus matrix G of some contacts, and their coefficients of friction.

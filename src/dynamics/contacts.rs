@@ -311,8 +311,8 @@ impl ContactScratch {
         whitened
     }
 
-    /// M^-1 J* p of the contacts `near`, which [`ContactScratch::gram`] has returned, into `response`: one more right-hand
-    /// side. The forces of connections keep their velocities unchanged. O(N).
+    /// M^-1 J* p of the contacts `near`, which [`ContactScratch::gram`] has returned, into `response`: one more
+    /// right-hand side. The forces of connections keep their velocities unchanged. O(N).
     pub fn respond(
         &mut self,
         model: &Model<f64>,

@@ -107,7 +107,8 @@ pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]
     total_on_base(model, workspace)
 }
 
-/// Tip to base: the sum of the forces (or momenta) `workspace.z` on all bodies, about the base's origin and in its axes.
+/// Tip to base: the sum of the forces (or momenta) `workspace.z` on all bodies, about the base's origin and in its
+/// axes.
 #[inline(always)]
 pub(super) fn total_on_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> Vector6<T> {
     let Workspace { z, store, .. } = workspace;

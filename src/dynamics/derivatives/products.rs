@@ -17,7 +17,8 @@ use crate::scalar::{ColumnsOf, DoubleDouble, Real, larger};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
-/// Scratch of these products in any scalar of one lane, in addition to the store of the workspace; initialized with NaN.
+/// Scratch of these products in any scalar of one lane, in addition to the store of the workspace; initialized with
+/// NaN.
 #[derive(Debug)]
 pub struct ProductScratch<T: Real<Parameter = T>> {
     co_states: CoStates<T>,

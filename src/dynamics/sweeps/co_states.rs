@@ -7,9 +7,9 @@ use crate::scalar::Real;
 use crate::spatial::{RigidShift, Symmetric6};
 use nalgebra::Vector6;
 
-/// Lambda^- of every body into `lambda`, from phi of every body, and D and g of every row, of the factor of M. `seen` is
-/// called with the body and the index of each row, base to tip, its Lambda^+ and Lambda^+ g. About 150 operations per
-/// joint with one axis.
+/// Lambda^- of every body into `lambda`, from phi of every body, and D and g of every row, of the factor of M. `seen`
+/// is called with the body and the index of each row, base to tip, its Lambda^+ and Lambda^+ g. About 150 operations
+/// per joint with one axis.
 #[inline(always)]
 pub fn co_state_covariances<T: Real>(
     system: &System<T>,

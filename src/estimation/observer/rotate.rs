@@ -2,8 +2,8 @@
 //!
 //! Readings: [[r, H L], [0, L]] is rotated from the right to [[S, 0], [K', L']], one reading after another. Givens
 //! rotations from the last column to the first keep L lower triangular. With the sums a(j)^2 = r^2 + f(j)^2 + ... of a
-//! row f, the pivot column times a is a sum of columns (Carlson's form of the rotations), which needs no square root per
-//! column. Prediction: Householder reflections from the right.
+//! row f, the pivot column times a is a sum of columns (Carlson's form of the rotations), which needs no square root
+//! per column. Prediction: Householder reflections from the right.
 
 use super::settings::LANES;
 use std::hint::black_box;
