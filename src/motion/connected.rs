@@ -31,6 +31,10 @@ const SLACK: f64 = 0.1;
 /// An error below this, relative to the size, is rounding after one step with the factors of a configuration nearby.
 const NEAR: f64 = 1e3 * ROUNDED;
 
+/// Factors of a configuration nearby remove an error if it, times the distance of this configuration, is below this,
+/// relative to the size: the results differ by that much.
+const ALIKE: f64 = 128.0 * ROUNDED;
+
 /// A limit is reached if the step ends further outside than this, rad or m.
 const LATE: f64 = 1e-12;
 
@@ -245,8 +249,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
         let mut step = 0;
         // The factors of the last stage are those of a configuration nearby: they remove the errors of the step, so
         // that usually only the factors at the end are computed. The results differ by the error times the distance
-        // of the configurations, so errors are removed like this only if that is rounding. A lane does not depend on
-        // others.
+        // of the configurations. A lane does not depend on others.
         for (moved, (end, stage)) in moved.iter_mut().zip(q_next.iter().zip(&*q_stage)) {
             *moved = *end - *stage;
         }
@@ -257,7 +260,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
             rows.errors_at(scene, sweeps, q_next);
             let left = rows.largest(Residuals::Errors);
             open &= open_lanes(left, before, size, 0.5);
-            open &= lanes_but::<T>(|lane| !(left.lane(lane) * distance.lane(lane) <= ROUNDED * size.lane(lane)));
+            open &= lanes_but::<T>(|lane| !(left.lane(lane) * distance.lane(lane) <= ALIKE * size.lane(lane)));
             if open == 0 {
                 break;
             }
