@@ -66,20 +66,21 @@ fn turned(by: &Vector3<f64>) -> Matrix3<f64> {
     *Rotation3::new(*by).matrix()
 }
 
-/// p* J w for impulses whose axes turn with the normals from those of `rows` to those of `moved`, by the least
-/// rotation.
+/// p* J w for impulses whose axes turn with the normals from those of `rows` to those of `moved`, by the least rotation
+/// relative to the bodies that carry the surfaces.
 fn power(
     (rows, moved): (&ContactScratch, &mut ContactScratch),
     (model, points): (&Model<f64>, &[ContactPoint]),
     (p, w): (&DVector<f64>, &[f64]),
 ) -> f64 {
     let mut impulses = p.clone();
-    for (i, (before, after)) in rows.axes.iter().zip(&moved.axes).enumerate() {
-        let [n, to] = [before, after].map(|axes| axes.row(2).transpose());
-        let axis = n.cross(&to);
+    for (i, point) in points.iter().enumerate() {
+        let [(before, at_start), (after, at_end)] = [rows, &*moved].map(|of| (of.axes[i], of.other_place(point)));
+        let n = at_start.rotate_back(&before.row(2).transpose());
+        let axis = n.cross(&at_end.rotate_back(&after.row(2).transpose()));
         let turn = Rotation3::new(axis.try_normalize(1e-12).map_or(axis, |unit| unit * axis.norm().asin()));
-        let force = turn * before.tr_mul(&p.fixed_rows::<3>(3 * i));
-        impulses.fixed_rows_mut::<3>(3 * i).copy_from(&(after * force));
+        let force = turn * at_start.rotate_back(&before.tr_mul(&p.fixed_rows::<3>(3 * i)));
+        impulses.fixed_rows_mut::<3>(3 * i).copy_from(&(after * at_end.rotate(&force)));
     }
     moved.velocities(model, points, w).dot(&impulses)
 }
