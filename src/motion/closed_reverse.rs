@@ -15,7 +15,7 @@ use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
 use crate::batch::accelerations::KernelArguments;
-use crate::dynamics::constraints::{ConstraintAdjoint, Pushed, RowsAre, subtract_products};
+use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowsAre, subtract_products};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::derivatives::Parameters;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
@@ -31,16 +31,9 @@ pub(super) struct ClosedReverse {
     closed: ConstrainedScratch,
     adjoint: ConstraintAdjoint,
     limits: Vec<LimitRow>,
-    newton: Vec<NewtonStep>,
+    newton: Vec<ProjectionStep>,
     /// Forces of the connections in each stage.
     forces: Vec<Vec<f64>>,
-}
-
-/// A step of the projection of positions.
-struct NewtonStep {
-    q: Vec<f64>,
-    x: Vec<f64>,
-    p: Vec<f64>,
 }
 
 /// The accelerations of the stages, with their forces.
@@ -131,10 +124,7 @@ impl ClosedReverse {
         step(by, s, &mut Recorded { forward: &mut forward, forces });
         let free = s.v_next.clone();
         newton.clear();
-        let mut visit = |q: &[f64], x: &[f64], p: &[f64]| {
-            newton.push(NewtonStep { q: q.to_vec(), x: x.to_vec(), p: p.to_vec() });
-        };
-        forward.finish_visited(settings, s, &mut visit).map_err(named)?;
+        forward.finish_recorded(settings, s, Some(newton)).map_err(named)?;
         if let Some(limit) = limits.iter().find(|limit| is_past(limit, s)) {
             let joint = joint_of_row(scene, limit.row);
             let found = format!("joint {joint:?} at its {} limit", if limit.upper { "upper" } else { "lower" });
@@ -143,9 +133,6 @@ impl ClosedReverse {
                 in_language("Limits::Report", "limits=\"report\"")
             );
             return Err((joint, Error::argument("limits", found, expected)));
-        }
-        if let Some(end) = newton.iter().position(|step| step.q == s.q_next) {
-            newton.truncate(end);
         }
         adjoint.begin();
         if alpha.is_none() {
@@ -175,7 +162,7 @@ fn through_projections(
     (scene, settings): (&Scene, &StepSettings),
     s: &Scratch<f64>,
     closed: &mut ConstrainedScratch,
-    (adjoint, newton, free): (&mut ConstraintAdjoint, &[NewtonStep], &[f64]),
+    (adjoint, newton, free): (&mut ConstraintAdjoint, &[ProjectionStep], &[f64]),
     gradients: &mut StepGradients<f64>,
 ) -> Result<(), Error> {
     let (system, compliance) = ((&s.model, scene.constraints()), &settings.compliance[..]);
@@ -192,9 +179,9 @@ fn through_projections(
         .map_err(|at| scene.no_direction(at))?;
     let mut of_sum = vec![0.0; p.len()];
     subtract_products(&mut of_sum, compliance, &adjoint.r);
-    for NewtonStep { q, x, p } in newton.iter().rev() {
+    for made in newton.iter().rev() {
         adjoint
-            .of_displacement(system, (workspace, rows), (q, Pushed { x, p }), (of_q, &mut of_sum, compliance))
+            .of_displacement(system, (workspace, rows), made, (of_q, &mut of_sum, compliance))
             .map_err(|at| scene.no_direction(at))?;
     }
     Ok(())

@@ -102,7 +102,7 @@ impl Constrained<'_> {
             if self.alpha.is_some() {
                 break;
             }
-            self.positions_onto_connections(&s.model, &mut s.q_next)?;
+            self.positions_onto_connections(&s.model, &mut s.q_next, None)?;
             // The projection moves joints because of the curvature of the connections.
             let mut worst = 0.0_f64;
             for (i, limit) in limits.iter().enumerate() {

@@ -1,10 +1,10 @@
 //! Steps of scenes with connections by the compiled kernels, for one state per lane of a scalar.
 //!
-//! At the end of a step, positions are projected onto the connections by the factors of the last stage, and velocities
-//! by factors of M and of G at the new configuration, which also remove what remains of the errors. In explicit methods
-//! the first stage of the next step uses the same factors. A state needs the [checked step](super::constrained) if its
-//! rows are dependent, if an error estimate exceeds the tolerance, if a projection does not converge in a few steps, or
-//! if a joint reaches a stop.
+//! At the end of a step, positions and velocities are projected onto the connections with factors of M and of G at the
+//! new configuration; those of the last stage correct the positions first, where the result is the same. In explicit
+//! methods the first stage of the next step uses the factors of the end. A state needs the [checked
+//! step](super::constrained) if its rows are dependent, if an error estimate exceeds the tolerance, if a projection
+//! does not converge in a few steps, or if a joint reaches a stop.
 
 use super::manifold::advance;
 use super::scratch::Scratch;

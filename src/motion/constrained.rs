@@ -5,7 +5,8 @@ use super::scratch::Scratch;
 use super::solver::Solver;
 use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{
-    ConstraintScratch, NoDirection, Outcome, RowsAre, Visit, constrained_dynamics, project_velocities, visit_projection,
+    ConstraintScratch, NoDirection, Outcome, ProjectionStep, RowsAre, constrained_dynamics, project_velocities,
+    record_projection,
 };
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::error::Error;
@@ -106,16 +107,15 @@ impl Constrained<'_> {
     /// Ends a step: projects `q_next` and `v_next` onto the connections unless the accelerations are stabilized.
     /// Returns the fault of the step.
     pub fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>) -> Result<(), Failure> {
-        self.finish_visited(settings, s, &mut |_, _, _| {})
+        self.finish_recorded(settings, s, None)
     }
 
-    /// As [`Constrained::finish`]; calls `visit` with the steps of the projection of positions, as
-    /// [`visit_projection`].
-    pub(super) fn finish_visited(
+    /// As [`Constrained::finish`]; adds the steps of the projection of positions to `steps`, as [`record_projection`].
+    pub(super) fn finish_recorded(
         &mut self,
         settings: &StepSettings,
         s: &mut Scratch<f64>,
-        visit: Visit<'_>,
+        steps: Option<&mut Vec<ProjectionStep>>,
     ) -> Result<(), Failure> {
         self.scratch.take_fault()?;
         // A diverging motion is reported as such.
@@ -124,7 +124,7 @@ impl Constrained<'_> {
         }
         // The implicit terms of the step are not part of the kinetic energy.
         let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-        let mut finished = self.visit_positions(&s.model, &mut s.q_next, visit);
+        let mut finished = self.positions_onto_connections(&s.model, &mut s.q_next, steps);
         if finished.is_ok() {
             finished = self.velocities_onto_connections(&s.model, &s.q_next, &mut s.v_next);
         }
@@ -132,15 +132,16 @@ impl Constrained<'_> {
         finished
     }
 
-    /// Projects `q` onto the connections.
-    pub(super) fn positions_onto_connections(&mut self, model: &Model<f64>, q: &mut [f64]) -> Result<(), Failure> {
-        self.visit_positions(model, q, &mut |_, _, _| {})
-    }
-
-    fn visit_positions(&mut self, model: &Model<f64>, q: &mut [f64], visit: Visit<'_>) -> Result<(), Failure> {
+    /// Projects `q` onto the connections; adds the steps to `steps`.
+    pub(super) fn positions_onto_connections(
+        &mut self,
+        model: &Model<f64>,
+        q: &mut [f64],
+        steps: Option<&mut Vec<ProjectionStep>>,
+    ) -> Result<(), Failure> {
         let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
         let system = (model, scene.constraints());
-        let positions = visit_projection(system, workspace, rows, (q, self.compliance), visit)
+        let positions = record_projection(system, workspace, rows, (q, self.compliance), steps)
             .map_err(|at| (None, Some(scene.no_direction(at))))?;
         if let Some(lost) = workspace.lost_pivot(model, &positions.pivots) {
             return Err((Some(lost), None));

@@ -20,7 +20,7 @@
 
 use super::NoDirection;
 use super::products::RowGradients;
-use super::projection::share;
+use super::projection::{ProjectionStep, share};
 use super::rows::rates_of_rows;
 use super::scratch::ConstraintScratch;
 use super::solution::RowsAre;
@@ -138,16 +138,17 @@ impl ConstraintAdjoint {
         Ok(())
     }
 
-    /// One Newton step with its displacement, as [`visit_projection`](super::visit_projection) makes it: from the
+    /// One Newton step with its displacement, as [`record_projection`](super::record_projection) makes it: from the
     /// cotangents of its end and of the sum of forces after it (empty for zero) to those before it, in place.
     pub fn of_displacement(
         &mut self,
         system: (&Model<f64>, &Constraints),
         room: (&mut Workspace<f64>, &mut ConstraintScratch),
-        (q, step): (&[f64], Pushed<'_>),
+        step: &ProjectionStep,
         (of_q, of_sum, compliance): (&mut [f64], &mut [f64], &[f64]),
     ) -> Result<(), NoDirection> {
-        let (share, Pushed { x, p }) = (share(step.x), step);
+        let ProjectionStep { q, x, p } = step;
+        let (share, step) = (share(x), Pushed { x, p });
         let moved: Vec<f64> = x.iter().map(|x| share * x).collect();
         let (mut of_start, mut of_x) = (vec![0.0; x.len()], vec![0.0; x.len()]);
         for (body, stage) in system.0.bodies.iter().zip(&system.0.system.stages) {

@@ -12,7 +12,7 @@
 
 use super::NoDirection;
 use super::gram_inverse::NOTHING;
-use super::projection::{Projected, Visit, project_velocities, visit_projection};
+use super::projection::{Projected, ProjectionStep, project_velocities, record_projection};
 use super::scratch::ConstraintScratch;
 use crate::model::Model;
 use crate::scene::constraint::Constraints;
@@ -57,15 +57,15 @@ impl Elimination {
         Ok(projected)
     }
 
-    /// Projects `q` onto the connections; calls `visit` with its steps, as [`visit_projection`].
+    /// Projects `q` onto the connections; adds the steps to `steps`, as [`record_projection`].
     pub fn positions(
         &mut self,
         model: &Model<f64>,
         workspace: &mut Workspace<f64>,
         q: &mut [f64],
-        visit: Visit<'_>,
+        steps: Option<&mut Vec<ProjectionStep>>,
     ) -> Result<Projected, NoDirection> {
-        visit_projection((model, &self.constraints), workspace, &mut self.scratch, (q, &[]), visit)
+        record_projection((model, &self.constraints), workspace, &mut self.scratch, (q, &[]), steps)
     }
 
     /// The forces of the last projection.

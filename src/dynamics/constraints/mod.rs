@@ -46,7 +46,7 @@ pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_i
 pub(crate) use kernel::{ConstraintKernel, Residuals, largest_of};
 pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities};
 #[cfg(feature = "motion")]
-pub(crate) use projection::{Visit, visit_projection};
+pub(crate) use projection::{ProjectionStep, record_projection};
 pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows};
 pub use scratch::ConstraintScratch;
 pub(crate) use solution::{Outcome, RowsAre, constrained_dynamics};

@@ -48,21 +48,27 @@ pub(crate) fn project_positions(
     q: &mut [f64],
     compliance: &[f64],
 ) -> Result<Projected, NoDirection> {
-    visit_projection(system, workspace, scratch, (q, compliance), &mut |_, _, _| {})
+    record_projection(system, workspace, scratch, (q, compliance), None)
 }
 
-/// Callback for the steps of a projection of positions, with q, x and p.
-pub(crate) type Visit<'a> = &'a mut dyn FnMut(&[f64], &[f64], &[f64]);
+/// A Newton step of a projection of positions from q: x = M^-1 J* p, of which the [`share`] is added.
+#[derive(Debug, Clone)]
+#[cfg_attr(not(feature = "motion"), allow(dead_code))]
+pub(crate) struct ProjectionStep {
+    pub q: Vec<f64>,
+    pub x: Vec<f64>,
+    pub p: Vec<f64>,
+}
 
-/// As [`project_positions`]; calls `visit` with the configuration q before each step, with x = M^-1 J* p, of which the
-/// [`share`] is added, and with p. Steps from the final configuration or from later ones are not part of the result.
-pub(crate) fn visit_projection(
+/// As [`project_positions`]; adds the steps that lead to the result to `steps`.
+pub(crate) fn record_projection(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
     scratch: &mut ConstraintScratch,
     (q, compliance): (&mut [f64], &[f64]),
-    visit: Visit<'_>,
+    mut steps: Option<&mut Vec<ProjectionStep>>,
 ) -> Result<Projected, NoDirection> {
+    let recorded = steps.as_ref().map_or(0, |steps| steps.len());
     let mut best = (f64::INFINITY, q.to_vec());
     let mut pivots = PivotMonitor::new();
     let mut next = q.to_vec();
@@ -97,7 +103,9 @@ pub(crate) fn visit_projection(
         }
         scratch.step_against(model, workspace);
         let share = share(&scratch.estimates);
-        visit(q, &scratch.estimates, &scratch.step);
+        if let Some(steps) = &mut steps {
+            steps.push(ProjectionStep { q: q.to_vec(), x: scratch.estimates.clone(), p: scratch.step.clone() });
+        }
         for v in &mut scratch.estimates {
             *v *= share;
         }
@@ -109,6 +117,12 @@ pub(crate) fn visit_projection(
         q.copy_from_slice(&next);
     }
     q.copy_from_slice(&best.1);
+    if let Some(steps) = steps
+        && let Some(end) = steps[recorded..].iter().position(|step| step.q == q)
+    {
+        // Steps from the best configuration are not part of the result.
+        steps.truncate(recorded + end);
+    }
     errors_of_rows(model, constraints, q, &mut scratch.errors)?;
     let left = largest(&scratch.errors);
     let ConstraintScratch { errors, relaxed, dropped, .. } = scratch;

@@ -112,9 +112,8 @@ impl ContactAdjoint {
         for made in record.moves.iter().rev() {
             match made {
                 Move::Push(push) => of_q = self.through_push(&mut at, push, &of_q)?,
-                Move::Pull { q, pulled: Pulled { change, impulses } } => {
+                Move::Pull(step) => {
                     let (system, room, adjoint) = at.of_connections();
-                    let step = (&q[..], Pushed { x: change, p: impulses });
                     let through = adjoint.of_displacement(system, room, step, (&mut of_q, &mut [], &[]));
                     through.map_err(|row| at.undirected(row))?;
                 }

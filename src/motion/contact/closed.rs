@@ -70,19 +70,11 @@ pub(super) fn positions_onto_connections(
     if !q.iter().all(|x| x.is_finite()) {
         return Ok(());
     }
-    let projected = if let Some(moves) = moves {
-        let mut steps = Vec::new();
-        let projected = closed.positions(model, workspace, q, &mut |q, change, impulses| {
-            let pulled = Pulled { change: change.to_vec(), impulses: impulses.to_vec() };
-            steps.push((q.to_vec(), pulled));
-        });
-        // Steps from the result are not part of it.
-        let made = steps.into_iter().take_while(|(start, _)| start != q);
-        moves.extend(made.map(|(q, pulled)| Move::Pull { q, pulled }));
-        projected
-    } else {
-        closed.positions(model, workspace, q, &mut |_, _, _| {})
-    };
+    let mut steps = Vec::new();
+    let projected = closed.positions(model, workspace, q, moves.is_some().then_some(&mut steps));
+    if let Some(moves) = moves {
+        moves.extend(steps.into_iter().map(Move::Pull));
+    }
     check(scene, (model, workspace), projected, "m or rad")
 }
 

@@ -1,6 +1,7 @@
 //! The changes of velocities and positions by projections of a step, as its adjoint reads them.
 
 use crate::contact::Cone;
+use crate::dynamics::constraints::ProjectionStep;
 use nalgebra::DVector;
 
 /// A Newton step of the projection of positions.
@@ -8,8 +9,8 @@ use nalgebra::DVector;
 pub(super) enum Move {
     /// Out of the surfaces of contacts.
     Push(Push),
-    /// Onto the connections, from `q`.
-    Pull { q: Vec<f64>, pulled: Pulled },
+    /// Onto the connections.
+    Pull(ProjectionStep),
 }
 
 impl Move {
@@ -17,7 +18,7 @@ impl Move {
     pub fn start(&self) -> &Vec<f64> {
         match self {
             Self::Push(push) => &push.q,
-            Self::Pull { q, .. } => q,
+            Self::Pull(step) => &step.q,
         }
     }
 }
@@ -34,7 +35,7 @@ pub(super) struct Push {
     pub moved: Vec<f64>,
 }
 
-/// A change of velocities or of coordinates by impulses lambda of the connections, M^-1 `J_k`* lambda.
+/// A change of velocities by impulses lambda of the connections, M^-1 `J_k`* lambda.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Pulled {
     pub change: Vec<f64>,
