@@ -1,4 +1,5 @@
 """Forward dynamics with connections, compared with Pinocchio's constraintDynamics in one run: one state, and a batch.
+Products with its derivatives, compared with those of the tree.
 
 Usage: python benches/closed_loops.py [--markdown FILE]; `make closed-loops`.
 
@@ -84,6 +85,27 @@ def theirs(scene: phipsi.Scene, file: str, links: list[str], kind: str, at: tupl
     return run
 
 
+def products() -> list[str]:
+    """Times of the products through one rod from the tip of a chain to the world, and of the tree alone."""
+    lines = ["| joints | vjp, us | tree, us | ratio | jvp, us | tree, us | ratio | hvp, us | tree, us | ratio |", "| --- | " * 9 + "--- |"]
+    for joints in (10, 40, 160):
+        tree = phipsi.scenes.chain(joints)
+        builder = tree.to_builder()
+        builder.connect("rod", "distance", tree.link_names[-1], xyz=(0.0, 0.0, 0.1))
+        scene = builder.build()
+        random = np.random.default_rng(0)
+        q, qd = scene.project(random.uniform(-0.3, 0.3, joints), random.uniform(-0.5, 0.5, joints))[:2]
+        tau, *seeds = random.uniform(-1.0, 1.0, (5, joints))
+        times = []
+        for name, needed in (("vjp", seeds[:1]), ("jvp", seeds[:3]), ("hvp", seeds)):
+            calls = [getattr(of, f"forward_dynamics_{name}") for of in (scene, tree)]
+            ours, alone = least(TURNS, *(lambda call=call, needed=needed: [call(q, qd, tau, *needed) for _ in range(20)] for call in calls))
+            times.append(f"{5e4 * ours:.1f} | {5e4 * alone:.1f} | {ours / alone:.1f}")
+        lines.append(f"| {joints} | {' | '.join(times)} |")
+        print(lines[-1], flush=True)
+    return lines
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--markdown", type=Path)
@@ -125,7 +147,7 @@ def main() -> None:
             f"Written by `make closed-loops` (benches/closed_loops.py), on one thread. {how}",
             "Pinocchio is called from Python, with at most ten proximal iterations; it has no batches. `static equilibrium` and `passive` are batches of robots at rest, us per state: with the joint torques of static equilibrium, and with zero torques.",
         ],
-        lines,
+        [*lines, "", "Products with the derivatives of forward dynamics through one rod from the tip of a chain to the world, one state per call, compared with the same chain without the rod:", "", *products()],
         "loops between two links, many constraints (the cost m^3 matters above some tens of rows), threads, the square-root form. `tree alone` is forward dynamics of the same robot without its connections.",
     )
 

@@ -249,6 +249,14 @@ impl Products {
         matches!(self, Self::InverseGradients | Self::ForwardGradients(_))
     }
 
+    /// True if it computes gradients from a cotangent, false if it computes a change along a direction.
+    pub(crate) fn is_gradient(self) -> bool {
+        matches!(
+            self,
+            Self::InverseGradient | Self::InverseGradients | Self::ForwardGradient(_) | Self::ForwardGradients(_)
+        )
+    }
+
     /// Its form, if it has one.
     #[must_use]
     pub fn form(self) -> Option<Form> {

@@ -2132,7 +2132,8 @@ class Scene:
 
         Notes
         -----
-        One factor and four right-hand sides on dual numbers; otherwise as inverse_dynamics_hvp.
+        One factor and four right-hand sides, then dual numbers; otherwise as inverse_dynamics_hvp. Includes the
+        connections of the scene.
 
         Examples
         --------

@@ -240,11 +240,14 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_no_connections("second derivatives of forward dynamics")?;
         let which = Products::ForwardGradient(workspace.form);
         self.check_product(workspace, which, state, (scratch.identity(), out.len()))?;
         for ((name, _), direction) in Products::ForwardTangent(workspace.form).entry().seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
+        }
+        if !self.constraints().is_empty() {
+            self.hvp_through_connections(workspace, scratch, state, direction, out)?;
+            return self.check_result("derivatives", out);
         }
         let (at, cotangent) = ((state.q, state.qd, state.u), state.seed[0]);
         derivatives::forward_dynamics_hvp(

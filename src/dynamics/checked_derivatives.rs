@@ -1,8 +1,9 @@
 //! Derivatives on one state by the passes on the general model, with argument checks and error messages.
 
-use super::constraints::{self, ConstraintScratch};
+use super::constraints::{self, ConstraintAdjoint, ConstraintScratch, NoDirection, RowsAre};
 use super::derivatives::{
-    self, ConstantParts, Constants, DerivativeScratch, Directions, GradientParts, ProductScratch, constants_of,
+    self, ConstantParts, Constants, DerivativeScratch, Directions, GradientParts, HessianScratch, ProductScratch,
+    constants_of,
 };
 use crate::algorithm::{Arguments, Derivatives, Products};
 use crate::error::{Error, check_finite};
@@ -12,27 +13,24 @@ use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// dqdd/dq, dqdd/dqd and dqdd/dtau of a scene with connections. Returns qdd.
+    /// dqdd/dq, dqdd/dqd and dqdd/dtau of a scene with connections.
     fn derivatives_through_connections(
         &self,
         workspace: &mut Workspace<f64>,
         (q, qd, tau): (&[f64], &[f64], &[f64]),
         wrenches: &[SpatialVector<f64>],
         out: &mut [f64],
-    ) -> Result<Vec<f64>, Error> {
+    ) -> Result<(), Error> {
         let scratch = &mut ConstraintScratch::new(self.model(), self.constraints());
         let mut qdd = vec![f64::NAN; self.nv()];
         self.accelerations_through_connections(workspace, scratch, (q, qd, tau), (wrenches, &[]), &mut qdd)?;
         self.check_result("forward dynamics", &qdd)?;
         let system = (self.model(), self.constraints());
         constraints::constrained_derivatives(system, workspace, scratch, (q, qd, &qdd), wrenches, out)
-            .map_err(|at| self.no_direction(at))?;
-        Ok(qdd)
+            .map_err(|at| self.no_direction(at))
     }
 
-    /// Products with these matrices. The rows of the connections do not depend on the constants (armature, gravity,
-    /// wrenches, inertial parameters). A change of a constant therefore gives dqdd = -Mc dID, with the third matrix Mc
-    /// and the change dID of inverse dynamics at the accelerations of the state.
+    /// Products of a scene with connections, in O(N + m^2 depth + m^3) for m rows.
     fn products_through_connections(
         &self,
         workspace: &mut Workspace<f64>,
@@ -40,29 +38,63 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let &Arguments { q, qd, u, wrenches, seed: [first, second, third], tolerance: _ } = state;
-        let nv = self.nv();
-        let mut three = vec![f64::NAN; 3 * nv * nv];
-        let qdd = self.derivatives_through_connections(workspace, (q, qd, u), wrenches, &mut three)?;
-        let (at, zeros) = (Arguments { u: &qdd, ..*state }, vec![0.0; nv]);
-        if which.gives_constants() {
-            let mut of_state = vec![f64::NAN; 3 * nv];
-            multiply(&three, which, state.seed, &mut of_state);
-            let minus: Vec<f64> = of_state[2 * nv..].iter().map(|x| -x).collect();
-            self.products(workspace, Products::InverseGradients, &Arguments { seed: [&minus, &[], &[]], ..at }, out)?;
-            GradientParts::of(out, nv, self.model().bodies.len()).state.copy_from_slice(&of_state);
-        } else if which.takes_constants() {
-            let mut constant = third.to_vec();
-            constant[..nv].fill(0.0);
-            let along = Arguments { seed: [&zeros, &zeros, &constant], ..at };
-            let mut right = vec![f64::NAN; nv];
-            self.products(workspace, Products::InverseTangents, &along, &mut right)?;
-            right.iter_mut().zip(third).for_each(|(right, dtau)| *right = dtau - *right);
-            multiply(&three, which, [first, second, &right], out);
-        } else {
-            multiply(&three, which, state.seed, out);
-        }
-        Ok(())
+        let (system, wrenches, seed) = ((self.model(), self.constraints()), state.wrenches, state.seed);
+        let bodies = self.model().bodies.len();
+        self.at_constrained_state(workspace, state, |workspace, (rows, adjoint), at| {
+            if which.is_gradient() {
+                return with_constants(which, (out, self.nv(), bodies), |constants, out| {
+                    let wanted = (wrenches, seed[0], RowsAre::default());
+                    adjoint.of_dynamics(system, (workspace, rows), at, wanted, (constants, out))
+                });
+            }
+            let mut forces = Vec::new();
+            let along = Directions::of_seed(seed, bodies, &mut forces);
+            adjoint.along_dynamics(system, (workspace, rows), at, (wrenches, &along), out)
+        })
+    }
+
+    /// The Hessian of forward dynamics of a scene with connections, times a direction.
+    pub(crate) fn hvp_through_connections(
+        &self,
+        workspace: &mut Workspace<f64>,
+        hessian: &mut HessianScratch,
+        state: &Arguments<'_>,
+        direction: [&[f64]; 3],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let (system, wrenches, cotangent) = ((self.model(), self.constraints()), state.wrenches, state.seed[0]);
+        self.at_constrained_state(workspace, state, |workspace, (rows, adjoint), at| {
+            let room = ((workspace, rows), (adjoint, hessian));
+            constraints::constrained_hvp(system, room.0, room.1, (at, wrenches), (cotangent, direction), out)
+        })
+    }
+
+    /// Calls `then` with scratch and with (q, qd, qdd) at a state of a scene with connections.
+    fn at_constrained_state(
+        &self,
+        workspace: &mut Workspace<f64>,
+        &Arguments { q, qd, u, wrenches, .. }: &Arguments<'_>,
+        then: impl FnOnce(
+            &mut Workspace<f64>,
+            (&mut ConstraintScratch, &mut ConstraintAdjoint),
+            (&[f64], &[f64], &[f64]),
+        ) -> Result<(), NoDirection>,
+    ) -> Result<(), Error> {
+        let (model, constraints) = (self.model(), self.constraints());
+        let mut rows = workspace.connected.take(self.identity(), || ConstraintScratch::new(model, constraints));
+        let new = || ConstraintAdjoint::new(model, constraints, false);
+        let mut adjoint = workspace.connected_products.take(self.identity(), new);
+        let mut qdd = vec![f64::NAN; self.nv()];
+        let done = self
+            .accelerations_through_connections(workspace, &mut rows.1, (q, qd, u), (wrenches, &[]), &mut qdd)
+            .and_then(|_| self.check_result("forward dynamics", &qdd))
+            .and_then(|()| {
+                let scratch = (&mut rows.1, &mut adjoint.1);
+                then(workspace, scratch, (q, qd, &qdd)).map_err(|at| self.no_direction(at))
+            });
+        workspace.connected.keep(rows);
+        workspace.connected_products.keep(adjoint);
+        done
     }
 
     /// Derivatives at one state, with argument checks and temporary scratch.
@@ -76,7 +108,7 @@ impl Scene {
         let &Arguments { q, qd, u, wrenches, .. } = state;
         let model = self.model();
         if matches!(which, Derivatives::ForwardDynamics(_)) && !self.constraints().is_empty() {
-            return self.derivatives_through_connections(workspace, (q, qd, u), wrenches, out).map(|_| ());
+            return self.derivatives_through_connections(workspace, (q, qd, u), wrenches, out);
         }
         let scratch = &mut DerivativeScratch::new(model);
         derivatives::of_state(which, model, (workspace, scratch), (q, qd, u), wrenches, out)
@@ -91,54 +123,34 @@ impl Scene {
         workspace: &mut Workspace<f64>,
         which: Products,
         state: &Arguments<'_>,
-        mut out: &mut [f64],
+        out: &mut [f64],
     ) -> Result<(), Error> {
         if which.form().is_some() && !self.constraints().is_empty() {
             return self.products_through_connections(workspace, which, state, out);
         }
         let &Arguments { q, qd, u: given, wrenches, seed, .. } = state;
-        let (model, at) = (self.model(), (q, qd, given));
+        let (model, at, bodies) = (self.model(), (q, qd, given), self.model().bodies.len());
         let scratch = &mut ProductScratch::new(model);
-        let (mut constants, mut forces, mut by_wrenches) = (Constants::default(), Vec::new(), &mut [][..]);
-        let bodies = model.bodies.len();
-        if which.gives_constants() {
-            let parts = GradientParts::of(out, self.nv(), bodies);
-            forces.resize(bodies, SpatialVector::zeros());
-            let ConstantParts { armature, gravity, wrenches, parameters } = parts.constants;
-            (out, by_wrenches) = (parts.state, wrenches);
-            constants = Constants { wrenches: &mut forces, parameters, armature, gravity };
-        }
-        match which {
-            Products::InverseTangent | Products::InverseTangents => {
-                let along = Directions::of_seed(seed, bodies, &mut forces);
-                derivatives::inverse_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out);
+        if which.is_gradient() {
+            return with_constants(which, (out, self.nv(), bodies), |constants, out| {
+                let results = (constants, out);
+                if which.form().is_some() {
+                    return derivatives::forward_dynamics_vjp(
+                        model, workspace, scratch, at, wrenches, seed[0], results,
+                    );
+                }
+                derivatives::inverse_dynamics_vjp(model, workspace, scratch, at, wrenches, seed[0], results);
                 Ok(())
-            }
-            Products::InverseGradient | Products::InverseGradients => {
-                derivatives::inverse_dynamics_vjp(
-                    model,
-                    workspace,
-                    scratch,
-                    at,
-                    wrenches,
-                    seed[0],
-                    (&mut constants, out),
-                );
-                Ok(())
-            }
-            Products::ForwardTangent(_) | Products::ForwardTangents(_) => {
-                let along = Directions::of_seed(seed, bodies, &mut forces);
-                derivatives::forward_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out)
-            }
-            Products::ForwardGradient(_) | Products::ForwardGradients(_) => {
-                let results = (&mut constants, out);
-                derivatives::forward_dynamics_vjp(model, workspace, scratch, at, wrenches, seed[0], results)
-            }
+            })
+            .map_err(|lost| self.singular(lost));
         }
-        .map_err(|lost| self.singular(lost))?;
-        for (to, force) in by_wrenches.iter_mut().zip(&forces) {
-            *to = (*force).into();
+        let mut forces = Vec::new();
+        let along = Directions::of_seed(seed, bodies, &mut forces);
+        if which.form().is_some() {
+            return derivatives::forward_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out)
+                .map_err(|lost| self.singular(lost));
         }
+        derivatives::inverse_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out);
         Ok(())
     }
 
@@ -157,22 +169,21 @@ impl Scene {
     }
 }
 
-/// A product of forward dynamics from its three Jacobians, (nv x nv) each row by row.
-fn multiply(three: &[f64], which: Products, [first, second, third]: [&[f64]; 3], out: &mut [f64]) {
-    let nv = first.len().max(1);
-    out.fill(0.0);
-    let matrices = three.chunks_exact(nv * nv);
-    if matches!(which, Products::ForwardTangent(_) | Products::ForwardTangents(_)) {
-        for (matrix, x) in matrices.zip([first, second, third]) {
-            for (out, row) in out.iter_mut().zip(matrix.chunks_exact(nv)) {
-                *out += row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>();
-            }
-        }
-        return;
+/// Calls `gradients` with the parts of `out`: the gradients by the constants, if the product gives them, and (3 x nv).
+fn with_constants<E>(
+    which: Products,
+    (out, nv, bodies): (&mut [f64], usize, usize),
+    gradients: impl FnOnce(&mut Constants<'_, f64>, &mut [f64]) -> Result<(), E>,
+) -> Result<(), E> {
+    if !which.gives_constants() {
+        return gradients(&mut Constants::default(), out);
     }
-    for (matrix, out) in matrices.zip(out.chunks_exact_mut(nv)) {
-        for (row, &cotangent) in matrix.chunks_exact(nv).zip(first) {
-            out.iter_mut().zip(row).for_each(|(out, a)| *out += cotangent * a);
-        }
+    let GradientParts { state, constants } = GradientParts::of(out, nv, bodies);
+    let ConstantParts { armature, gravity, wrenches, parameters } = constants;
+    let mut forces = vec![SpatialVector::zeros(); bodies];
+    gradients(&mut Constants { wrenches: &mut forces, parameters, armature, gravity }, state)?;
+    for (to, force) in wrenches.iter_mut().zip(&forces) {
+        *to = (*force).into();
     }
+    Ok(())
 }

@@ -128,8 +128,9 @@ pub struct Workspace<T: Real> {
     pub(crate) matrices: Vec<T>,
     /// Scratch of scenes with mimic joints; none until it is created.
     pub(crate) coupled: Made,
-    /// The same for scenes with connections.
+    /// The same for scenes with connections, and for products with their derivatives.
     pub(crate) connected: Made,
+    pub(crate) connected_products: Made,
     /// The kernels that the methods of a scene run; the functions of `dynamics` do not use them.
     pub(crate) kernels: OwnKernels,
 }
@@ -173,6 +174,7 @@ impl<T: Real> Workspace<T> {
             matrices: Vec::new(),
             coupled: Made::default(),
             connected: Made::default(),
+            connected_products: Made::default(),
             kernels: OwnKernels::default(),
         }
     }

@@ -17,7 +17,7 @@ use super::step_settings::StepSettings;
 use crate::batch::accelerations::KernelArguments;
 use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowsAre, subtract_products};
 use crate::dynamics::contacts::LimitRow;
-use crate::dynamics::derivatives::Parameters;
+use crate::dynamics::derivatives::{Constants, Parameters};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::error::{Error, in_language};
 use crate::filter::Form;
@@ -84,7 +84,8 @@ impl BackwardSolver<f64> for ClosedBackward<'_> {
         }
         let wanted = RowsAre { alpha: *alpha, compliance };
         let (system, room) = ((model, scene.constraints()), (workspace, rows));
-        let found = self.adjoint.of_dynamics(system, room, (q, qd, qdd), (cotangent, wanted), (parameters, out));
+        let constants = &mut Constants { parameters, ..Constants::default() };
+        let found = self.adjoint.of_dynamics(system, room, (q, qd, qdd), (&[], cotangent, wanted), (constants, out));
         if let Err(at) = found {
             scratch.note_error(scene.no_direction(at));
         }

@@ -181,7 +181,8 @@ methods! {
     ///     Changes of the gradients with respect to q, qd and tau, each (..., nv); the other fields are None.
     #[doc = raises!(singular arguments)]
     #[doc = section!(Notes)]
-    /// One factor and four right-hand sides on dual numbers; otherwise as inverse_dynamics_hvp.
+    /// One factor and four right-hand sides, then dual numbers; otherwise as inverse_dynamics_hvp. Includes the
+    /// connections of the scene.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q, qd, tau, c = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]

@@ -127,11 +127,21 @@ def test_a_batch_is_its_states() -> None:
         assert_near(of_many[4], of_one, 1e-14 * size(of_one))
 
 
-def test_what_has_no_form_says_so() -> None:
-    scene, q = four_bar("point")
-    q, qd = on_it(scene, q, np.zeros(3))
-    with pytest.raises(ArgumentError, match="second derivatives.*without_constraints"):
-        scene.forward_dynamics_hvp(q, qd, qd, qd, qd, qd, qd)
+def test_hessian_products_are_differences_of_gradients(case: tuple[phipsi.Scene, np.ndarray, np.ndarray, np.ndarray]) -> None:
+    scene, q, qd, tau = case
+    dq, dqd, dtau, cotangent = np.random.default_rng(7).uniform(-1.0, 1.0, (4, scene.nv))
+    wrenches = {scene.link_names[-1]: np.array([0.1, -0.2, 0.3, 1.0, 2.0, -1.0])}
+
+    def gradients(sign: float) -> list[np.ndarray]:
+        moved = scene.integrate(q, sign * STEP * dq), qd + sign * STEP * dqd, tau + sign * STEP * dtau
+        return list(scene.forward_dynamics_vjp(*moved, cotangent, wrenches=wrenches)[:3])
+
+    found = scene.forward_dynamics_hvp(q, qd, tau, cotangent, dq, dqd, dtau, wrenches=wrenches)[:3]
+    expected = [(ahead - behind) / (2 * STEP) for ahead, behind in zip(gradients(1.0), gradients(-1.0), strict=True)]
+    scale = size(*gradients(0.0), *expected)
+    for one, other in zip(found, expected, strict=True):
+        assert_near(one, other, central_difference(3e3 * scale))
+        assert np.any(one)
 
 
 @pytest.mark.parametrize("of", ["point", "axis", "weld", "distance"])

@@ -1,4 +1,5 @@
-//! Adjoints of forward dynamics through connections and of the projections onto connections, in O(N + m^2 depth + m^3).
+//! Products with the derivatives of forward dynamics through connections, and adjoints of the projections onto
+//! connections, in O(N + m^2 depth + m^3).
 //!
 //! All of them solve linear systems with M, J and the compliance c of the rows:
 //!
@@ -25,12 +26,14 @@ use super::rows::rates_of_rows;
 use super::scratch::ConstraintScratch;
 use super::solution::RowsAre;
 use crate::dynamics;
-use crate::dynamics::derivatives::{Constants, Parameters, ProductScratch, inverse_dynamics_vjp};
+use crate::dynamics::derivatives::{
+    Constants, Directions, Parameters, ProductScratch, inverse_dynamics_jvp, inverse_dynamics_vjp,
+};
 use crate::kinematics::propagation::tip_to_base;
 use crate::model::Model;
 use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 
 /// Scratch of the adjoints, for one model, and the sums of the gradients by its constants.
 #[derive(Debug)]
@@ -84,24 +87,23 @@ impl ConstraintAdjoint {
         self.parameters.as_flattened_mut().fill(0.0);
     }
 
-    /// Gradients by q, qd and tau of cotangent* qdd, (3 nv) into `out`, and by inertial parameters, at a state of
-    /// [`constrained_dynamics`](super::constrained_dynamics) with the accelerations `qdd` and the forces in the
+    /// Gradients by q, qd and tau of cotangent* qdd, (3 nv) into `out`, and the requested ones by constants, at a state
+    /// of [`constrained_dynamics`](super::constrained_dynamics) with the accelerations `qdd` and the forces in the
     /// scratch.
     pub fn of_dynamics(
         &mut self,
         system: (&Model<f64>, &Constraints),
         (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
         (q, qd, qdd): (&[f64], &[f64], &[f64]),
-        (cotangent, wanted): (&[f64], RowsAre<'_>),
-        (parameters, out): (&mut [Parameters<f64>], &mut [f64]),
+        (wrenches, cotangent, wanted): (&[Vector6<f64>], &[f64], RowsAre<'_>),
+        (constants, out): (&mut Constants<'_, f64>, &mut [f64]),
     ) -> Result<(), NoDirection> {
         dynamics::factorise(system.0, workspace, q);
         scratch.factorise(system, workspace, q, wanted.compliance)?;
         self.solve(system, (workspace, scratch), q, (cotangent, &[]), wanted.compliance)?;
         let Self { rows, products, y, r, .. } = self;
         let negative: Vec<f64> = y.iter().map(|y| -y).collect();
-        let constants = &mut Constants { parameters, ..Constants::default() };
-        inverse_dynamics_vjp(system.0, workspace, products, (q, qd, qdd), &[], &negative, (constants, out));
+        inverse_dynamics_vjp(system.0, workspace, products, (q, qd, qdd), wrenches, &negative, (constants, out));
         let (by_q, rest) = out.split_at_mut(y.len());
         let (by_qd, by_tau) = rest.split_at_mut(y.len());
         by_tau.copy_from_slice(y);
@@ -117,6 +119,57 @@ impl ConstraintAdjoint {
             scratch.add_torques(system.0, workspace, &scaled(-alpha * alpha), by_q);
         }
         Ok(())
+    }
+
+    /// The change of qdd along a direction, (nv) into `out`, at a state of
+    /// [`constrained_dynamics`](super::constrained_dynamics) with rigid connections:
+    /// M dqdd - J* dp = dtau - dID + dJ* p, J dqdd = -d(J qdd + J' qd), with the change dID of inverse dynamics at
+    /// constant qdd.
+    pub fn along_dynamics(
+        &mut self,
+        system: (&Model<f64>, &Constraints),
+        (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
+        state: (&[f64], &[f64], &[f64]),
+        (wrenches, along): (&[Vector6<f64>], &Directions<'_, f64>),
+        out: &mut [f64],
+    ) -> Result<(), NoDirection> {
+        let Self { rows, products, rest, of_product, .. } = self;
+        let unaccelerated = Directions { u: rest, ..*along };
+        inverse_dynamics_jvp(system.0, workspace, products, state, wrenches, &unaccelerated, out);
+        dynamics::factorise(system.0, workspace, state.0);
+        scratch.factorise(system, workspace, state.0, &[])?;
+        let (mut of_rows, of_torques) = (vec![0.0; system.1.rows], &mut of_product[..out.len()]);
+        let (shifts, directions) = (&workspace.store.shifts, ([along.q, along.qd], &scratch.forces[..]));
+        rows.along(system, shifts, state, directions, [&mut of_rows, of_torques])?;
+        for ((out, dtau), of_torque) in out.iter_mut().zip(along.u).zip(of_torques) {
+            *out = dtau - *out + *of_torque;
+        }
+        self.solve(system, (workspace, scratch), state.0, (out, &of_rows), &[])?;
+        out.copy_from_slice(&self.y);
+        Ok(())
+    }
+
+    /// y and r of the adjoint of [`ConstraintAdjoint::of_dynamics`] for the cotangent of qdd, and their changes along dq,
+    /// with the factors of M and of the rows at `q`.
+    #[allow(clippy::type_complexity)] // two vectors and their changes
+    pub fn along_adjoint(
+        &mut self,
+        system: (&Model<f64>, &Constraints),
+        (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
+        (q, dq): (&[f64], &[f64]),
+        cotangent: &[f64],
+    ) -> Result<([Vec<f64>; 2], [Vec<f64>; 2]), NoDirection> {
+        self.solve(system, (workspace, scratch), q, (cotangent, &[]), &[])?;
+        let solution = [self.y.clone(), self.r.clone()];
+        let Self { rows, products, weightless, rest, y, r, .. } = self;
+        let (mut right, mut of_rows, mut of_torques) = (vec![0.0; y.len()], vec![0.0; r.len()], vec![0.0; y.len()]);
+        let along = Directions { q: dq, qd: rest, u: rest, ..Directions::default() };
+        inverse_dynamics_jvp(weightless, workspace, products, (q, rest, y), &[], &along, &mut right);
+        let (shifts, directions) = (&workspace.store.shifts, ([dq, &rest[..]], &r[..]));
+        rows.along(system, shifts, (q, rest, y), directions, [&mut of_rows, &mut of_torques])?;
+        right.iter_mut().zip(&of_torques).for_each(|(right, more)| *right = -(*right + more));
+        self.solve(system, (workspace, scratch), q, (&right, &of_rows), &[])?;
+        Ok((solution, [self.y.clone(), self.r.clone()]))
     }
 
     /// One Newton step x = M^-1 J* p, p = -(G + c)^+ (error + c sum of the steps before), at `q`: adds the gradient by q

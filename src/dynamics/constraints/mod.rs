@@ -18,7 +18,7 @@
 //! In a model with rounded dimensions, rows that should be dependent differ in the last digits. Geometry and the
 //! tolerance of the scene decide which combinations count as dependent; Q J then replaces J.
 
-#[cfg(feature = "motion")]
+#[cfg(feature = "derivatives")]
 mod adjoint;
 #[cfg(feature = "derivatives")]
 mod derivatives;
@@ -27,6 +27,8 @@ mod faults;
 mod geometry;
 mod gram;
 mod gram_inverse;
+#[cfg(feature = "derivatives")]
+mod hessian;
 mod inverse;
 mod kernel;
 mod mobility;
@@ -37,11 +39,15 @@ mod rows;
 mod scratch;
 mod solution;
 
+#[cfg(feature = "derivatives")]
+pub(crate) use adjoint::ConstraintAdjoint;
 #[cfg(feature = "motion")]
-pub(crate) use adjoint::{ConstraintAdjoint, Pushed, subtract_products};
+pub(crate) use adjoint::{Pushed, subtract_products};
 #[cfg(feature = "derivatives")]
 pub(crate) use derivatives::constrained_derivatives;
 pub(crate) use elimination::Elimination;
+#[cfg(feature = "derivatives")]
+pub(crate) use hessian::constrained_hvp;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
 pub(crate) use kernel::{ConstraintKernel, Residuals, largest_of};
 pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities};

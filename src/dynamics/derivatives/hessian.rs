@@ -12,6 +12,7 @@ use crate::filter::pivots::LostPivot;
 use crate::kinematics::coordinate_rates;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Dual, Real, larger};
+use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
@@ -74,6 +75,23 @@ impl<S: Real<Parameter = S>> HessianScratch<S> {
         inverse_dynamics_vjp(model, workspace, dual, (q, qd, u), wrenches, cotangent, results);
     }
 
+    /// The gradients by q, qd and qdd of x . tau of inverse dynamics at (q, qd), in dual numbers: along (dq, dqd), with
+    /// the changes of qdd and of x.
+    pub(crate) fn along(
+        &mut self,
+        model: &Model<S>,
+        ((q, qd), wrenches): ((&[S], &[S]), &[Vector6<S>]),
+        [dq, dqd]: [&[S]; 2],
+        [qdd, x]: [[&[S]; 2]; 2],
+    ) -> DualGradients<'_, S> {
+        self.set(model, (q, qd), wrenches, [dq, dqd]);
+        join(&mut self.u, qdd[0], qdd[1]);
+        join(&mut self.cotangent, x[0], x[1]);
+        self.gradients(!wrenches.is_empty());
+        let Self { model, workspace, q, qd, u, out, .. } = self;
+        DualGradients { model, shifts: &workspace.store.shifts, state: (q, qd, u), out }
+    }
+
     /// q along the tangent dq, qd along dqd, and constant wrenches.
     fn set(&mut self, model: &Model<S>, (q, qd): (&[S], &[S]), wrenches: &[Vector6<S>], [dq, dqd]: [&[S]; 2]) {
         coordinate_rates(model, q, dq, &mut self.rates);
@@ -85,8 +103,16 @@ impl<S: Real<Parameter = S>> HessianScratch<S> {
     }
 }
 
+/// The state of a scratch in dual numbers, phi of every body there, and the gradients by q, qd and qdd, (3 x nv).
+pub(crate) struct DualGradients<'a, S: Real<Parameter = S>> {
+    pub model: &'a Model<Dual<S>>,
+    pub shifts: &'a [RigidShift<Dual<S>>],
+    pub state: (&'a [Dual<S>], &'a [Dual<S>], &'a [Dual<S>]),
+    pub out: &'a mut [Dual<S>],
+}
+
 /// Values with their tangents.
-fn join<S: Real>(to: &mut [Dual<S>], values: &[S], tangents: &[S]) {
+pub(crate) fn join<S: Real>(to: &mut [Dual<S>], values: &[S], tangents: &[S]) {
     for ((to, &value), &tangent) in to.iter_mut().zip(values).zip(tangents) {
         *to = Dual { value, tangent };
     }
@@ -106,13 +132,9 @@ pub fn inverse_dynamics_hvp(
     [dq, dqd, dqdd]: [&[f64]; 3],
     out: &mut [f64],
 ) {
-    scratch.set(model, (q, qd), wrenches, [dq, dqd]);
-    join(&mut scratch.u, qdd, dqdd);
-    for (to, &x) in scratch.cotangent.iter_mut().zip(cotangent) {
-        *to = Dual::constant_of(x);
-    }
-    scratch.gradients(!wrenches.is_empty());
-    for (to, from) in out.iter_mut().zip(&scratch.out) {
+    let zeros = vec![0.0; cotangent.len()];
+    let found = scratch.along(model, ((q, qd), wrenches), [dq, dqd], [[qdd, dqdd], [cotangent, &zeros]]);
+    for (to, from) in out.iter_mut().zip(found.out) {
         *to = from.tangent;
     }
 }

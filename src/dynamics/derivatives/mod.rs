@@ -52,6 +52,7 @@ pub(crate) use columns::DerivativeColumns;
 pub use coriolis::BodyCoriolis;
 pub use forward::forward_dynamics_derivatives;
 pub(crate) use forward::linear_system;
+pub(crate) use hessian::join;
 pub use hessian::{HessianScratch, forward_dynamics_hvp, inverse_dynamics_hvp};
 pub use inverse::{coriolis_matrix, inverse_dynamics_derivatives, mass_matrix_derivative};
 pub(crate) use inverse::{in_sweeps, with_transpose};
