@@ -228,6 +228,7 @@ EXPECTED: dict[str, tuple[str, str, str]] = {
     **dict.fromkeys(["simulate", "simulator"], ("included", "included", "supported")),
     **dict.fromkeys(["lock", "to_builder", "with_inertias", "with_payload", "with_properties"], ("included", "included", "supported")),
     **dict.fromkeys(["estimate", "forward_dynamics_variance", "identify", "regressor"], ("error", "tree", "error")),
+    "forward_dynamics_hvp": ("included", "tree", "error"),
     **dict.fromkeys(["factor", "inverse_dynamics_hvp", "inverse_dynamics_variance", "operational_inertia", "operational_inverse_inertia", "random_model"], ("tree", "tree", "error")),
     **dict.fromkeys(["momentum_observer", "ode"], ("error", "error", "supported")),
     "observer": ("error", "error", "error"),
