@@ -43,8 +43,8 @@ STUDY ?=
 AVX512 := $(if $(shell grep -m1 -w avx512vl /proc/cpuinfo 2>/dev/null || sysctl -n hw.optional.avx512vl 2>/dev/null | grep -w 1),avx512$(comma))
 LOCAL_FEATURES := $(AVX512)float32
 # Rust tests without Python.
-FEATURES := urdf,parallel,dense,stochastic,adaptive,$(LOCAL_FEATURES)
-ALL_FEATURES := urdf,parallel,dense,stochastic,adaptive,avx512,float32
+FEATURES := urdf,parallel,dense,stochastic,$(LOCAL_FEATURES)
+ALL_FEATURES := urdf,parallel,dense,stochastic,avx512,float32
 VENV := .venv
 BIN := $(VENV)/bin
 PEERS := .venv-peers/bin/python

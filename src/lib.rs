@@ -207,7 +207,6 @@
 //! | `lanes` | kernels for the vector registers of the processor: several states at once, and fused multiply-add |
 //! | `urdf` | URDF reader, and the bundled arm |
 //! | `parallel` | batches on several threads; includes `lanes` |
-//! | `adaptive` | `motion::Adaptive`: integration to a tolerance, explicit and stiff, with diffsol; includes `motion` |
 //! | `dense` | dense operators with faer's LDLT as a reference; includes `report` |
 //! | `stochastic` | sampling of the random model |
 //! | `avx512` | kernels for AVX-512 processors; doubles the compilation time of the kernels; includes `lanes` |

@@ -3,11 +3,9 @@
 //! `cargo test --test all golden::` runs those of one file. Tests that need a separate process are other targets, see
 //! Cargo.toml.
 
-#[cfg_attr(not(all(feature = "adaptive", feature = "dense")), allow(dead_code))] // tests of these features use the rest
+#[cfg_attr(not(feature = "dense"), allow(dead_code))] // tests of this feature use the rest
 mod common;
 
-#[cfg(feature = "adaptive")]
-mod adaptive;
 mod allocations;
 mod auto;
 mod changed_scenes;

@@ -29,7 +29,7 @@
 //!
 //! A [`Rollout`] advances a batch of states by many steps; a [`Simulator`] advances it call by call. Both take
 //! [`Settings`]: joint properties ([`Properties`]), a control law ([`Gains`]) and a [`Method`]. [`Rollout::gradients`]
-//! differentiates a rollout by backpropagation. `Adaptive` (feature `adaptive`) selects its own steps.
+//! differentiates a rollout by backpropagation.
 //!
 //! ```
 //! use phipsi::motion::{Method, Records, Rollout, Settings, Torque};
@@ -47,8 +47,6 @@
 //! # }
 //! ```
 
-#[cfg(feature = "adaptive")]
-pub(crate) mod adaptive;
 mod backward;
 mod choice;
 mod closed_reverse;
@@ -81,8 +79,6 @@ mod torque;
 mod totals;
 mod works;
 
-#[cfg(feature = "adaptive")]
-pub use adaptive::{Adaptive, Failure, Solution, Solver, TorqueLaw};
 pub use contact::{ContactReport, ContactState, ModeChange};
 pub use gradient::{ContactGradients, RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};

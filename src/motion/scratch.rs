@@ -196,15 +196,6 @@ impl<T: Real> Scratch<T> {
     }
 }
 
-#[cfg(feature = "adaptive")]
-impl<T: Real> Scratch<T> {
-    /// Sets the state at which [`accelerations`] evaluates.
-    pub fn set_stage(&mut self, q: &[T], v: &[T]) {
-        self.q_stage.copy_from_slice(q);
-        self.v_stage.copy_from_slice(v);
-    }
-}
-
 /// Copies values into one lane of an array.
 pub(super) fn fill<T: Vectorized<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
     for (number, &value) in numbers.iter_mut().zip(values) {

@@ -13,13 +13,6 @@ use super::solver::Solver;
 use super::step_settings::{StepArguments, StepSettings};
 use crate::scalar::Real;
 
-/// Accelerations, in `m[0]`, of the state of [`Scratch::set_stage`], without implicit terms.
-#[cfg(feature = "adaptive")]
-pub(super) fn accelerations<T: Real, S: Solver<T>>(settings: &StepSettings, s: &mut Scratch<T>, solver: &mut S) {
-    forces((settings, &settings.scheme), s, 0);
-    solver.solve(true, (&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
-}
-
 /// One step of a scheme from `q`, `v` to `q_next`, `v_next`; returns as bits the lanes whose error estimate exceeds the
 /// tolerance.
 #[inline(always)]

@@ -205,11 +205,6 @@ pub const ORDER_OF_A_STEP: f64 = 0.3;
 /// Largest ratio of the energy drift with and without momentum conservation.
 pub const ENERGY_KEEPING_MOMENTUM: f64 = 2.0;
 
-/// Largest error of a solution with that many adaptive steps, each with the error bound `step`.
-pub fn adaptive(steps: usize, step: f64) -> f64 {
-    10.0 * count(steps) * step
-}
-
 /// Largest deflection of a spring of 1e8 N m/rad or more under the torques of the tests, rad.
 pub const BENT: f64 = 1e-6;
 
