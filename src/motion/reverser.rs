@@ -162,12 +162,13 @@ fn through(
         scene: job.scene,
         settings: job.settings,
         steps: steps.start..steps.start + (rows - 1) * stride,
-        states: job.states.clone(),
+        states: job::States::Adjacent(job.states.clone()),
         begun: &[],
         current: &mut current,
         torque: job.torque,
         rows: Some(&mut kept),
         impacts: None,
+        divisions: None,
     })?;
     let mut current = start.to_vec();
     for row in (0..rows).rev() {
