@@ -103,11 +103,8 @@ fn of_steps(
         Method::Auto => choose(scene, dt, &properties, gains.as_ref(), q),
         method => method,
     };
-    let roots = if settings.conserve_momentum {
-        momentum::roots(scene, &properties, gains.as_ref())?
-    } else {
-        Vec::new()
-    };
+    let roots =
+        if settings.conserve_momentum { momentum::roots(scene, &properties, gains.as_ref())? } else { Vec::new() };
     let stops = settings.limits == Limits::Stop;
     let mut of = StepSettings::new(scene.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
     of.divides = method == Method::Auto && is_tree;

@@ -239,7 +239,7 @@ impl PyScene {
         own.warn_of_linkage(py)?;
         fields.set_item("steps", rollout.steps())?;
         let (impacts, made) =
-            (rollout.take_impacts(), (rollout.chosen_method(), &rollout.settings(), rollout.has_stops()));
+            (rollout.take_impacts(), (rollout.chosen_method(), rollout.friction_speed(), rollout.has_stops()));
         set_outcome(&fields, &batch, own, made, |state| rollout.totals(state), &impacts)?;
         if conserve_momentum {
             let largest = largest_corrections(py, &batch, |state| rollout.correction(state))?;

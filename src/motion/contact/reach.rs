@@ -174,7 +174,8 @@ impl Reach {
             body.motion.displacement(&start.q[coordinates.clone()], &end.q[coordinates], &mut mean[..count]);
             mean.iter_mut().for_each(|x| *x /= h);
             let velocity = |u: &[f64]| body.motion.velocity(u, 0.0);
-            let of = [velocity(&start.v[row..row + count]), velocity(&end.v[row..row + count]), velocity(&mean[..count])];
+            let of =
+                [velocity(&start.v[row..row + count]), velocity(&end.v[row..row + count]), velocity(&mean[..count])];
             let (turning, turning_change) = range(of.map(|u: Vector6<f64>| angular(&u).into()));
             let (sliding, sliding_change) = range(of.map(|u: Vector6<f64>| linear(&u).into()));
             let parent = stage.parent.map_or_else(Bounds::default, |parent| bounds[parent]);
