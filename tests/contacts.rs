@@ -688,9 +688,9 @@ fn methods_and_scenes_belong_together() {
         change(&mut settings);
         Rollout::new(scene, settings, &start, &[0.0; 6]).unwrap_err().to_string()
     };
-    assert_eq!(Settings::new(&scene, 1e-3).method, Method::Contact);
-    let text = refused(&scene, &|settings| settings.method = Method::RungeKutta4);
-    assert!(text.contains("method") && text.contains("\"contact\""), "{text}");
+    assert_eq!(Settings::new(&scene, 1e-3).method, Method::Auto);
+    let text = refused(&scene, &|settings| (settings.method, settings.smoothing) = (Method::RungeKutta4, 1e-3));
+    assert!(text.contains("method") && text.contains("smoothing"), "{text}");
     let text = refused(&scene, &|settings| settings.conserve_momentum = true);
     assert!(text.contains("conserve_momentum") && text.contains("\"ground\""), "{text}");
     let free = scene.without_contacts().unwrap();

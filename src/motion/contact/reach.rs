@@ -39,6 +39,13 @@ use crate::scene::contact_point::ContactPoint;
 use crate::spatial::{angular, linear};
 use nalgebra::Vector6;
 
+/// A contact with at most this gap touches: the distance of a fall in a step of `h`, m, so that contacts at rest are not
+/// released by rounding.
+pub(super) fn touching_gap(model: &Model<f64>, h: f64) -> f64 {
+    const ROUNDING: f64 = 1e-9;
+    model.gravity.norm() * h * h + ROUNDING
+}
+
 /// Contacts of one state.
 struct Placed {
     rows: ContactScratch,
@@ -100,13 +107,11 @@ impl Reach {
         Self { start: placed(), end: placed(), bounds: vec![Bounds::default(); model.bodies.len()] }
     }
 
-    /// True if a contact acts in a step of `h` from this state whatever its end: its gap is below the distance of a fall
-    /// in the step. `last` is a contact that acted in the step before, which is tested first.
-    pub fn acts(&mut self, scene: &Scene, h: f64, (q, v): (&[f64], &[f64]), last: Option<usize>) -> bool {
-        /// Gaps of contacts at rest, relative to the size of their coordinates; larger ones are due to motion.
-        const ROUNDING: f64 = 1e-9;
+    /// True if a contact touches at this state, for steps of `h`. `last` is a contact that acted in the step before,
+    /// which is tested first.
+    pub fn touches(&mut self, scene: &Scene, h: f64, (q, v): (&[f64], &[f64]), last: Option<usize>) -> bool {
         let (model, points) = (scene.model(), scene.contact_points());
-        let least = model.gravity.norm() * h * h + ROUNDING;
+        let least = touching_gap(model, h);
         // Two spheres whose centers coincide have the gap NaN.
         let is_near = |gap: f64| !(gap > least);
         if last.and_then(|i| points.get(i)).is_some_and(|point| is_near(point.touch_at(model, q).gap)) {
@@ -116,7 +121,7 @@ impl Reach {
         self.start.rows.gaps.iter().any(|&gap| is_near(gap))
     }
 
-    /// True if no contact can act in a step of `h`, or in a substep, from the state of [`Reach::acts`] to this one,
+    /// True if no contact can act in a step of `h`, or in a substep, from the state of [`Reach::touches`] to this one,
     /// which is then the start of the next one.
     pub fn passes(&mut self, scene: &Scene, h: f64, end: (&[f64], &[f64])) -> bool {
         self.end.set(scene.model(), scene.contact_points(), end);

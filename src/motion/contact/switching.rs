@@ -132,8 +132,9 @@ impl Switching {
         for lane in 0..job.states.len() {
             let (moving, kept) = job.current[lane * width..(lane + 1) * width].split_at(nq + nv);
             let last = report::acting(&kept[TOTALS..], scene.contact_points().len());
-            let acts = all >> lane & 1 == 1 && self.reaches[lane].acts(scene, settings.step, moving.split_at(nq), last);
-            trying |= u64::from(all >> lane & 1 == 1 && !acts) << lane;
+            let touches =
+                all >> lane & 1 == 1 && self.reaches[lane].touches(scene, settings.step, moving.split_at(nq), last);
+            trying |= u64::from(all >> lane & 1 == 1 && !touches) << lane;
         }
         if trying == 0 {
             return (all, None);
