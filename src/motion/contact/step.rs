@@ -193,7 +193,8 @@ impl ContactStep {
         // step. With an impact at the start of this step, and a displacement with the mean of the velocities of the free
         // motion after it, an elastic impact after a flight keeps the sum of all energies.
         let least = touching_gap(&s.model, h);
-        let is_free = settings.free.is_some() && gaps[..n].iter().all(|&gap| gap > least);
+        let rests = |i: usize| gaps[i] <= least && h * start[3 * i + 2].abs() <= least;
+        let is_free = settings.free.is_some() && !(0..n).any(rests);
         let part = if is_free { 0.0 } else { 0.5 };
         let mut iterations = 0;
         let kept = from_fixed_axes(points, &before.axes, kept);
