@@ -785,8 +785,9 @@ class Scene:
             Joint torques of each step, instead of tau.
         method : str, default "auto"
             "semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2" or "rosenbrock-3";
-            "contact" for scenes with contacts. "auto" selects "rk4" or "rosenbrock-2" and divides steps with fast
-            rotations.
+            "contact", for scenes with contacts. "auto" selects "rk4" or "rosenbrock-2" and divides steps with fast
+            rotations. Steps in which contacts act are those of "contact" with every method; with "contact" or
+            smoothing, all are.
         record_every : int, default 1
             Steps between two rows.
         pd : PD, optional
@@ -802,8 +803,8 @@ class Scene:
         friction : float or (nv,) array_like, optional
             Coulomb friction instead of that of the scene, N m or N.
         friction_speed : float, optional
-            0 or None: exact Coulomb friction. Positive: friction is viscous below this speed, rad/s or m/s. None is
-            0.01 in scenes with contacts or connections.
+            0 or None: exact Coulomb friction. Positive: friction is viscous below this speed, rad/s or m/s. 0 and
+            None are 0.01 in scenes with connections, and in steps in which contacts act.
         form : {"auto", "covariance"}, default "auto"
             "auto" recomputes steps whose error estimate exceeds the tolerance; "covariance" checks the pivots only.
         tolerance : float, optional

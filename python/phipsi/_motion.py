@@ -92,10 +92,13 @@ class Trajectory(TrajectoryFiles):
     """Number of steps between two rows."""
     integrator: str = field(default="", repr=False)
     """Integrator that advanced the states. With method="auto", the selected one: "rk4" or "rosenbrock-2"; with
-    accuracy, "dormand-prince-5" or "rosenbrock-3"; with contacts, "contact".
+    accuracy, "dormand-prince-5" or "rosenbrock-3". In scenes with contacts, that of the steps in which no contact can
+    act; all others use "contact".
     """
     friction_speed: float = field(default=0.0, repr=False)
-    """Speed below which friction was regularized, rad/s or m/s; 0: exact Coulomb friction."""
+    """Speed below which friction was regularized, rad/s or m/s; 0: exact Coulomb friction. In scenes
+    with contacts, that of the steps in which contacts act.
+    """
     limits: str = field(default="report", repr=False)
     """Whether joint limits were stops: "stop" or "report"."""
     stops: list[StopImpact] = field(default_factory=list, repr=False)

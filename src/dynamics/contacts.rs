@@ -67,9 +67,9 @@ impl LimitRow {
 /// Scratch of contacts and joint limits: about 400 bytes per body and 24 nv bytes per contact.
 #[derive(Debug, Clone)]
 pub(crate) struct ContactScratch {
-    shift: Vec<RigidShift<f64>>,
+    pub shift: Vec<RigidShift<f64>>,
     /// The pose of each body in the base frame.
-    places: Vec<RigidShift<f64>>,
+    pub places: Vec<RigidShift<f64>>,
     /// The joint limits.
     pub limits: Vec<LimitRow>,
     /// The distance of each contact to its surface, m, and of each joint to its limit, rad or m.
@@ -157,6 +157,15 @@ impl ContactScratch {
             (None, 2) => self.limits[i / 3 - points.len()].velocity(v),
             (None, _) => 0.0,
         })
+    }
+
+    /// The rates of the gaps of all contacts, m/s, as [`ContactScratch::velocities`].
+    pub fn rates(&mut self, model: &Model<f64>, points: &[ContactPoint], v: &[f64], out: &mut [f64]) {
+        velocities_base_to_tip(model, &self.shift, v, &mut self.velocity);
+        for ((out, point), (unit, opposite)) in out.iter_mut().zip(points).zip(self.units.iter().zip(&self.opposite)) {
+            let own = dot(&unit[2], &self.velocity[point.body]);
+            *out = point.other_body().map_or(own, |k| own + dot(&opposite[2], &self.velocity[k]));
+        }
     }
 
     /// The contacts `near`, by index in it, in groups whose trees they do not couple.

@@ -3,7 +3,7 @@
 
 use super::method::Method;
 use super::properties::{Gains, Properties};
-use super::settings::Stabilization;
+use super::settings::{Settings, Stabilization};
 use super::stops::SetValued;
 use crate::dynamics::{factorise, solve};
 use crate::error::Error;
@@ -69,7 +69,7 @@ pub(super) fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Opt
     let damping = with(&properties.damping, gains.map(|gains| &gains.derivative[..]));
     let stiffness = with(&properties.stiffness, gains.map(|gains| &gains.proportional[..]));
     let regularized = properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f > 0.0);
-    if regularized || !scene.contacts().is_empty() {
+    if regularized {
         return Method::Rosenbrock2;
     }
     if damping.iter().chain(&stiffness).all(|&x| x == 0.0) {
@@ -98,19 +98,19 @@ pub(super) fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Opt
     if slow { Method::RungeKutta4 } else { Method::Rosenbrock2 }
 }
 
-/// Checks that the method is valid for the scene: scenes with contacts require the contact method, others exclude it.
-pub(super) fn check_method(scene: &Scene, method: Method, conserve_momentum: bool) -> Result<(), Error> {
-    let (touches, is_own) = (!scene.contacts().is_empty(), method == Method::Contact);
-    if touches != is_own {
-        let found = format!("{:?}", method.name());
-        let expected = if touches {
-            "\"contact\" for a scene with contacts (scene.without_contacts() supports the other methods)"
-        } else {
-            "another method, because the scene has no contacts"
-        };
+/// Checks that the method is valid for the contacts of the scene.
+pub(super) fn check_method(scene: &Scene, settings: &Settings) -> Result<(), Error> {
+    let (touches, method) = (!scene.contacts().is_empty(), settings.method);
+    if !touches && method == Method::Contact {
+        let expected = "another method, because the scene has no contacts";
+        return Err(Error::argument("method", format!("{:?}", method.name()), expected));
+    }
+    if touches && settings.smoothing > 0.0 && !matches!(method, Method::Auto | Method::Contact) {
+        let found = format!("{:?} with smoothing", method.name());
+        let expected = "\"auto\" or \"contact\", because smoothed contacts act at every distance";
         return Err(Error::argument("method", found, expected));
     }
-    if conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
+    if settings.conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
 }
 
 /// Checks that the connections of a scene with contacts are rigid and projected: the only treatment in its steps.

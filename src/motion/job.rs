@@ -45,14 +45,58 @@ impl Rows<'_> {
     }
 }
 
-/// A range of steps of adjacent states, at most one state per lane.
+/// The states of a job, by their indices in the batch.
+#[derive(Debug, Clone)]
+pub(super) enum States<'a> {
+    Adjacent(Range<usize>),
+    Listed(&'a [usize]),
+}
+
+impl States<'_> {
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Adjacent(range) => range.len(),
+            Self::Listed(list) => list.len(),
+        }
+    }
+
+    /// The index of the state of a lane.
+    pub fn at(&self, lane: usize) -> usize {
+        match self {
+            Self::Adjacent(range) => range.start + lane,
+            Self::Listed(list) => list[lane],
+        }
+    }
+}
+
+/// The starts of the substeps of steps that were divided.
+#[derive(Debug, Default)]
+pub(super) struct Divisions {
+    /// The lane and the length of each substep, in order.
+    pub of: Vec<(usize, f64)>,
+    /// q and v at the start of each substep.
+    pub starts: Vec<f64>,
+}
+
+impl Divisions {
+    pub fn clear(&mut self) {
+        self.of.clear();
+        self.starts.clear();
+    }
+
+    pub fn add(&mut self, lane: usize, length: f64, (q, v): (&[f64], &[f64])) {
+        self.of.push((lane, length));
+        self.starts.extend(q.iter().chain(v));
+    }
+}
+
+/// A range of steps of some states, at most one state per lane.
 pub(super) struct Job<'a, 'r> {
     pub scene: &'a Scene,
     pub settings: &'a StepSettings,
     /// The steps, counted from the start of the run.
     pub steps: Range<usize>,
-    /// Indices of the states in the batch.
-    pub states: Range<usize>,
+    pub states: States<'a>,
     /// The step at which each state began.
     pub begun: &'a [usize],
     /// The [`StepSettings::width`] values of each state, one state after another; input and output.
@@ -61,6 +105,8 @@ pub(super) struct Job<'a, 'r> {
     pub rows: Option<&'a mut Rows<'r>>,
     /// Destination of the impacts on stops.
     pub impacts: Option<&'a Impacts>,
+    /// Destination of the substeps of a step without contacts.
+    pub divisions: Option<&'a mut Divisions>,
 }
 
 /// Impacts on stops, collected from all threads.

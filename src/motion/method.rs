@@ -70,8 +70,9 @@ pub enum Method {
     /// Four stages, order 3 for any A that can differ between stages, L-stable for springs and damping, stiffly
     /// accurate, g = 1/3. The coefficients solve the nine conditions above with small errors of order 4.
     Rosenbrock3,
-    /// Method for scenes with contacts, order 1: springs and damping as in the implicit Euler method, contact impulses
-    /// at the end of the step, impacts with Poisson's hypothesis.
+    /// The method of all steps in which contacts act, order 1: springs and damping as in the implicit Euler method,
+    /// contact impulses at the end of the step, impacts with Poisson's hypothesis. As the method of a run, it is that
+    /// of every step; with all other methods, a step in which no contact can act is that of the scene without contacts.
     Contact,
 }
 
@@ -89,7 +90,7 @@ pub const METHODS: [(&str, Method); 7] = [
     ("rosenbrock-3", Method::Rosenbrock3),
 ];
 
-/// The only method for scenes with contacts.
+/// The method for scenes with contacts only.
 const OF_CONTACTS: [(&str, Method); 1] = [("contact", Method::Contact)];
 
 impl std::str::FromStr for Method {

@@ -25,7 +25,8 @@
 //! In scenes with connections, accelerations satisfy J qdd + J' qd = 0, and a [`Stabilization`] keeps positions and
 //! velocities on the connections.
 //!
-//! [`Method::Contact`] is the only method for scenes with contacts.
+//! A step of a scene with contacts in which no contact can act is that of the scene without contacts, with the same
+//! bits. In the others contacts act by [`Method::Contact`].
 //!
 //! A [`Rollout`] advances a batch of states by many steps; a [`Simulator`] advances it call by call. Both take
 //! [`Settings`]: joint properties ([`Properties`]), a control law ([`Gains`]) and a [`Method`]. [`Rollout::gradients`]

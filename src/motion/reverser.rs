@@ -162,12 +162,13 @@ fn through(
         scene: job.scene,
         settings: job.settings,
         steps: steps.start..steps.start + (rows - 1) * stride,
-        states: job.states.clone(),
+        states: job::States::Adjacent(job.states.clone()),
         begun: &[],
         current: &mut current,
         torque: job.torque,
         rows: Some(&mut kept),
         impacts: None,
+        divisions: None,
     })?;
     let mut current = start.to_vec();
     for row in (0..rows).rev() {
@@ -472,7 +473,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Reversing for Compiled<T, I> {
 }
 
 impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
-    /// The step of one state with contacts.
+    /// The step of one state of a scene with contacts.
     fn through_contacts(&mut self, job: &Job<'_>, n: usize) -> Result<(), StepFault> {
         let Self { scratch: s, gradients, form, touching, .. } = self;
         let parameters = job.layout.bodies > 0;
@@ -498,6 +499,26 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
             let mut changes = job.changes.lock().unwrap_or_else(PoisonError::into_inner);
             changes.push(ModeChange { state, step: n + 1, contact, before, after });
         };
+        if let Some(free) = &job.settings.free {
+            let mut current = vec![0.0; job.settings.width(job.scene)];
+            let start = touching.scratch.q.iter().chain(&touching.scratch.v);
+            current.iter_mut().zip(start).for_each(|(to, x)| *to = *x);
+            let mut step = job::Job {
+                scene: job.scene,
+                settings: job.settings,
+                steps: n..n + 1,
+                states: job::States::Adjacent(state..state + 1),
+                begun: &[],
+                current: &mut current,
+                torque: job.torque,
+                rows: None,
+                impacts: None,
+                divisions: None,
+            };
+            if touching.is_free(&mut step, n, recorded, changed)? {
+                return self.recompute(&Job { settings: free, states: job.states.clone(), ..*job }, n, 1);
+            }
+        }
         let through = touching.through((job.scene, job.settings), n, recorded, row_before, changed);
         through.map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
         for (numbers, own) in gradients.results().zip(touching.gradients.results()) {

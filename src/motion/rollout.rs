@@ -2,7 +2,7 @@
 
 use super::choice::{CONTROLLED, check_connections_of_contacts, check_method, choose, set_valued};
 use super::contact::{self, ContactReport, RECORD};
-use super::job::{Impacts, Job, Rows};
+use super::job::{Impacts, Job, Rows, States};
 use super::method::Method;
 use super::momentum::{self, CONSERVED, Correction, MomentumProjection};
 use super::properties::FRICTION_SPEED;
@@ -18,10 +18,10 @@ use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::scene::Scene;
+use crate::scene::{Coupling, Scene};
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Destination of recorded rows: (states, rows, nq) and (states, rows, nv). Row 0 is the state at the start, row i the
 /// state after i * every steps.
@@ -80,6 +80,44 @@ impl std::fmt::Debug for Stepper {
     }
 }
 
+/// The settings of the steps of a scene, with its contacts or as without them, from the configurations `q`.
+fn of_steps(
+    scene: &Scene,
+    settings: &Settings,
+    coupling: Option<Arc<Coupling>>,
+    (q, touches): (&[f64], bool),
+) -> Result<StepSettings, Error> {
+    let Settings { dt, method, accuracy, stabilization, .. } = *settings;
+    let (mut properties, gains) = (settings.properties.clone(), settings.gains.clone());
+    let is_tree = scene.constraints().is_empty() && !touches;
+    if !is_tree && properties.friction_speed == 0.0 {
+        properties.friction_speed = FRICTION_SPEED;
+    }
+    let chosen = match method {
+        _ if touches => Method::Contact,
+        // With error control the accuracy determines the step, and explicit methods are stable for longer steps.
+        Method::Auto if accuracy.is_some() => match choose(scene, CONTROLLED, &properties, gains.as_ref(), q) {
+            Method::RungeKutta4 => Method::DormandPrince5,
+            _ => Method::Rosenbrock3,
+        },
+        Method::Auto => choose(scene, dt, &properties, gains.as_ref(), q),
+        method => method,
+    };
+    let roots =
+        if settings.conserve_momentum { momentum::roots(scene, &properties, gains.as_ref())? } else { Vec::new() };
+    let stops = settings.limits == Limits::Stop;
+    let mut of = StepSettings::new(scene.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
+    of.divides = method == Method::Auto && is_tree;
+    of.restitution = settings.restitution;
+    of.stops = stops;
+    of.accuracy = accuracy;
+    of.set_valued = set_valued(scene, of.coupling.as_deref(), &of.properties, stops && is_tree);
+    of.tolerance = settings.tolerance;
+    of.connected = (!scene.constraints().is_empty()).then_some(stabilization);
+    of.compliance.clone_from(&settings.compliance);
+    Ok(of)
+}
+
 /// Threads receive multiples of this number of states, which is at least the number of lanes of every instruction set.
 pub(super) const GRAIN: usize = 16;
 
@@ -97,7 +135,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();
         let holds: &Scene = scene.borrow().tree();
-        let Settings { dt, method, form, mut properties, gains, arm, conserve_momentum, stabilization, .. } = settings;
+        let Settings { dt, method, form, arm, conserve_momentum, stabilization, .. } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
         }
@@ -105,8 +143,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("form", format!("\"{form}\""), "\"auto\" or \"covariance\" for a rollout"));
         }
         scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), settings.tolerance)?;
-        properties.check(holds)?;
-        check_method(holds, method, conserve_momentum)?;
+        settings.properties.check(holds)?;
+        check_method(holds, &settings)?;
         if let Stabilization::Baumgarte(rate) = stabilization
             && !(rate.is_finite() && rate > 0.0)
         {
@@ -131,10 +169,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let found = "error control with contacts, connections, coupled joints, conserve_momentum or a fixed method";
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
-        let stops = settings.limits == Limits::Stop;
-        if !is_tree && properties.friction_speed == 0.0 {
-            properties.friction_speed = FRICTION_SPEED;
-        }
         let (nq, nv) = (holds.nq(), holds.nv());
         let states = q.len().checked_div(nq).unwrap_or(1);
         if q.len() != states * nq || qd.len() != states * nv {
@@ -144,31 +178,17 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 expected: format!("{nq} and {nv} values per state"),
             });
         }
-        if let Some(gains) = &gains {
+        if let Some(gains) = &settings.gains {
             gains.check(holds, states)?;
         }
-        let chosen = match method {
-            // With error control the accuracy determines the step, and explicit methods are stable for longer steps.
-            Method::Auto if accuracy.is_some() => match choose(holds, CONTROLLED, &properties, gains.as_ref(), q) {
-                Method::RungeKutta4 => Method::DormandPrince5,
-                _ => Method::Rosenbrock3,
-            },
-            Method::Auto => choose(holds, dt, &properties, gains.as_ref(), q),
-            method => method,
-        };
-        let roots = if conserve_momentum { momentum::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
-        let mut step_settings =
-            StepSettings::new(holds.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
-        step_settings.divides = method == Method::Auto && is_tree;
-        step_settings.restitution = restitution;
-        step_settings.stops = stops;
-        step_settings.accuracy = accuracy;
-        step_settings.set_valued =
-            set_valued(holds, step_settings.coupling.as_deref(), &step_settings.properties, stops && is_tree);
-        step_settings.tolerance = settings.tolerance;
-        step_settings.connected = (!holds.constraints().is_empty()).then_some(stabilization);
-        step_settings.compliance = settings.compliance;
-        step_settings.smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
+        let stops = settings.limits == Limits::Stop;
+        let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
+        let of_steps = |touches: bool| of_steps(holds, &settings, coupling.clone(), (q, touches));
+        let mut step_settings = of_steps(!holds.contacts().is_empty())?;
+        if !holds.contacts().is_empty() && method != Method::Contact && smoothing.is_none() {
+            step_settings.free = Some(Box::new(of_steps(false)?));
+        }
+        step_settings.smoothing = smoothing;
         let momentum = MomentumProjection::new(holds.model(), &step_settings.roots);
         let current = memory::filled("q, qd", states.saturating_mul(step_settings.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
@@ -238,7 +258,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// A copy of the settings.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let StepSettings { step, properties, gains, roots, connected, restitution, .. } = &self.settings;
+        let StepSettings { step, gains, roots, connected, restitution, .. } = &self.settings;
+        let StepSettings { properties, .. } = self.without_contacts();
         Settings {
             dt: *step,
             method: self.method,
@@ -257,10 +278,23 @@ impl<S: Borrow<Scene>> Rollout<S> {
         }
     }
 
-    /// The integration method; for [`Method::Auto`], the method that it selected.
+    /// The integration method; for [`Method::Auto`], the method that it selected. In a scene with contacts, that of the
+    /// steps in which no contact can act; all other steps are those of [`Method::Contact`].
     #[must_use]
     pub fn chosen_method(&self) -> Method {
-        self.settings.method
+        self.without_contacts().method
+    }
+
+    /// The settings of steps in which no contact can act.
+    fn without_contacts(&self) -> &StepSettings {
+        self.settings.free.as_deref().unwrap_or(&self.settings)
+    }
+
+    /// The velocity below which joint friction is regularized, rad/s or m/s; zero for exact friction. In a scene with
+    /// contacts, that of the steps in which contacts act.
+    #[must_use]
+    pub fn friction_speed(&self) -> f64 {
+        self.settings.properties.friction_speed
     }
 
     /// True if joint limits act as stops.
@@ -440,9 +474,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let Self { scene, settings, form, arm, current, begun, pool, impacts, .. } = self;
         let impacts = &*impacts;
         let scene: &Scene = (*scene).borrow().tree();
-        let one_by_one = settings.method == Method::Contact && !settings.touches_in_lanes(scene);
-        let arm = if one_by_one { InstructionSet::Baseline } else { *arm };
-        let make = || Stepper::new(*form, arm);
+        let make = || Stepper::new(*form, *arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
             let lanes = stepper.lanes();
@@ -465,12 +497,13 @@ impl<S: Borrow<Scene>> Rollout<S> {
                         scene,
                         settings,
                         steps: begins..ends,
-                        states: from..to,
+                        states: States::Adjacent(from..to),
                         begun: &begun[from..to],
                         current: &mut *current,
                         torque,
                         rows: rows.as_deref_mut(),
                         impacts: Some(impacts),
+                        divisions: None,
                     };
                     if let Err(found) = stepper.run(job) {
                         // Interrupted substeps return a diverging motion.

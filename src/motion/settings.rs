@@ -72,13 +72,13 @@ pub enum Limits {
 }
 
 impl Settings {
-    /// The default method, [`Method::Contact`] for a scene with contacts, with the properties of the scene.
+    /// The default method, with the properties of the scene.
     #[must_use]
     pub fn new(scene: &Scene, dt: f64) -> Self {
         let properties = Properties::of(scene);
         Self {
             dt,
-            method: if scene.contacts().is_empty() { Method::default() } else { Method::Contact },
+            method: Method::default(),
             form: Form::Auto,
             tolerance: None,
             properties,

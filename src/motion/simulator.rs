@@ -147,6 +147,12 @@ impl<S: Borrow<Scene>> Simulator<S> {
         self.rollout.chosen_method()
     }
 
+    /// As [`Rollout::friction_speed`].
+    #[must_use]
+    pub fn friction_speed(&self) -> f64 {
+        self.rollout.friction_speed()
+    }
+
     /// As [`Rollout::has_stops`].
     #[must_use]
     pub fn has_stops(&self) -> bool {

@@ -20,6 +20,9 @@ pub(super) struct StepSettings {
     pub step: f64,
     /// The integration method; never [`Method::Auto`].
     pub method: Method,
+    /// For a scene with contacts: the settings of a step in which no contact can act, those of the scene without
+    /// contacts; `None` if every step is a contact step.
+    pub free: Option<Box<Self>>,
     /// True if [`Method::Auto`] selected the method; steps that are too long are then divided.
     pub divides: bool,
     /// The method with the time step of the run.
@@ -70,6 +73,7 @@ impl StepSettings {
         Self {
             step,
             method,
+            free: None,
             divides: false,
             scheme: Scheme::new(method, step),
             coupling: None,
@@ -125,6 +129,7 @@ impl StepSettings {
     pub fn backward(&self) -> Self {
         let mut settings = self.clone();
         settings.sprung_bodies.fill(true);
+        settings.free = settings.free.map(|free| Box::new(free.backward()));
         settings
     }
 

@@ -2,9 +2,9 @@
 
 use super::connected::Connected;
 use super::constrained::{Constrained, ConstrainedScratch};
-use super::contact::{ContactStepper, Touching};
+use super::contact::{ContactStepper, Switching, Touching};
 use super::faults::{LARGEST_STEP, fault_of};
-use super::job::{Impacts, Job};
+use super::job::{Divisions, Impacts, Job, States};
 use super::limit_rows::limit_rows;
 use super::method::Method;
 use super::momentum::CONSERVED;
@@ -33,7 +33,6 @@ use crate::scene::Scene;
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
-use std::ops::Range;
 
 /// Advances states, for any scalar type.
 trait Stepping: Send + Sync {
@@ -47,13 +46,14 @@ pub(super) struct Stepper {
     many: Option<Box<dyn Stepping>>,
     checked: Option<Box<CheckedState>>,
     touching: Option<Box<ContactStepper>>,
+    switching: Option<Box<Switching>>,
     form: Form,
 }
 
 impl Stepper {
     pub fn new(form: Form, arm: InstructionSet) -> Self {
         let arm = if arm.available() { arm } else { InstructionSet::Baseline };
-        Self { arm, one: None, many: None, checked: None, touching: None, form }
+        Self { arm, one: None, many: None, checked: None, touching: None, switching: None, form }
     }
 
     /// Largest number of states of a job.
@@ -69,6 +69,15 @@ impl Stepper {
 
     /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
     pub fn run(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
+        if job.settings.method != Method::Contact {
+            return self.steps(job);
+        }
+        let (form, arm, lanes) = (self.form, self.arm, self.lanes());
+        self.switching.get_or_insert_with(|| Box::new(Switching::new(job.scene, (form, arm), lanes))).run(job)
+    }
+
+    /// The steps of a job, all by the method of its settings.
+    pub fn steps(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
         if job.settings.method == Method::Contact && !job.settings.touches_in_lanes(job.scene) {
             let touching =
                 self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)));
@@ -151,7 +160,12 @@ impl CheckedState {
 
     /// One step of one state. Returns the joint and the error if it fails.
     #[inline(never)]
-    fn step(&mut self, scene: &Scene, settings: &StepSettings) -> Result<(), (String, Error)> {
+    fn step(
+        &mut self,
+        scene: &Scene,
+        settings: &StepSettings,
+        (lane, mut divisions): (usize, Option<&mut Divisions>),
+    ) -> Result<(), (String, Error)> {
         let mut lost = None;
         self.substeps.impacts.clear();
         if let Some((closed, limits)) = &mut self.closed {
@@ -167,7 +181,9 @@ impl CheckedState {
             add_work(settings, &mut self.scratch);
         } else {
             let Self { scratch, solver, substeps, .. } = self;
-            substeps.advance(settings, scratch, solver, &mut |_, _, _| {});
+            substeps.advance(settings, scratch, solver, &mut |scheme, s, _| {
+                divisions.iter_mut().for_each(|divisions| divisions.add(lane, scheme.step, (&s.q, &s.v)));
+            });
             lost = solver.lost.take();
             scratch.momentum.correct_if_active(&scratch.model, &mut scratch.q_next, &mut scratch.v_next);
         }
@@ -202,23 +218,13 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
     #[inline(always)]
     fn call(self) -> Result<(), StepFault> {
         let Self { scratch: s, connected, mut touching, target, form, checked, job } = self;
-        let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts } = job;
+        let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts, mut divisions } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = settings.width(scene);
         let (kept, end) = (nq + nv + TOTALS, nq + nv + TOTALS + CONSERVED * settings.roots.len());
         begin(s, settings, (&states, &*current, width), torque, (nq, nv));
         let mut kernels = Kernels::new(target, form, connected);
         kernels.factors = touching.is_some();
-        let points = scene.contact_points();
-        if let (Some(touching), Some(rows)) = (&mut touching, &mut rows)
-            && steps.start == rows.from
-        {
-            for (lane, state) in states.clone().enumerate() {
-                let Some(to) = rows.of_contacts(state, 0, points.len()) else { break };
-                let (moving, kept) = current[lane * width..(lane + 1) * width].split_at(nq + nv);
-                touching.record((scene, settings, form), moving.split_at(nq), &kept[TOTALS..], to);
-            }
-        }
         if let Some(connected) = &mut kernels.connected {
             connected.begin(count, s);
         }
@@ -226,7 +232,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
         for n in steps {
             if let Torque::Steps { torque, first } = torque {
                 let at = (n - first) * nv;
-                take_states(&mut s.torque, count, |lane| &torque.state(states.start + lane)[at..at + nv]);
+                take_states(&mut s.torque, count, |lane| &torque.state(states.at(lane))[at..at + nv]);
             }
             if s.momentum.is_active() {
                 for (time, &begun) in s.momentum.time.lanes_mut().iter_mut().zip(begun) {
@@ -260,7 +266,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 let lanes = (fallback, &mut counted[..]);
                 outcome = match &mut touching {
                     Some(touching) => touching.recompute(s, of, steps, lanes, (&mut *current, width, kept)),
-                    None => recompute(s, of, checked, steps, lanes),
+                    None => recompute(s, of, checked, steps, (lanes, divisions.as_deref_mut())),
                 };
                 s.totals = counted;
                 if outcome.is_err() {
@@ -277,15 +283,9 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             {
                 let row = (n + 1 - rows.from) / rows.every;
                 for lane in 0..count {
-                    let at = (states.start - rows.first + lane) * rows.of_state + row;
+                    let at = (states.at(lane) - rows.first) * rows.of_state + row;
                     scatter(&s.q, lane, &mut rows.q[at * nq..(at + 1) * nq]);
                     scatter(&s.v, lane, &mut rows.qd[at * nv..(at + 1) * nv]);
-                    let Some(touching) = &mut touching else { continue };
-                    let (q, v) = (rows.q[at * nq..(at + 1) * nq].to_vec(), rows.qd[at * nv..(at + 1) * nv].to_vec());
-                    let Some(to) = rows.of_contacts(states.start + lane, row, points.len()) else { continue };
-                    let kept = &mut current[lane * width + kept..(lane + 1) * width];
-                    touching.record((scene, settings, form), (&q, &v), kept, to);
-                    kept[3 * points.len()..6 * points.len()].fill(0.0);
                 }
             }
         }
@@ -310,7 +310,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
 fn begin<T: Vectorized<Number = f64>>(
     s: &mut Scratch<T>,
     settings: &StepSettings,
-    (states, current, width): (&Range<usize>, &[f64], usize),
+    (states, current, width): (&States<'_>, &[f64], usize),
     torque: &Torque<'_>,
     (nq, nv): (usize, usize),
 ) {
@@ -324,11 +324,11 @@ fn begin<T: Vectorized<Number = f64>>(
         take_states(&mut s.momentum.largest, count, |lane| &current[lane * width + end..][..2]);
     }
     if let Some(gains) = &settings.gains {
-        take_states(&mut s.target, count, |lane| of_state(&gains.target, nq, states.start + lane));
-        take_states(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.start + lane));
+        take_states(&mut s.target, count, |lane| of_state(&gains.target, nq, states.at(lane)));
+        take_states(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.at(lane)));
     }
     if let Torque::Constant(torque) = torque {
-        take_states(&mut s.torque, count, |lane| torque.state(states.start + lane));
+        take_states(&mut s.torque, count, |lane| torque.state(states.at(lane)));
     } else {
         for u in &mut s.torque {
             *u = u.constant(0.0);
@@ -364,8 +364,8 @@ fn recompute<T: Vectorized<Number = f64>>(
     s: &mut Scratch<T>,
     (scene, settings, form): (&Scene, &StepSettings, Form),
     alone: &mut Option<Box<CheckedState>>,
-    (n, states, begun, impacts): (usize, &Range<usize>, &[usize], Option<&Impacts>),
-    (mut fallback, totals): (u64, &mut [T]),
+    (n, states, begun, impacts): (usize, &States<'_>, &[usize], Option<&Impacts>),
+    ((mut fallback, totals), mut divisions): ((u64, &mut [T]), Option<&mut Divisions>),
 ) -> Result<(), StepFault> {
     let alone = alone.get_or_insert_with(|| Box::new(CheckedState::new(scene, settings, form)));
     while fallback != 0 {
@@ -375,8 +375,9 @@ fn recompute<T: Vectorized<Number = f64>>(
         take_lane(one, s, lane);
         scatter(&s.momentum.start, lane, &mut one.momentum.start);
         one.momentum.time = s.momentum.time.lanes()[lane];
-        let state = states.start + lane;
-        alone.step(scene, settings).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+        let state = states.at(lane);
+        let divided = (lane, divisions.as_deref_mut());
+        alone.step(scene, settings, divided).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
         if let Some(impacts) = impacts
             && !alone.substeps.impacts.is_empty()
         {

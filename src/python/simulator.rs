@@ -265,7 +265,7 @@ impl PySimulator {
     fn now<'py>(&self, py: Python<'py>, moving: &Simulator<Held>) -> PyResult<Object<'py>> {
         let fields = about(self.scene.bind(py), &moving.settings())?;
         fields.set_item("steps", moving.steps())?;
-        let made = (moving.chosen_method(), &moving.settings(), moving.has_stops());
+        let made = (moving.chosen_method(), moving.friction_speed(), moving.has_stops());
         set_outcome(&fields, &self.batch, self.scene.get(), made, |state| moving.totals(state), &[])?;
         if self.conserve_momentum {
             let largest = largest_corrections(py, &self.batch, |state| moving.correction(state))?;

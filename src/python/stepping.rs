@@ -140,13 +140,13 @@ pub(super) fn set_outcome<'py>(
     fields: &Bound<'py, PyDict>,
     batch: &[usize],
     own: &PyScene,
-    (chosen, settings, stops): (Method, &Settings, bool),
+    (chosen, friction_speed, stops): (Method, f64, bool),
     totals: impl Fn(usize) -> Totals,
     impacts: &[StopImpact],
 ) -> PyResult<()> {
     let py = fields.py();
     fields.set_item("integrator", chosen.name())?;
-    fields.set_item("friction_speed", settings.properties.friction_speed)?;
+    fields.set_item("friction_speed", friction_speed)?;
     fields.set_item("limits", if stops { "stop" } else { "report" })?;
     let states = batch.iter().product();
     let each = |of: &dyn Fn(&Totals) -> f64| -> PyResult<Object<'py>> {

@@ -218,7 +218,7 @@ def test_simulators_pickle_and_reset() -> None:
     simulator = scene.simulator(at(z=0.3), np.array([0.3, 0, 0, 1, 0, 0]), dt=2e-3)
     simulator.step(steps=150)
     for other in (pickle.loads(pickle.dumps(simulator)), copy.copy(simulator)):
-        assert other.method == "contact"
+        assert other.method == "auto"
         other.step(steps=100)
         again = pickle.loads(pickle.dumps(simulator))
         again.step(steps=100)
@@ -289,13 +289,10 @@ def test_what_cannot_have_contacts_is_refused() -> None:
 
 def test_methods_and_scenes_belong_together() -> None:
     scene = box()
-    assert scene.simulate(at(), along(0), dt=1e-3, steps=1).method == "contact"
-    assert scene.simulate(at(), along(0), dt=1e-3, steps=1, method="contact").method == "contact"
-    for method in ("rk4", "implicit-euler"):
-        with pytest.raises(ArgumentError, match='method.*"contact"'):
-            scene.simulate(at(), along(0), dt=1e-3, steps=1, method=method)
-        with pytest.raises(ArgumentError, match='method.*"contact"'):
-            scene.simulator(at(), dt=1e-3, method=method)
+    assert scene.simulate(at(), along(0), dt=1e-3, steps=1).method == "auto"
+    for method in ("contact", "rk4", "implicit-euler"):
+        path = scene.simulate(at(), along(0), dt=1e-3, steps=1, method=method)
+        assert path.method == path.integrator == scene.simulator(at(), dt=1e-3, method=method).method == method
     tree = scene.without_contacts()
     assert tree.simulate(at(), along(0), dt=1e-3, steps=1).method == "auto"
     with pytest.raises(ArgumentError, match="no contacts"):

@@ -129,6 +129,8 @@ impl ContactAdjoint {
         } else {
             at.place_rows(&s.q);
         }
+        // The displacement of a step with an impact at its start is by the last velocities minus (v_free - v)/2.
+        let by_mean: Vec<f64> = of_moving.iter().map(|x| if record.strikes { 0.5 * x } else { 0.0 }).collect();
         let slowed = record.laws.as_ref().is_some_and(|laws| laws.slower.is_some());
         if !slowed {
             of_moving.iter_mut().zip(&of_last).for_each(|(sum, more)| *sum += more);
@@ -137,6 +139,10 @@ impl ContactAdjoint {
         let mut of_free: Vec<f64> = of_moving.iter().zip(&of_last).map(|(a, b)| a + b).collect();
         if record.laws.is_some() {
             self.through_laws(settings, &mut at, (s, record), (&of_moving, &of_last), &mut of_free)?;
+        }
+        for ((of_free, of_v), x) in of_free.iter_mut().zip(&mut self.v).zip(&by_mean) {
+            *of_free -= x;
+            *of_v += x;
         }
         if at.rows.closed.is_some() {
             through_pull(&mut at, (&s.q, &record.v_free), &record.free, (&mut of_free, &mut self.q))?;

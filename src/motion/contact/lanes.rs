@@ -6,7 +6,7 @@
 //! solved.
 
 use super::super::faults::LARGEST_STEP;
-use super::super::job::Impacts;
+use super::super::job::{Impacts, States};
 use super::super::limit_rows::limit_rows;
 use super::super::scratch::{Scratch, fill, take_end, take_lane};
 use super::super::step_settings::StepSettings;
@@ -17,7 +17,6 @@ use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::project::{TOUCHES, out_of_planes};
 use super::report::ContactReport;
 use super::step::{ContactStep, LATE, Outcome, keep, report};
-use super::stepper::record;
 use crate::batch::factor;
 use crate::batch::instruction_set::{Target, Vectorized, Work};
 use crate::contact::{Cone, Cones, ContactProblem, Effort, Limits, SolveReport, passive};
@@ -29,9 +28,8 @@ use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
 use crate::scene::Scene;
 use nalgebra::{DMatrix, DVector};
-use std::ops::Range;
 
-/// The values of adjacent states, their number per state, and the index of the first value of the contacts.
+/// The values of the states, their number per state, and the index of the first value of the contacts.
 type OfContacts<'a> = (&'a mut [f64], usize, usize);
 
 /// Scratch memory of one state per lane.
@@ -83,18 +81,6 @@ impl<T: Vectorized<Number = f64>> Touching<T> {
         }
     }
 
-    /// Writes a row of the contacts of one state.
-    pub fn record(
-        &mut self,
-        (scene, settings, form): (&Scene, &StepSettings, Form),
-        state: (&[f64], &[f64]),
-        kept: &[f64],
-        to: &mut [f64],
-    ) {
-        let rows = &mut alone(&mut self.alone, scene, settings, form).0.rows;
-        record(scene.model(), scene.contact_points(), rows, state, (kept, settings.step), to);
-    }
-
     /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the
     /// lanes that need the fallback.
     #[inline(never)]
@@ -115,7 +101,7 @@ impl<T: Vectorized<Number = f64>> Touching<T> {
         &mut self,
         s: &mut Scratch<T>,
         (scene, settings, form): (&Scene, &StepSettings, Form),
-        (n, states, begun, impacts): (usize, &Range<usize>, &[usize], Option<&Impacts>),
+        (n, states, begun, impacts): (usize, &States<'_>, &[usize], Option<&Impacts>),
         (mut fallback, totals): (u64, &mut [T]),
         (kept, width, at): OfContacts<'_>,
     ) -> Result<(), StepFault> {
@@ -124,7 +110,7 @@ impl<T: Vectorized<Number = f64>> Touching<T> {
             let lane = fallback.trailing_zeros() as usize;
             fallback &= fallback - 1;
             take_lane(one, s, lane);
-            let state = states.start + lane;
+            let state = states.at(lane);
             let kept = &mut kept[lane * width + at..(lane + 1) * width];
             touching.step(scene, settings, one, kept).map_err(|(joint, error)| StepFault {
                 step: n,

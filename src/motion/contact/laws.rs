@@ -141,7 +141,7 @@ impl Chain {
         (torque, mut forces, mut of_all): (&[f64], DVector<f64>, DVector<f64>),
     ) -> Result<(), (String, Error)> {
         let (near, cone, none) = (&record.near[..], &laws.cone, vec![0.0; s.v.len()]);
-        let middle: Vec<f64> = s.v.iter().zip(&record.v_free).map(|(a, b)| 0.5 * (a + b)).collect();
+        let middle: Vec<f64> = s.v.iter().zip(&record.v_free).map(|(a, b)| a + laws.part * (b - a)).collect();
         let mut respond = |p: &DVector<f64>| at.respond(near, &none, p);
         let (y_all, y_first) = (respond(&hit.all)?, respond(&hit.first)?);
         let mut of_middle = DVector::zeros(3 * near.len());
@@ -186,8 +186,8 @@ impl Chain {
         of_middle += &forces;
         let m = at.respond(near, &none, &forces)?;
         self.responses.push(Response { p: hit.first.clone(), y: y_first, m });
-        self.of_free += &of_middle * 0.5;
-        self.of_start += of_middle * 0.5;
+        self.of_free += &of_middle * laws.part;
+        self.of_start += of_middle * (1.0 - laws.part);
         Ok(())
     }
 

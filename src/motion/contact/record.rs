@@ -11,8 +11,9 @@ pub(super) struct Laws {
     pub cone: Cone,
     /// Coefficients of restitution in this step: zero for a contact that does not rebound.
     pub rebound: Vec<f64>,
-    /// Velocities of impacts: the mean of those at the start and of the free ones.
+    /// Velocities of impacts: those at the start plus this part of their change to the free ones.
     pub middle: DVector<f64>,
+    pub part: f64,
     /// Velocities and impulses of persistent contact.
     pub c: DVector<f64>,
     pub held: DVector<f64>,
@@ -27,12 +28,12 @@ impl Laws {
     pub fn new(
         cone: Cone,
         rebound: &[f64],
-        middle: DVector<f64>,
+        (middle, part): (DVector<f64>, f64),
         (c, held): (&DVector<f64>, &DVector<f64>),
         arriving: &[usize],
     ) -> Self {
         let (rebound, arriving) = (rebound.to_vec(), arriving.to_vec());
-        Self { cone, rebound, middle, c: c.clone(), held: held.clone(), arriving, slower: None, energies: None }
+        Self { cone, rebound, middle, part, c: c.clone(), held: held.clone(), arriving, slower: None, energies: None }
     }
 }
 
@@ -44,6 +45,8 @@ pub(super) struct StepRecord {
     pub moving: Vec<f64>,
     pub before: StepStart,
     pub near: Vec<usize>,
+    /// True if the displacement is that of a free step with an impact at its start.
+    pub strikes: bool,
     pub hit: Option<Impact>,
     pub states: Vec<ContactState>,
     /// `None` without active contacts.
@@ -64,6 +67,7 @@ impl StepRecord {
             moving: Vec::new(),
             before: StepStart { gaps: Vec::new(), axes: Vec::new(), start: none(), free: none() },
             near: Vec::new(),
+            strikes: false,
             hit: None,
             states: Vec::new(),
             laws: None,
@@ -79,6 +83,7 @@ impl StepRecord {
             moving: moving.to_vec(),
             before: before.clone(),
             near: outcome.near.clone(),
+            strikes: outcome.strikes,
             hit: outcome.hit.clone(),
             states: outcome.states.clone(),
             laws: outcome.laws.take(),

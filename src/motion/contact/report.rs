@@ -1,5 +1,7 @@
 //! Contact data that a rollout stores per state in addition to q and qd.
 
+use crate::contact::ContactState;
+
 /// Values per contact in a recorded row: gap, slip velocity (3), force on the first link (3), impulse of impacts (3),
 /// state.
 pub(in crate::motion) const RECORD: usize = 11;
@@ -18,6 +20,11 @@ pub(in crate::motion) fn begin(kept: &mut [f64]) {
     if let Some((_, report)) = kept.split_last_chunk_mut::<REPORT>() {
         ContactReport::begin().write(report);
     }
+}
+
+/// The first contact that acted in the last step.
+pub(super) fn acting(kept: &[f64], contacts: usize) -> Option<usize> {
+    kept[6 * contacts..7 * contacts].iter().position(|&state| state != ContactState::Open.number())
 }
 
 /// Diagnostics of the contacts of one state, accumulated since it began.

@@ -2,13 +2,17 @@
 //! gradients by the contacts.
 
 use super::super::backward::StepGradients;
+use super::super::job::Job;
 use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
+use super::super::torque::StepFault;
 use super::at::Connections;
 use super::backward::{ContactAdjoint, ContactGradient};
 use super::record::StepRecord;
 use super::report::{begin, width};
 use super::step::ContactStep;
+use super::switching::Switching;
+use crate::batch::instruction_set::InstructionSet;
 use crate::contact::{ContactState, Limits};
 use crate::error::Error;
 use crate::filter::Form;
@@ -43,6 +47,7 @@ pub(in crate::motion) struct ContactReverse {
     pub scratch: Scratch<f64>,
     pub gradients: StepGradients<f64>,
     step: ContactStep,
+    switching: Switching,
     adjoint: ContactAdjoint,
     connections: Connections,
     /// Impulses of the last recomputed step, from which the solves of the next one start.
@@ -65,7 +70,9 @@ impl ContactReverse {
         let contacts = scene.contacts().len();
         let mut step = ContactStep::new(scene, settings, form);
         step.record = Some(StepRecord::request());
+        let switching = Switching::new(scene, (form, InstructionSet::Baseline), 1);
         Self {
+            switching,
             gradients: StepGradients::new(&scratch.model, parameters),
             adjoint: ContactAdjoint::new(scene, &scratch.model),
             connections: Connections::new(scene, settings, &scratch.model, parameters),
@@ -139,19 +146,34 @@ impl ContactReverse {
             sum.normal += more.normal;
         }
         let now = now(scene, settings, s, step);
-        if let Some(later) = states.take() {
-            for (i, ((_, before), after)) in now.iter().zip(later).enumerate().filter(|(_, ((_, a), b))| a != b) {
-                changed(i, *before, after);
-            }
-        }
-        for (least, (margin, _)) in margins.iter_mut().zip(&now) {
-            if *margin < least.0 {
-                *least = (*margin, n);
-            }
-        }
-        *states = Some(now.into_iter().map(|(_, state)| state).collect());
+        note((margins, states), n, now, &mut changed);
         let mut results = gradients.results();
         results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
+    }
+
+    /// Makes step `n` if no contact can act in it; returns false if one can. The values of the state in the job become
+    /// those of its end, which is `recorded` if it is known. Calls `changed` as [`ContactReverse::through`].
+    pub fn is_free(
+        &mut self,
+        job: &mut Job<'_, '_>,
+        n: usize,
+        recorded: Option<(&[f64], &[f64])>,
+        mut changed: impl FnMut(usize, ContactState, ContactState),
+    ) -> Result<bool, StepFault> {
+        let (acting, fault) = self.switching.free_steps(job, n, 1);
+        if let Some(fault) = fault {
+            return Err(fault);
+        }
+        if acting != 0 {
+            return Ok(false);
+        }
+        let (q, rest) = job.current.split_at(job.scene.nq());
+        let made = recorded.map_or(Ok(()), |recorded| check_reproduced(n, recorded, (q, &rest[..job.scene.nv()])));
+        made.map_err(|error| StepFault { step: n, state: job.states.at(0), joint: String::new(), error })?;
+        let gaps = self.switching.gaps().iter();
+        let now = gaps.map(|gap| (gap / job.settings.step, ContactState::Open)).collect();
+        note((&mut self.margins, &mut self.states), n, now, &mut changed);
+        Ok(true)
     }
 
     /// Writes the sums, [`ContactReverse::WIDTH`] values per contact.
@@ -165,6 +187,26 @@ impl ContactReverse {
             out[6..].copy_from_slice(&[*margin, *step as f64]);
         }
     }
+}
+
+/// Adds the contacts of step `n`, their distances from another mode and their states, to those of the later steps.
+fn note(
+    (margins, states): (&mut [(f64, usize)], &mut Option<Vec<ContactState>>),
+    n: usize,
+    now: Vec<(f64, ContactState)>,
+    changed: &mut impl FnMut(usize, ContactState, ContactState),
+) {
+    if let Some(later) = states.take() {
+        for (i, ((_, before), after)) in now.iter().zip(later).enumerate().filter(|(_, ((_, a), b))| a != b) {
+            changed(i, *before, after);
+        }
+    }
+    for (least, (margin, _)) in margins.iter_mut().zip(&now) {
+        if *margin < least.0 {
+            *least = (*margin, n);
+        }
+    }
+    *states = Some(now.into_iter().map(|(_, state)| state).collect());
 }
 
 /// Gradients by the offset of a plane and by its unit normal, tangent to the unit sphere, in the frame in which the

@@ -224,7 +224,8 @@ impl ContactStep {
             ..ContactReport::nothing()
         };
         outcome.states = states;
-        outcome.laws = record.is_some().then(|| Laws::new(cone.clone(), &[], DVector::zeros(0), (&c, &held), &[]));
+        outcome.laws =
+            record.is_some().then(|| Laws::new(cone.clone(), &[], (DVector::zeros(0), 0.5), (&c, &held), &[]));
         outcome.laws.iter_mut().for_each(|laws| laws.energies = Some(energies.clone()));
         (outcome.near, outcome.held) = (near, held);
         Ok(outcome)

@@ -15,6 +15,7 @@ use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::moves::Pulled;
 use super::pairs::{from_fixed_axes, into_fixed_axes};
 use super::project::out_of_planes;
+use super::reach::touching_gap;
 use super::record::{Laws, StepRecord};
 use super::report::ContactReport;
 use crate::contact::{Cones, ContactProblem, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
@@ -56,8 +57,11 @@ pub(super) struct Outcome {
     pub held: DVector<f64>,
     pub states: Vec<ContactState>,
     pub report: ContactReport,
-    /// Velocities at the end, if joints that reach a stop end the step slower than they moved in it.
+    /// Velocities at the end, if they are not those of the displacement: if joints that reach a stop end the step slower
+    /// than they moved in it, or if a contact strikes.
     slowed: Option<Vec<f64>>,
+    /// True if the displacement is that of a free step with an impact at its start.
+    pub strikes: bool,
     /// The solves of the law, if they are recorded.
     pub laws: Option<Laws>,
 }
@@ -72,6 +76,7 @@ impl Outcome {
             states: Vec::new(),
             report: ContactReport::nothing(),
             slowed: None,
+            strikes: false,
             laws: None,
         }
     }
@@ -184,6 +189,13 @@ impl ContactStep {
         // The velocity that gravity adds in a step: slower rebounds would last less than two steps.
         let rest_speed = s.model.gravity.norm() * h;
         let v_free = s.v_next.clone();
+        // Velocities at the end of a free step are those of the time of its end, those of contact steps lag by half a
+        // step. With an impact at the start of this step, and a displacement with the mean of the velocities of the free
+        // motion after it, an elastic impact after a flight keeps the sum of all energies.
+        let least = touching_gap(&s.model, h);
+        let rests = |i: usize| gaps[i] <= least && h * start[3 * i + 2].abs() <= least;
+        let is_free = settings.free.is_some() && !(0..n).any(rests);
+        let part = if is_free { 0.0 } else { 0.5 };
         let mut iterations = 0;
         let kept = from_fixed_axes(points, &before.axes, kept);
         for _ in 0..=all_rows {
@@ -196,11 +208,15 @@ impl ContactStep {
             let free_here = pick(&|i| free[i]);
             let rebound = restitutions(points, &near, (start, free), (rest_speed, settings.restitution));
             let mut u = free_here.clone();
+            let middle = |free: &DVector<f64>| {
+                let start = pick(&|i| start[i]);
+                &start + (free - &start) * part
+            };
             let mut warm = Some(pick(&|i| if i < 3 * n { kept[i] } else { 0.0 }));
             let touching = near.iter().filter(|&&i| i < n).count();
             let (mut hit, mut lost) = (None, 0.0);
             if rebound.iter().any(|&e| e > 0.0) {
-                let middle = (pick(&|i| start[i]) + &u) * 0.5;
+                let middle = middle(&free_here);
                 let struck = impact(&cone, &middle, &rebound, Effort::default());
                 lost = lost_at_contacts(&cone, &middle, &struck.impulses, touching);
                 u += cone.response(&struck.impulses);
@@ -232,8 +248,8 @@ impl ContactStep {
                 let arrives = |at: usize| near[at] >= n && gaps[near[at]] > 0.0 && held[3 * at + 2] > 0.0;
                 let arriving: Vec<usize> = (touching..near.len()).filter(|&at| arrives(at)).collect();
                 let mut after = after;
-                let middle = || (pick(&|i| start[i]) + &free_here) * 0.5;
-                outcome.laws = records.then(|| Laws::new(cone.whole(), &rebound, middle(), (&c, &held), &arriving));
+                let of_impact = || (middle(&free_here), part);
+                outcome.laws = records.then(|| Laws::new(cone.whole(), &rebound, of_impact(), (&c, &held), &arriving));
                 if !arriving.is_empty() {
                     for at in arriving {
                         c[3 * at + 2] = u[3 * at + 2];
@@ -256,8 +272,17 @@ impl ContactStep {
                 outcome.report = report(&solved, iterations, impulse_kept, hit_now, velocities, counted);
                 check(scene, &near, &solved)?;
                 outcome.states = cone.states(&held, &c, &limits);
+                if let (Some(_), true, None) = (&hit, is_free, &outcome.slowed)
+                    && outcome.states.iter().all(|&state| state == ContactState::Open)
+                {
+                    outcome.strikes = true;
+                    outcome.slowed = Some(s.v_next.clone());
+                    for ((v, free), start) in s.v_next.iter_mut().zip(&v_free).zip(&s.v) {
+                        *v -= 0.5 * (free - start);
+                    }
+                }
                 if let Some(hit) = &hit {
-                    states_of_rebounds((&cone, &friction), (&middle(), &hit.impulses), &mut outcome.states);
+                    states_of_rebounds((&cone, &friction), (&middle(&free_here), &hit.impulses), &mut outcome.states);
                 }
                 (outcome.near, outcome.hit, outcome.held) = (near, hit, held);
                 break;

@@ -40,8 +40,8 @@ impl ContactStepper {
     }
 
     fn run_one(&mut self, job: &mut Job<'_, '_>, lane: usize, width: usize) -> Result<(), StepFault> {
-        let (scene, settings, state) = (job.scene, job.settings, job.states.start + lane);
-        let (nq, nv, points) = (scene.nq(), scene.nv(), scene.contact_points());
+        let (scene, settings, state) = (job.scene, job.settings, job.states.at(lane));
+        let (nq, nv) = (scene.nq(), scene.nv());
         let current = &mut job.current[lane * width..(lane + 1) * width];
         let (q, rest) = current.split_at_mut(nq);
         let (v, rest) = rest.split_at_mut(nv);
@@ -57,13 +57,6 @@ impl ContactStepper {
         match job.torque {
             Torque::Constant(torque) => s.torque.copy_from_slice(torque.state(state)),
             _ => s.torque.fill(0.0),
-        }
-        let mut rows = job.rows.as_deref_mut();
-        if let Some(rows) = &mut rows
-            && job.steps.start == rows.from
-            && let Some(to) = rows.of_contacts(state, 0, points.len())
-        {
-            record(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, settings.step), to);
         }
         let mut outcome = Ok(());
         for n in job.steps.clone() {
@@ -85,18 +78,6 @@ impl ContactStepper {
             }
             std::mem::swap(&mut s.q, &mut s.q_next);
             std::mem::swap(&mut s.v, &mut s.v_next);
-            if let Some(rows) = &mut rows
-                && (n + 1 - rows.from) % rows.every == 0
-            {
-                let row = (n + 1 - rows.from) / rows.every;
-                let at = (state - rows.first) * rows.of_state + row;
-                rows.q[at * nq..(at + 1) * nq].copy_from_slice(&s.q);
-                rows.qd[at * nv..(at + 1) * nv].copy_from_slice(&s.v);
-                if let Some(to) = rows.of_contacts(state, row, points.len()) {
-                    record(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, settings.step), to);
-                    kept[3 * points.len()..6 * points.len()].fill(0.0);
-                }
-            }
         }
         q.copy_from_slice(&s.q);
         v.copy_from_slice(&s.v);
