@@ -690,8 +690,6 @@ fn methods_and_scenes_belong_together() {
     assert_eq!(Settings::new(&scene, 1e-3).method, Method::Auto);
     let text = refused(&scene, &|settings| (settings.method, settings.smoothing) = (Method::RungeKutta4, 1e-3));
     assert!(text.contains("method") && text.contains("smoothing"), "{text}");
-    let text = refused(&scene, &|settings| settings.conserve_momentum = true);
-    assert!(text.contains("conserve_momentum") && text.contains("\"ground\""), "{text}");
     let free = scene.without_contacts().unwrap();
     let text = refused(&free, &|settings| settings.method = Method::Contact);
     assert!(text.contains("no contacts"), "{text}");

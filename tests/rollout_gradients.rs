@@ -133,17 +133,3 @@ fn torques_that_begin_later_are_refused_by_name() {
     let fault = rollout.advance(2, &Torque::Steps { torque, first: 1 }, None).unwrap_err();
     assert!(fault.error.to_string().starts_with("torque.first: found 1; expected at most 0"), "{fault:?}");
 }
-
-#[test]
-fn kept_momentum_is_refused_by_name() {
-    let scene =
-        Tree { seed: 3, bodies: 2, kinds: &[JointKind::Revolute], branching: 0.0, armature: 0.0, floating: true }
-            .scene();
-    let mut settings = Settings::new(&scene, 1e-3);
-    settings.conserve_momentum = true;
-    let (q, qd) = (scene.neutral(), vec![0.0; scene.nv()]);
-    let rollout = Rollout::new(&scene, settings, &q, &qd).unwrap();
-    let rows = RecordedRows { q: &q, qd: &qd, every: 1, by_q: &qd, by_qd: &qd };
-    let fault = rollout.gradients(&Torque::Zero, 0, &rows, false).unwrap_err();
-    assert!(fault.error.to_string().starts_with("conserve_momentum: found true"), "{fault:?}");
-}

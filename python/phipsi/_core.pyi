@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._functions import Function as _Function
-from ._motion import PD, ContactMotion, MomentumCorrection, StopImpact, Trajectory
+from ._motion import PD, ContactMotion, StopImpact, Trajectory
 from ._ode import Ode
 from ._results import (
     Accuracy,
@@ -756,7 +756,6 @@ class Scene:
         form: Literal["auto", "covariance"] = "auto",
         tolerance: float | None = None,
         progress: Callable[[int, int], object] | None = None,
-        conserve_momentum: bool = False,
         baumgarte: float | None = None,
         compliance: ArrayLike | None = None,
         limits: Literal["stop", "report"] | None = None,
@@ -811,8 +810,6 @@ class Scene:
             As in forward_dynamics.
         progress : callable, optional
             Function of (steps done, steps), called at most 20 times per second.
-        conserve_momentum : bool, default False
-            If true, conserve the momentum of floating trees without external forces to rounding.
         baumgarte : float, optional
             Rate of Baumgarte stabilization of the connections, 1/s. None: projection after each step.
         compliance : float or (..., m) array_like, optional
@@ -884,7 +881,6 @@ class Scene:
         friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
         tolerance: float | None = None,
-        conserve_momentum: bool = False,
         baumgarte: float | None = None,
         compliance: ArrayLike | None = None,
         limits: Literal["stop", "report"] | None = None,
@@ -902,7 +898,7 @@ class Scene:
             Joint velocities at the start, rad/s or m/s; zero by default.
         dt : float
             Step, s.
-        method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum
+        method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
             As in simulate, for all steps.
         baumgarte, compliance, limits, restitution, accuracy, smoothing
             As in simulate, for all steps.
@@ -5126,9 +5122,6 @@ class Simulator:
     def contacts(self) -> ContactMotion | None:
         """Contact forces of the last step and impulses since the start, a ContactMotion; None without contacts."""
 
-    @property
-    def momentum_correction(self) -> MomentumCorrection | None:
-        """Largest corrections by conserve_momentum since the start or reset, as MomentumCorrection; None without it."""
     def take_stops(self) -> list[StopImpact]:
         """Return the impacts of joints on their stops since the last call, and clear the list.
 

@@ -18,7 +18,6 @@ from ._motion_parts import (
     ContactState,
     EnergyAudit,
     ModeChange,
-    MomentumCorrection,
     MotionEnergy,
     StopImpact,
     Violation,
@@ -41,7 +40,6 @@ __all__ = [
     "ContactState",
     "EnergyAudit",
     "ModeChange",
-    "MomentumCorrection",
     "MotionEnergy",
     "StopImpact",
     "Trajectory",
@@ -84,8 +82,6 @@ class Trajectory(TrajectoryFiles):
     """Stiffness of the joint springs, (nv,)."""
     rest: _Array = field(repr=False)
     """Configuration at which the joint springs are at rest, (nq,)."""
-    momentum_correction: MomentumCorrection | None = field(default=None, repr=False)
-    """Largest correction by conserve_momentum; None if it was not requested."""
     contacts: ContactMotion | None = field(default=None, repr=False)
     """Contacts of the scene; None if it has none."""
     record_every: int = field(default=1, repr=False)
@@ -413,7 +409,7 @@ class Trajectory(TrajectoryFiles):
         Raises
         ------
         ArgumentError
-            If tau was a function, with conserve_momentum, or if the trajectory is that of a Simulator.
+            If tau was a function, or if the trajectory is that of a Simulator.
         PhipsiError
             As Scene.simulate_vjp.
 
@@ -442,8 +438,6 @@ class Trajectory(TrajectoryFiles):
         given = self._known()
         if given.pop("accuracy") is not None:
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps, which have gradients")
-        if given.pop("conserve_momentum"):
-            raise of_argument(ArgumentError, "conserve_momentum", "found True; expected a simulation without it, whose steps have gradients")
         if "tau_steps" in given:
             given["tau_steps"] = np.asarray(given["tau_steps"])[..., : self.steps, :]
         own = {"dt": self.dt, "steps": self.steps, "method": self.method, "record_every": self.record_every}

@@ -18,7 +18,6 @@ __all__ = [
     "ContactState",
     "EnergyAudit",
     "ModeChange",
-    "MomentumCorrection",
     "MotionEnergy",
     "StopImpact",
     "Violation",
@@ -77,26 +76,6 @@ class MotionEnergy(NamedTuple):
     def total(self) -> _Array:
         """Sum of kinetic, potential and spring energy, (..., rows), J."""
         return self.kinetic + self.potential + self.spring
-
-
-class MomentumCorrection(NamedTuple):
-    """Largest correction per step that conserve_momentum applied to floating trees, (...) each.
-
-    Examples
-    --------
-    >>> import phipsi
-    >>> scene = phipsi.load(phipsi.BUNDLED_ARM, floating_base=True, gravity=(0, 0, 0))
-    >>> path = scene.simulate(scene.neutral(), [0.1] * scene.nv, dt=1e-3, steps=10, conserve_momentum=True)
-    >>> bool(path.momentum_correction.position < 1e-6)
-    True
-    """
-
-    velocity: _Array
-    """sqrt(E'/(E + E')): E' is the kinetic energy of the correction as a motion, E that of the tree before the
-    correction, both without rotors.
-    """
-    position: _Array
-    """Displacement of the center of mass, m."""
 
 
 class ContactState(IntEnum):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
-from ._motion_parts import PD, ContactMotion, MomentumCorrection, StopImpact
+from ._motion_parts import PD, ContactMotion, StopImpact
 from .errors import ArgumentError, of_argument
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ class TrajectoryFiles:
         arrays: dict[str, Any] = {name: fields[name] for name in ARRAYS}
         about: dict[str, Any] = {"format": FORMAT, "joints": self.scene.joint_names, **{name: fields[name] for name in PLAIN}}
         about["stops"] = [one._asdict() for one in fields["stops"]]
-        for name in ("end", "works", "momentum_correction"):
+        for name in ("end", "works"):
             for at, value in enumerate(fields[name] or ()):
                 arrays[f"{name}/{at}"] = value
         if fields["applied"] is not None:
@@ -246,7 +246,7 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
     def several(name: str) -> tuple[_Array, ...]:
         return tuple(arrays[f"{name}/{at}"] for at in range(sum(key.startswith(f"{name}/") for key in arrays)))
 
-    correction, contacts, end = several("momentum_correction"), None, several("end")
+    contacts, end = None, several("end")
     if "contacts/gap" in arrays:
         # Archives of versions without smoothing have no bias.
         exact = {f"contacts/{name}": np.zeros_like(arrays["contacts/depth"]) for name in ("bias", "hover", "creep")}
@@ -261,6 +261,6 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
     stops = [StopImpact(**one | {"state": tuple(one["state"]) if isinstance(one["state"], list) else one["state"]}) for one in about["stops"]]
     return {
         "scene": scene, "given": given, "stops": stops, "contacts": contacts, "end": end or None, "works": several("works"),
-        "momentum_correction": MomentumCorrection(*correction) if correction else None, "applied": arrays.get("applied"),
+        "applied": arrays.get("applied"),
         **{name: arrays[name] for name in ARRAYS}, **{name: about[name] for name in PLAIN},
     }  # fmt: skip

@@ -110,7 +110,7 @@ pub(super) fn check_method(scene: &Scene, settings: &Settings) -> Result<(), Err
         let expected = "\"auto\" or \"contact\", because smoothed contacts act at every distance";
         return Err(Error::argument("method", found, expected));
     }
-    if settings.conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
+    Ok(())
 }
 
 /// Checks that the connections of a scene with contacts are rigid and projected: the only treatment in its steps.

@@ -27,16 +27,6 @@ pub(super) fn fault_of(
             return Some((joint, scene.singular(lost)));
         }
     }
-    if strayed.is_none()
-        && s.q_next.iter().all(|q| q.is_finite())
-        && !s.momentum.correction.iter().all(|x| x.is_finite())
-    {
-        let joint = settings.roots.first().map(|&k| joint_of_row(scene, scene.model().system.stages[k].first_row));
-        let found = "a tree whose inertia about its center of mass is below the rounding error";
-        let expected =
-            "free joints at bodies whose distance from the center of mass is comparable to the size of the tree";
-        return Some((joint.unwrap_or_default(), Error::argument("conserve_momentum", found, expected)));
-    }
     let row = strayed.or_else(|| s.q_next.iter().any(|q| !q.is_finite()).then_some(0))?;
     let joint = joint_of_row(scene, row);
     let error = Error::Argument {

@@ -123,8 +123,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ///
     /// # Errors
     ///
-    /// Wrong lengths of rows or torques, and values that are not finite; `conserve_momentum`, whose corrections have no
-    /// gradients; without contacts, a joint of a closed loop at a limit that acts as a stop; the errors of
+    /// Wrong lengths of rows or torques, and values that are not finite; without contacts, a joint of a closed loop at a limit that acts as a stop; the errors of
     /// [`Rollout::advance`], with the failed step; gradients that are not finite.
     pub fn gradients(
         &self,
@@ -185,10 +184,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let RecordedRows { q, qd, every, by_q, by_qd } = *rows;
         let (scene, states) = (self.scene(), self.states());
         let refuse = |error| Fault { state: 0, error };
-        if !self.settings.roots.is_empty() {
-            let expected = "false, because gradients of its corrections are not available";
-            return Err(refuse(Error::argument("conserve_momentum", "true", expected)));
-        }
         if every == 0 {
             return Err(refuse(Error::argument("every", "0", "at least 1")));
         }

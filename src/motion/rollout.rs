@@ -4,7 +4,6 @@ use super::choice::{CONTROLLED, check_connections_of_contacts, check_method, cho
 use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Rows, States};
 use super::method::Method;
-use super::momentum::{self, CONSERVED, Correction, MomentumProjection};
 use super::properties::FRICTION_SPEED;
 use super::settings::{Limits, Settings, Stabilization};
 use super::step_settings::StepSettings;
@@ -61,11 +60,10 @@ pub struct Rollout<S> {
     /// As given in the settings.
     method: Method,
     limits: Limits,
-    momentum: MomentumProjection<f64>,
     pub(super) form: Form,
     pub(super) arm: InstructionSet,
     states: usize,
-    /// Per state: q, qd, the totals, and the stored values of momentum conservation or contacts.
+    /// Per state: q, qd, the totals, and the stored values of contacts.
     current: Vec<f64>,
     /// The step at which each state began.
     begun: Vec<usize>,
@@ -103,10 +101,8 @@ fn of_steps(
         Method::Auto => choose(scene, dt, &properties, gains.as_ref(), q),
         method => method,
     };
-    let roots =
-        if settings.conserve_momentum { momentum::roots(scene, &properties, gains.as_ref())? } else { Vec::new() };
     let stops = settings.limits == Limits::Stop;
-    let mut of = StepSettings::new(scene.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
+    let mut of = StepSettings::new(scene.model(), dt, chosen, (properties, gains)).with_coupling(coupling);
     of.divides = method == Method::Auto && is_tree;
     of.restitution = settings.restitution;
     of.stops = stops;
@@ -130,12 +126,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Errors
     ///
     /// A step that is not finite and positive; a form other than auto and covariance; wrong lengths; values that are
-    /// not finite; negative properties; quaternions that are not of unit norm; momentum that cannot be conserved; a
-    /// state that violates the connections ([`Scene::project`] corrects it).
+    /// not finite; negative properties; quaternions that are not of unit norm; a state that violates the connections ([`Scene::project`] corrects it).
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();
         let holds: &Scene = scene.borrow().tree();
-        let Settings { dt, method, form, arm, conserve_momentum, stabilization, .. } = settings;
+        let Settings { dt, method, form, arm, stabilization, .. } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
         }
@@ -152,9 +147,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
         }
         holds.check_compliance(&settings.compliance)?;
         check_connections_of_contacts(holds, stabilization, &settings.compliance)?;
-        if conserve_momentum {
-            holds.check_no_connections("conserve_momentum")?;
-        }
         let (restitution, accuracy) = (settings.restitution, settings.accuracy);
         if !(0.0..=1.0).contains(&restitution) {
             return Err(Error::argument("restitution", format!("{restitution}"), "a number from 0 to 1"));
@@ -165,8 +157,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         {
             return Err(Error::argument("accuracy", format!("{accuracy}"), "an error bound of at least 1e-12"));
         }
-        if accuracy.is_some() && (!is_tree || coupling.is_some() || conserve_momentum || method != Method::Auto) {
-            let found = "error control with contacts, connections, coupled joints, conserve_momentum or a fixed method";
+        if accuracy.is_some() && (!is_tree || coupling.is_some() || method != Method::Auto) {
+            let found = "error control with contacts, connections, coupled joints or a fixed method";
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
         let (nq, nv) = (holds.nq(), holds.nv());
@@ -189,7 +181,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             step_settings.free = Some(Box::new(of_steps(false)?));
         }
         step_settings.smoothing = smoothing;
-        let momentum = MomentumProjection::new(holds.model(), &step_settings.roots);
         let current = memory::filled("q, qd", states.saturating_mul(step_settings.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
         let pool = Pool::default();
@@ -198,7 +189,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             settings: step_settings,
             method,
             limits: settings.limits,
-            momentum,
             form,
             arm,
             states,
@@ -228,7 +218,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
 
     /// Restarts one state at the current step, from values that [`Rollout::check_state`] accepted.
     pub(super) fn begin(&mut self, state: usize, q: &[f64], qd: &[f64]) {
-        let Self { scene, settings, momentum, current, .. } = self;
+        let Self { scene, settings, current, .. } = self;
         let scene: &Scene = (*scene).borrow().tree();
         let width = settings.width(scene);
         let (moving, rest) = current[state * width..(state + 1) * width].split_at_mut(q.len() + qd.len());
@@ -237,12 +227,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let (own_q, own_qd) = moving.split_at_mut(q.len());
         own_q.copy_from_slice(q);
         own_qd.copy_from_slice(qd);
-        if momentum.is_active() {
-            momentum.begin(scene.model(), q, qd);
-            let (start, largest) = kept.split_at_mut(CONSERVED * settings.roots.len());
-            start.copy_from_slice(&momentum.start);
-            largest.fill(0.0);
-        }
         if settings.method == Method::Contact {
             contact::begin(kept);
         }
@@ -258,7 +242,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// A copy of the settings.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let StepSettings { step, gains, roots, connected, restitution, .. } = &self.settings;
+        let StepSettings { step, gains, connected, restitution, .. } = &self.settings;
         let StepSettings { properties, .. } = self.without_contacts();
         Settings {
             dt: *step,
@@ -268,7 +252,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             properties: properties.clone(),
             gains: gains.clone(),
             arm: self.arm,
-            conserve_momentum: !roots.is_empty(),
             stabilization: connected.unwrap_or_default(),
             compliance: self.settings.compliance.clone(),
             limits: self.limits,
@@ -374,17 +357,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let scene = self.scene();
         let (q, rest) = self.of_state(index).split_at(scene.nq());
         (q, &rest[..scene.nv()])
-    }
-
-    /// The largest momentum corrections of one state so far; `None` if momentum is not conserved.
-    ///
-    /// # Panics
-    ///
-    /// If `index` is not below [`Rollout::states`].
-    #[must_use]
-    pub fn correction(&self, index: usize) -> Option<Correction> {
-        let &[.., velocity, position] = self.of_state(index) else { return None };
-        (!self.settings.roots.is_empty()).then_some(Correction { velocity, position })
     }
 
     /// Diagnostics of the contacts of one state since it began; `None` for a scene without contacts.
@@ -538,8 +510,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ///
     /// # Errors
     ///
-    /// A number of torques that does not match the steps, or torques that begin later; with `conserve_momentum`, a
-    /// torque along the free joint of a tree.
+    /// A number of torques that does not match the steps, or torques that begin later.
     pub(crate) fn check_torque(&self, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
         self.check_torque_from(self.done, torque, steps)
     }
@@ -547,15 +518,15 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// As [`Rollout::check_torque`], beginning at step `start` of the run.
     pub(super) fn check_torque_from(&self, start: usize, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
         let (nv, last) = (self.scene().nv(), start.saturating_add(steps));
-        let (given, before, steps) = match torque {
-            Torque::Constant(torque) if self.states > 0 => (torque, 0, 1),
+        let (given, steps) = match torque {
+            Torque::Constant(torque) if self.states > 0 => (torque, 1),
             Torque::Steps { torque, first } if self.states > 0 => {
                 if *first > start {
                     let error =
                         Error::argument("torque.first", first.to_string(), format!("at most {start}, the next step"));
                     return Err(Fault { state: 0, error });
                 }
-                (torque, start - first, last - first)
+                (torque, last - first)
             }
             _ => return Ok(()),
         };
@@ -566,16 +537,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let expected = format!("{nv} torques for each of {steps} steps");
             let error = Error::Shape { argument: "torque".to_owned(), found: format!("({found},)"), expected };
             return Err(Fault { state: 0, error });
-        }
-        let roots = &self.settings.roots;
-        if roots.is_empty() {
-            return Ok(());
-        }
-        for state in 0..self.states {
-            if let Some(error) = momentum::outer_torque(self.scene(), roots, &given.state(state)[before * nv..expected])
-            {
-                return Err(Fault { state, error });
-            }
         }
         Ok(())
     }

@@ -1,7 +1,6 @@
 //! The arrays of a step, for one state or for one state per lane.
 
 use super::method::{STAGES, Scheme};
-use super::momentum::MomentumProjection;
 use super::step_settings::StepSettings;
 use super::stops::SetValued;
 use super::totals::TOTALS;
@@ -82,7 +81,6 @@ pub(super) struct Scratch<T: Real> {
     /// Displacement of the stage from the rest configuration of the springs, and from the target of the control law.
     pub displaced: Vec<T>,
     pub displaced_target: Vec<T>,
-    pub momentum: MomentumProjection<T>,
 }
 
 /// Copies state, torque, targets and totals of one lane before a step.
@@ -178,7 +176,6 @@ impl<T: Real> Scratch<T> {
             totals: [T::zero(); TOTALS],
             displaced: rates(),
             displaced_target: rates(),
-            momentum: MomentumProjection::new(&model, &settings.roots),
             model,
         }
     }

@@ -38,11 +38,6 @@ pub struct Settings {
     pub gains: Option<Gains>,
     /// Instruction set; the baseline if the processor does not support it.
     pub arm: InstructionSet,
-    /// True if floating trees conserve their momentum, and the parabola of their center of mass, to rounding. Each step
-    /// then ends with a rigid displacement of the tree that removes the error of the step in these quantities (see
-    /// [`Rollout::correction`](super::Rollout::correction)). Every tree must be connected to the base by a free joint
-    /// without armature, damping, spring, friction, control law or torque.
-    pub conserve_momentum: bool,
     /// The method that keeps positions and velocities on the connections.
     pub stabilization: Stabilization,
     /// Compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or positive; empty if all are
@@ -84,7 +79,6 @@ impl Settings {
             properties,
             gains: None,
             arm: InstructionSet::of_process(),
-            conserve_momentum: false,
             stabilization: Stabilization::default(),
             compliance: Vec::new(),
             limits: Limits::default(),
@@ -103,7 +97,6 @@ setters!(Settings {
     with_properties: properties: Properties,
     with_gains: gains => Option<Gains>,
     with_arm: arm: InstructionSet,
-    with_conserve_momentum: conserve_momentum: bool,
     with_stabilization: stabilization: Stabilization,
     with_compliance: compliance => Vec<f64>,
     with_limits: limits: Limits,

@@ -2,7 +2,6 @@
 
 use super::contact::ContactReport;
 use super::method::Method;
-use super::momentum::Correction;
 use super::rollout::Rollout;
 use super::settings::Settings;
 use super::substeps::StopImpact;
@@ -129,16 +128,6 @@ impl<S: Borrow<Scene>> Simulator<S> {
     #[must_use]
     pub fn time(&self, index: usize) -> f64 {
         self.rollout.time(index)
-    }
-
-    /// The largest momentum corrections of one state since it began or was reset; `None` if momentum is not conserved.
-    ///
-    /// # Panics
-    ///
-    /// If `index` is not below [`Simulator::states`].
-    #[must_use]
-    pub fn correction(&self, index: usize) -> Option<Correction> {
-        self.rollout.correction(index)
     }
 
     /// As [`Rollout::chosen_method`].

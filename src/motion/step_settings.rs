@@ -3,7 +3,6 @@
 
 use super::contact;
 use super::method::{Method, Scheme};
-use super::momentum::CONSERVED;
 use super::properties::{Gains, Properties};
 use super::settings::Stabilization;
 use super::stops::SetValued;
@@ -29,8 +28,6 @@ pub(super) struct StepSettings {
     pub scheme: Scheme,
     pub properties: Properties,
     pub gains: Option<Gains>,
-    /// Root bodies of the trees whose momentum is conserved; empty if it is not conserved.
-    pub roots: Vec<usize>,
     /// Coupling of the joints, if there is one; all values are then those of the tree.
     pub coupling: Option<Arc<Coupling>>,
     /// True if some joint has regularized friction.
@@ -64,7 +61,6 @@ impl StepSettings {
         step: f64,
         method: Method,
         (properties, gains): (Properties, Option<Gains>),
-        roots: Vec<usize>,
     ) -> Self {
         let stiff = |values: &[f64]| {
             let stages = model.system.stages.iter();
@@ -90,7 +86,6 @@ impl StepSettings {
                 .map_or_else(|| vec![false; model.bodies.len()], |g| stiff(&g.proportional)),
             properties,
             gains,
-            roots,
             connected: None,
             compliance: Vec::new(),
             smoothing: None,
@@ -139,12 +134,11 @@ impl StepSettings {
         steps as f64 * self.step
     }
 
-    /// Number of values that a rollout stores per state: q, qd and the [`Totals`](super::totals); with momentum
-    /// conservation, its values and two corrections; with contacts, their impulses and report.
+    /// Number of values that a rollout stores per state: q, qd and the [`Totals`](super::totals); with contacts, their
+    /// impulses and report.
     pub fn width(&self, scene: &Scene) -> usize {
-        let kept = if self.roots.is_empty() { 0 } else { CONSERVED * self.roots.len() + 2 };
         let touching = if self.method == Method::Contact { contact::width(scene.contact_points().len()) } else { 0 };
-        scene.nq() + scene.nv() + TOTALS + kept + touching
+        scene.nq() + scene.nv() + TOTALS + touching
     }
 
     /// Damping and stiffness of one degree of freedom, including those of the control law.

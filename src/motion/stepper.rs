@@ -7,7 +7,6 @@ use super::faults::{LARGEST_STEP, fault_of};
 use super::job::{Divisions, Impacts, Job, States};
 use super::limit_rows::limit_rows;
 use super::method::Method;
-use super::momentum::CONSERVED;
 use super::properties::of_state;
 use super::scratch::Scratch;
 pub(super) use super::scratch::{fill, scatter, take_lane};
@@ -185,7 +184,6 @@ impl CheckedState {
                 divisions.iter_mut().for_each(|divisions| divisions.add(lane, scheme.step, (&s.q, &s.v)));
             });
             lost = solver.lost.take();
-            scratch.momentum.correct_if_active(&scratch.model, &mut scratch.q_next, &mut scratch.v_next);
         }
         if let Some(coupling) = &settings.coupling {
             coupling.restore(&mut self.scratch.q_next, &mut self.scratch.v_next);
@@ -221,7 +219,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
         let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts, mut divisions } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = settings.width(scene);
-        let (kept, end) = (nq + nv + TOTALS, nq + nv + TOTALS + CONSERVED * settings.roots.len());
+        let kept = nq + nv + TOTALS;
         begin(s, settings, (&states, &*current, width), torque, (nq, nv));
         let mut kernels = Kernels::new(target, form, connected);
         kernels.factors = touching.is_some();
@@ -234,11 +232,6 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 let at = (n - first) * nv;
                 take_states(&mut s.torque, count, |lane| &torque.state(states.at(lane))[at..at + nv]);
             }
-            if s.momentum.is_active() {
-                for (time, &begun) in s.momentum.time.lanes_mut().iter_mut().zip(begun) {
-                    *time = settings.time(n + 1 - begun);
-                }
-            }
             let by = (settings, &settings.scheme);
             // Steps that are not vectorized run one state after another.
             let mut fallback = if settings.is_vectorized() { step(by, s, &mut kernels) } else { u64::MAX };
@@ -250,7 +243,6 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 fallback =
                     touching.finish((target, form), (scene, settings), s, ((&mut *current, width, kept), fallback));
             } else if settings.is_vectorized() {
-                s.momentum.correct_if_active(&s.model, &mut s.q_next, &mut s.v_next);
                 fallback |= needs_fallback(settings, s);
                 add_work(settings, s);
             }
@@ -275,9 +267,6 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             }
             std::mem::swap(&mut s.q, &mut s.q_next);
             std::mem::swap(&mut s.v, &mut s.v_next);
-            if s.momentum.is_active() {
-                s.momentum.remember();
-            }
             if let Some(rows) = &mut rows
                 && (n + 1 - rows.from) % rows.every == 0
             {
@@ -297,9 +286,6 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
             scatter(&s.q, lane, &mut current[..nq]);
             scatter(&s.v, lane, &mut current[nq..nq + nv]);
             scatter(&s.totals, lane, &mut current[nq + nv..nq + nv + TOTALS]);
-            if s.momentum.is_active() {
-                scatter(&s.momentum.largest, lane, &mut current[end..]);
-            }
         }
         outcome
     }
@@ -314,15 +300,10 @@ fn begin<T: Vectorized<Number = f64>>(
     torque: &Torque<'_>,
     (nq, nv): (usize, usize),
 ) {
-    let (count, kept) = (states.len(), nq + nv + TOTALS);
-    let end = kept + CONSERVED * settings.roots.len();
+    let count = states.len();
     take_states(&mut s.q, count, |lane| &current[lane * width..][..nq]);
     take_states(&mut s.v, count, |lane| &current[lane * width + nq..][..nv]);
     take_states(&mut s.totals, count, |lane| &current[lane * width + nq + nv..][..TOTALS]);
-    if s.momentum.is_active() {
-        take_states(&mut s.momentum.start, count, |lane| &current[lane * width + kept..][..end - kept]);
-        take_states(&mut s.momentum.largest, count, |lane| &current[lane * width + end..][..2]);
-    }
     if let Some(gains) = &settings.gains {
         take_states(&mut s.target, count, |lane| of_state(&gains.target, nq, states.at(lane)));
         take_states(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.at(lane)));
@@ -348,11 +329,6 @@ fn needs_fallback<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64
     for &q in &s.q_next {
         worst += q - q;
     }
-    if s.momentum.is_active() {
-        for c in s.momentum.correction {
-            worst += c - c;
-        }
-    }
     lanes_but::<T>(|lane| worst.lane(lane) >= 0.0 && s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0)
 }
 
@@ -373,8 +349,6 @@ fn recompute<T: Vectorized<Number = f64>>(
         fallback &= fallback - 1;
         let one = &mut alone.scratch;
         take_lane(one, s, lane);
-        scatter(&s.momentum.start, lane, &mut one.momentum.start);
-        one.momentum.time = s.momentum.time.lanes()[lane];
         let state = states.at(lane);
         let divided = (lane, divisions.as_deref_mut());
         alone.step(scene, settings, divided).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
@@ -387,7 +361,6 @@ fn recompute<T: Vectorized<Number = f64>>(
         fill(totals, lane, &one.totals);
         fill(&mut s.q_next, lane, &one.q_next);
         fill(&mut s.v_next, lane, &one.v_next);
-        fill(&mut s.momentum.correction, lane, &one.momentum.correction);
     }
     Ok(())
 }

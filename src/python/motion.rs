@@ -3,14 +3,14 @@
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
-use super::errors::{asked_by, fault, of_batch};
+use super::errors::{asked_by, of_batch};
 use super::fresh::entries;
 use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, largest_corrections, set_outcome, warn_of_limits};
+use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits};
 use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
 use crate::memory;
@@ -82,8 +82,6 @@ impl PyScene {
     ///     As in forward_dynamics.
     /// progress : callable, optional
     ///     Function of (steps done, steps), called at most 20 times per second.
-    /// conserve_momentum : bool, default False
-    ///     If true, conserve the momentum of floating trees without external forces to rounding.
     /// baumgarte : float, optional
     ///     Rate of Baumgarte stabilization of the connections, 1/s. None: projection after each step.
     #[doc = entries!(compliance)]
@@ -126,13 +124,13 @@ impl PyScene {
     /// ((11, 3), 'rk4')
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None,
                         pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None,
-                        friction_speed=None, form="auto", tolerance=None, progress=None, conserve_momentum=false,
+                        friction_speed=None, form="auto", tolerance=None, progress=None,
                         baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0,
                         duration=None, covariance=None),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
-                             conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
+                             baumgarte=None, compliance=None, limits=None, \
                              restitution=0.0, accuracy=None, smoothing=0.0, duration=None, covariance=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
@@ -155,7 +153,6 @@ impl PyScene {
         form: &str,
         tolerance: Option<f64>,
         progress: Option<&Object<'py>>,
-        conserve_momentum: bool,
         baumgarte: Option<f64>,
         compliance: Option<&Object<'py>>,
         limits: Option<&str>,
@@ -185,7 +182,6 @@ impl PyScene {
             friction_speed,
             form,
             tolerance,
-            conserve_momentum,
             baumgarte,
             compliance,
             limits,
@@ -227,10 +223,6 @@ impl PyScene {
         let mut rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
         warn_of_limits(py, rollout.limit_warning(0..rollout.states()))?;
         drop((all_q, all_qd));
-        if conserve_momentum {
-            let torque = given.torque(&batch, (steps, nv))?;
-            rollout.check_torque(&torque, steps).map_err(|error| fault(py, error, &batch))?;
-        }
         let [out_q, out_qd, out_contacts] = outputs;
         let (mut out_q, mut out_qd, mut out_contacts) = (out_q?, out_qd?, out_contacts?);
         let mut records =
@@ -242,10 +234,6 @@ impl PyScene {
         let (impacts, made) =
             (rollout.take_impacts(), (rollout.chosen_method(), rollout.friction_speed(), rollout.has_stops()));
         set_outcome(&fields, &batch, own, made, |state| rollout.totals(state), &impacts)?;
-        if conserve_momentum {
-            let largest = largest_corrections(py, &batch, |state| rollout.correction(state))?;
-            fields.set_item("momentum_correction", largest)?;
-        }
         if of_contacts > 0 {
             let told = reports(py, &batch, |state| rollout.contact_report(state))?;
             fields.set_item("contacts", contact_motion(slf, out_contacts.finish().into_any(), told)?)?;

@@ -30,14 +30,12 @@ impl PySimulator {
 impl PySimulator {
     /// Keywords of Scene.simulator for these settings.
     fn keywords<'py>(&self, py: Python<'py>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
-        let Settings { dt, method, form, properties, gains, conserve_momentum, stabilization, compliance, .. } =
-            settings.clone();
+        let Settings { dt, method, form, properties, gains, stabilization, compliance, .. } = settings.clone();
         let keywords = PyDict::new(py);
         keywords.set_item("dt", dt)?;
         keywords.set_item("method", method.name())?;
         keywords.set_item("form", name_of(form))?;
         keywords.set_item("tolerance", settings.tolerance)?;
-        keywords.set_item("conserve_momentum", conserve_momentum)?;
         if let Stabilization::Baumgarte(rate) = stabilization {
             keywords.set_item("baumgarte", rate)?;
         }

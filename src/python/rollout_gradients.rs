@@ -122,7 +122,6 @@ impl PyScene {
             friction_speed,
             form,
             tolerance,
-            conserve_momentum: false,
             baumgarte,
             compliance,
             limits,

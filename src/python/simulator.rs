@@ -12,9 +12,7 @@ use super::motion::Room;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use super::stepping::{
-    Blocks, Keywords, Stopped, about, largest_corrections, set_outcome, stop_impacts, warn_of_limits,
-};
+use super::stepping::{Blocks, Keywords, Stopped, about, set_outcome, stop_impacts, warn_of_limits};
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
@@ -74,7 +72,6 @@ pub(crate) struct PySimulator {
     pub(super) batch: Vec<usize>,
     dt: f64,
     method: Method,
-    conserve_momentum: bool,
     /// The lock never blocks: a call that finds it taken raises.
     moving: Mutex<Simulator<Held>>,
 }
@@ -89,7 +86,7 @@ impl PyScene {
     ///     Joint velocities at the start, rad/s or m/s; zero by default.
     /// dt : float
     ///     Step, s.
-    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance, conserve_momentum
+    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
     ///     As in simulate, for all steps.
     /// baumgarte, compliance, limits, restitution, accuracy, smoothing
     ///     As in simulate, for all steps.
@@ -104,11 +101,11 @@ impl PyScene {
     /// 10
     #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None,
                         rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
-                        conserve_momentum=false, baumgarte=None, compliance=None, limits=None, restitution=0.0,
+                        baumgarte=None, compliance=None, limits=None, restitution=0.0,
                         accuracy=None, smoothing=0.0),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
-                             tolerance=None, conserve_momentum=False, baumgarte=None, compliance=None, limits=None, \
+                             tolerance=None, baumgarte=None, compliance=None, limits=None, \
                              restitution=0.0, accuracy=None, smoothing=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
@@ -126,7 +123,6 @@ impl PyScene {
         friction_speed: Option<f64>,
         form: &str,
         tolerance: Option<f64>,
-        conserve_momentum: bool,
         baumgarte: Option<f64>,
         compliance: Option<&Object<'py>>,
         limits: Option<&str>,
@@ -148,7 +144,6 @@ impl PyScene {
             friction_speed,
             form,
             tolerance,
-            conserve_momentum,
             baumgarte,
             compliance,
             limits,
@@ -175,7 +170,7 @@ impl PyScene {
         warn_of_limits(py, moving.limit_warning(0..moving.states()))?;
         own.warn_of_linkage(py)?;
         let moving = Mutex::new(moving);
-        Ok(PySimulator { scene, batch, dt, method, conserve_momentum, moving })
+        Ok(PySimulator { scene, batch, dt, method, moving })
     }
 }
 
@@ -267,10 +262,6 @@ impl PySimulator {
         fields.set_item("steps", moving.steps())?;
         let made = (moving.chosen_method(), moving.friction_speed(), moving.has_stops());
         set_outcome(&fields, &self.batch, self.scene.get(), made, |state| moving.totals(state), &[])?;
-        if self.conserve_momentum {
-            let largest = largest_corrections(py, &self.batch, |state| moving.correction(state))?;
-            fields.set_item("momentum_correction", largest)?;
-        }
         if let Some(contacts) = self.contacts_now(py, moving, &[1])? {
             fields.set_item("contacts", contacts)?;
         }
@@ -458,16 +449,6 @@ impl PySimulator {
     fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
         let moving = self.moving()?;
         self.contacts_now(py, &moving, &[])
-    }
-
-    /// Largest corrections by conserve_momentum since the start or reset, as MomentumCorrection; None without it.
-    #[getter]
-    fn momentum_correction<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
-        if !self.conserve_momentum {
-            return Ok(None);
-        }
-        let moving = self.moving()?;
-        largest_corrections(py, &self.batch, |state| moving.correction(state)).map(Some)
     }
 
     fn __repr__(&self) -> PyResult<String> {

@@ -10,7 +10,7 @@ use super::scene::PyScene;
 use crate::batch::Fault;
 use crate::error::Error;
 use crate::motion::properties::joint_of_row;
-use crate::motion::{Correction, Limits, Method, Properties, Settings, Stabilization, StepFault, StopImpact, Totals};
+use crate::motion::{Limits, Method, Properties, Settings, Stabilization, StepFault, StopImpact, Totals};
 use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -32,7 +32,6 @@ pub(super) struct Keywords<'a, 'py> {
     pub friction_speed: Option<f64>,
     pub form: &'a str,
     pub tolerance: Option<f64>,
-    pub conserve_momentum: bool,
     pub baumgarte: Option<f64>,
     pub compliance: Option<&'a Object<'py>>,
     pub limits: Option<&'a str>,
@@ -58,7 +57,6 @@ impl<'py> Keywords<'_, 'py> {
         settings.restitution = self.restitution;
         settings.accuracy = self.accuracy;
         settings.smoothing = self.smoothing;
-        settings.conserve_momentum = self.conserve_momentum;
         settings.stabilization = self.baumgarte.map_or(Stabilization::Projection, Stabilization::Baumgarte);
         if let Some(compliance) = self.compliance {
             settings.compliance = input::spread("compliance", compliance, own.compliant_rows()?.into())?;
@@ -110,7 +108,6 @@ impl<'py> Keywords<'_, 'py> {
         given.set_item("smoothing", self.smoothing)?;
         given.set_item("form", self.form)?;
         given.set_item("tolerance", self.tolerance)?;
-        given.set_item("conserve_momentum", self.conserve_momentum)?;
         given.set_item("baumgarte", self.baumgarte)?;
         Ok(given)
     }
@@ -180,19 +177,6 @@ pub(super) fn stop_impacts<'py>(
         found.append(class.call1((joint, limit, time, speed, impulse, index))?)?;
     }
     Ok(found.into_any())
-}
-
-/// Largest corrections of the momentum of each state of a batch, as a MomentumCorrection.
-pub(super) fn largest_corrections<'py>(
-    py: Python<'py>,
-    batch: &[usize],
-    of: impl Fn(usize) -> Option<Correction>,
-) -> PyResult<Object<'py>> {
-    let each = || (0..batch.iter().product()).filter_map(&of);
-    let velocity: Vec<f64> = each().map(|largest| largest.velocity).collect();
-    let position: Vec<f64> = each().map(|largest| largest.position).collect();
-    let largest = (from_numbers(py, &velocity, batch)?, from_numbers(py, &position, batch)?);
-    imported!(py, "phipsi._motion", "MomentumCorrection")?.call1(largest)
 }
 
 /// Number of steps per block, doubled or halved until a block takes the intended time. The division does not change

@@ -202,9 +202,6 @@ pub const ORDER: f64 = 0.1;
 /// The same for the largest error of one step, which occurs at different times for different steps.
 pub const ORDER_OF_A_STEP: f64 = 0.3;
 
-/// Largest ratio of the energy drift with and without momentum conservation.
-pub const ENERGY_KEEPING_MOMENTUM: f64 = 2.0;
-
 /// Largest deflection of a spring of 1e8 N m/rad or more under the torques of the tests, rad.
 pub const BENT: f64 = 1e-6;
 

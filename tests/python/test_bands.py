@@ -211,11 +211,6 @@ class TestArguments:
         with pytest.raises(ArgumentError, match="accuracy.*expected None"):
             self.run(method="auto", accuracy=1e-6)
 
-    def test_conserved_momentum(self) -> None:
-        scene = phipsi.load(phipsi.BUNDLED_ARM, floating_base=True, gravity=(0.0, 0.0, 0.0))
-        with pytest.raises(ArgumentError, match="conserve_momentum.*expected False"):
-            scene.simulate(scene.neutral(), np.zeros(scene.nv), dt=1e-3, steps=2, conserve_momentum=True, covariance=self.unsure)
-
     def test_joints_that_follow_others(self) -> None:
         builder = phipsi.SceneBuilder().link("base")
         for name in ("left", "right"):

@@ -297,8 +297,6 @@ def test_methods_and_scenes_belong_together() -> None:
     assert tree.simulate(at(), along(0), dt=1e-3, steps=1).method == "auto"
     with pytest.raises(ArgumentError, match="no contacts"):
         tree.simulate(at(), along(0), dt=1e-3, steps=1, method="contact")
-    with pytest.raises(ArgumentError, match="conserve_momentum"):
-        scene.simulate(at(), along(0), dt=1e-3, steps=1, conserve_momentum=True)
 
 
 def test_solvers_are_refused_by_name() -> None:

@@ -121,56 +121,6 @@ def test_pd_goes_to_its_target_however_stiff(arm: phipsi.Scene) -> None:
         arm.simulate(arm.neutral(), np.zeros(arm.nv), dt=1e-2, steps=500, method="rk4", pd=law, limits="report")
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_momentum_of_a_floating_tree_is_kept_to_rounding_where_asked(floating: phipsi.Scene, method: str) -> None:
-    q, qd, _ = random_states(floating, 5, (2, 1))
-    tau = np.zeros(floating.nv)
-    tau[6:] = 0.3
-    damping = np.zeros(floating.nv)
-    damping[6:] = 0.2
-    given = {"dt": 1e-3, "steps": 1000, "tau": tau, "damping": damping, "method": method, "record_every": 250}
-    kept = floating.simulate(q, qd, conserve_momentum=True, **given)
-    loose = floating.simulate(q, qd, **given)
-    pushed = kept.momentum()[..., :1, 3:]
-    energy = floating.energy(q, qd).potential
-    # One second of gravity.
-    mass = (kept.momentum()[..., -1, 3:] - pushed[..., 0, :]) @ floating.gravity / (floating.gravity @ floating.gravity)
-    assert_near(mass, np.full_like(mass, mass.flat[0]), product(10, size(mass)))
-    expected = pushed + mass[..., None, None] * floating.gravity * kept.t[:, None]
-    scale = size(mass) * size(kept.qd) * size(kept.q)
-    bound = product(floating.nv, scale)
-    assert_near(kept.momentum()[..., 3:], expected, bound)
-    # The potential energy decreases like that of a point on the parabola.
-    speed = pushed / mass[..., None, None]
-    fallen = (speed @ floating.gravity) * kept.t + 0.5 * (floating.gravity @ floating.gravity) * kept.t**2
-    assert_near(kept.energy().potential, energy[..., None] - mass[..., None] * fallen, 100 * bound)
-    assert np.abs(loose.momentum()[..., 3:] - expected).max() > 1e3 * np.abs(kept.momentum()[..., 3:] - expected).max()
-    largest = kept.momentum_correction
-    assert loose.momentum_correction is None and largest is not None
-    assert largest.velocity.shape == largest.position.shape == (2, 1)
-    assert np.all((largest.velocity > 0) & (largest.velocity < 1e-2) & (largest.position < 1e-3))
-
-
-def test_momentum_that_cannot_be_kept_is_refused(floating: phipsi.Scene, arm: phipsi.Scene) -> None:
-    q, qd, _ = random_states(floating, 6, (3,))
-    push = np.zeros((3, floating.nv))
-    push[1, 2] = 0.5
-    keep = {"dt": 1e-3, "steps": 4, "conserve_momentum": True, "limits": "report"}
-    with pytest.raises(errors.ArgumentError, match="conserve_momentum: found joint .* on the base"):
-        arm.simulate(arm.neutral(), np.zeros(arm.nv), **keep)
-    with pytest.raises(errors.ArgumentError, match="conserve_momentum: found damping 0.1 along free joint"):
-        floating.simulate(q, qd, damping=0.1, **keep)
-    with pytest.raises(errors.ArgumentError, match="conserve_momentum: found pd.kp 1 along free joint"):
-        floating.simulate(q, qd, pd=phipsi.PD(np.ones(floating.nv), np.zeros(floating.nv), floating.neutral()), **keep)
-    with pytest.raises(errors.ArgumentError, match="tau: found 0.5 along free joint .* in state 1"):
-        floating.simulate(q, qd, tau=push, **keep)
-    with pytest.raises(errors.ArgumentError, match="tau: found 0.5 along free joint .* in state 1"):
-        floating.simulate(q, qd, tau_steps=np.repeat(push[:, None], 4, axis=1), **keep)
-    with pytest.raises(errors.SimulationError, match="tau: found 0.5 along free joint .* in state 1") as caught:
-        floating.simulate(q, qd, tau=lambda t, q, qd: push if t > 1.5e-3 else 0 * push, **keep)
-    assert caught.value.step == 2 and caught.value.trajectory.momentum_correction is not None
-
-
 def test_limits_are_reported_and_not_enforced_with_limits_report() -> None:
     scene = pendulum(lower=-0.2, upper=0.5, velocity=1.0)
     path = scene.simulate([0.6], [0.0], dt=1e-3, steps=1000, method="rk4", limits="report")

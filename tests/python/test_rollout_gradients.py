@@ -326,13 +326,6 @@ def test_a_torque_that_is_a_function(arm: phipsi.Scene) -> None:
         arm.simulate_vjp(path.q, path.qd, np.ones((5, arm.nv)), np.ones((5, arm.nv)), dt=1e-2, steps=4, tau=lambda t, q, qd: qd)
 
 
-def test_a_run_that_kept_its_momentum() -> None:
-    scene = random_scene(1, 3, kinds=("revolute",), floating_base=True)
-    path = scene.simulate(scene.neutral(), np.zeros(scene.nv), dt=1e-3, steps=2, conserve_momentum=True, armature=0.0, damping=0.0)
-    with pytest.raises(ArgumentError, match="conserve_momentum"):
-        path.vjp()
-
-
 def test_where_a_simulator_went(arm: phipsi.Scene) -> None:
     simulator = arm.simulator(np.zeros(arm.nq), dt=1.0, limits="report")
     with pytest.raises(SimulationError) as caught:

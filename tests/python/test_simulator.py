@@ -134,7 +134,7 @@ def test_a_reset_begins_what_it_selects_anew_and_nothing_else(floating: phipsi.S
     selected, chosen = SELECTED[name]
     q, qd, _ = random_states(floating, 4, (2, 3))
     new = random_states(floating, 5, (2, 3))
-    given: dict[str, Any] = {"dt": 1e-3, "conserve_momentum": True}
+    given: dict[str, Any] = {"dt": 1e-3}
     simulator = floating.simulator(q, qd, **given)
     simulator.step(steps=2)
     every = slice(None) if selected is None else tuple(selected) if isinstance(selected, tuple) else np.asarray(selected) if isinstance(selected, list) else selected
@@ -149,9 +149,6 @@ def test_a_reset_begins_what_it_selects_anew_and_nothing_else(floating: phipsi.S
     fresh.step(steps=3)
     for got, one, other in ((simulator.q, fresh.q, old.q), (simulator.qd, fresh.qd, old.qd), (simulator.t, fresh.t, old.t)):
         assert_same_bits(got, np.where(is_new.reshape(2, 3, *[1] * (got.ndim - 2)), one, other))
-    largest = simulator.momentum_correction
-    assert largest is not None and fresh.momentum_correction is not None and old.momentum_correction is not None
-    assert_same_bits(largest.velocity, np.where(is_new, fresh.momentum_correction.velocity, old.momentum_correction.velocity))
     assert simulator.steps == 5
 
 
@@ -168,7 +165,6 @@ def test_a_reset_broadcasts_and_stands_still_if_not_told(arm: phipsi.Scene) -> N
     one.reset(q[1], qd[1])
     assert_same_bits(one.q, q[1])
     assert one.t == 0.0
-    assert one.momentum_correction is None
 
 
 BAD = {
@@ -181,7 +177,6 @@ BAD = {
     "stiffness": ({"stiffness": np.zeros(3)}, errors.ShapeError, "stiffness"),
     "rest": ({"rest": np.zeros(3)}, errors.ShapeError, "rest"),
     "friction_speed": ({"friction_speed": -0.1}, errors.ArgumentError, "friction_speed"),
-    "conserve_momentum": ({"conserve_momentum": True}, errors.ArgumentError, "conserve_momentum: found joint"),
     "q": ({"q": np.full((2, 7), np.nan)}, errors.NotFiniteError, "q: found NaN"),
     "q's width": ({"q": np.zeros(3)}, errors.ShapeError, r"q: found shape \(3,\); expected \(..., 7\)"),
     "qd": ({"qd": np.full(7, np.inf)}, errors.NotFiniteError, "qd"),
@@ -227,16 +222,6 @@ def test_what_is_refused_changes_nothing(arm: phipsi.Scene, case: str) -> None:
         call(simulator)
     for one, other in zip(before, (simulator.q, simulator.qd, simulator.t, simulator.steps), strict=True):
         assert_same_bits(one, other)
-
-
-def test_torque_along_a_free_joint_is_refused_where_momentum_is_kept(floating: phipsi.Scene) -> None:
-    q, qd, _ = random_states(floating, 8, (3,))
-    simulator = floating.simulator(q, qd, dt=1e-3, conserve_momentum=True)
-    push = np.zeros((3, floating.nv))
-    push[1, 2] = 0.5
-    with pytest.raises(errors.ArgumentError, match="tau: found 0.5 along free joint .* in state 1"):
-        simulator.step(push)
-    assert simulator.steps == 0
 
 
 def test_after_an_error_it_is_where_the_last_good_step_was(arm: phipsi.Scene) -> None:
@@ -291,7 +276,7 @@ def test_copies_go_on_by_themselves_with_the_same_bits(floating: phipsi.Scene, w
     gains = np.r_[np.zeros(6), np.ones(floating.nv - 6)]
     pd = phipsi.PD(gains, 0.1 * gains, random_states(floating, 11, batch).q)
     given: dict[str, Any] = {"dt": 1e-3, "method": "rosenbrock-2", "form": "covariance", "damping": damping, "pd": pd}
-    simulator = floating.simulator(q, qd, conserve_momentum=True, **given)
+    simulator = floating.simulator(q, qd, **given)
     simulator.step(steps=3)
     if batch == (5,):
         simulator.reset(q[0], qd[0], states=2)
@@ -304,8 +289,6 @@ def test_copies_go_on_by_themselves_with_the_same_bits(floating: phipsi.Scene, w
     again.step(steps=4)
     assert_same_bits(again.q, simulator.q)
     assert_same_bits(again.qd, simulator.qd)
-    for one, other in zip(again.momentum_correction, simulator.momentum_correction, strict=True):
-        assert_same_bits(one, other)
 
 
 def test_a_pickle_of_other_numbers_is_refused(arm: phipsi.Scene) -> None:

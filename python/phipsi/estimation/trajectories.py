@@ -121,8 +121,6 @@ def _check_linear(path: Trajectory) -> None:
             "found a function with covariance; expected an array, tau_steps or pd: the derivative of a function by the"
             " state is not known",
         )
-    if given.get("conserve_momentum"):
-        raise of_argument(ArgumentError, "conserve_momentum", "found True with covariance; expected False")
     if given.get("accuracy") is not None:
         raise of_argument(
             ArgumentError,
