@@ -3,14 +3,14 @@
 //!
 //! Recorded rows are the checkpoints. Between two of them the steps are recomputed and stored. If there are many, only
 //! some are stored, from which the others are recomputed, so that the memory per thread grows with the square root of
-//! the number of steps between rows. If every step is recorded, none is recomputed. `reverser` iterates over the steps;
-//! `backward` differentiates one.
+//! the number of steps between rows. If every step is recorded, none is recomputed. With contacts, the whole run is
+//! repeated and every step is stored. `reverser` iterates over the steps; `backward` differentiates one.
 
 use super::backward::ACTING;
-use super::contact::{ContactReverse, ModeChange};
+use super::contact::{ContactReverse, ModeChange, check_reproduced};
 use super::method::Method;
 use super::reverser::{Job, Reverser};
-use super::rollout::{GRAIN, Rollout};
+use super::rollout::{GRAIN, Records, Rollout};
 use super::torque::{StepFault, Torque};
 use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Batch, Fault, Pool};
@@ -123,8 +123,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ///
     /// # Errors
     ///
-    /// Wrong lengths of rows or torques, and values that are not finite; without contacts, a joint of a closed loop at a limit that acts as a stop; the errors of
-    /// [`Rollout::advance`], with the failed step; gradients that are not finite.
+    /// Wrong lengths of rows or torques, and values that are not finite; without contacts, a joint of a closed loop at a
+    /// limit that acts as a stop; the errors of [`Rollout::advance`], with the failed step; gradients that are not
+    /// finite; with contacts, rows that this rollout does not reproduce.
     pub fn gradients(
         &self,
         torque: &Torque<'_>,
@@ -138,6 +139,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
         torques.map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let count =
             self.check_rows(rows, steps).map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
+        if touches && rows.every > 1 {
+            return self.gradients_of_all_steps(torque, steps, rows, (count, parameters));
+        }
         let (scene, states) = (self.scene(), self.states());
         let (nv, bodies) = (scene.nv(), if parameters { scene.model().bodies.len() } else { 0 });
         let torques = if matches!(torque, Torque::Steps { .. }) { steps } else { 1 };
@@ -177,6 +181,50 @@ impl<S: Borrow<Scene>> Rollout<S> {
         mode_changes.sort_by_key(|change| (change.state, change.step, change.contact));
         let gradients = layout.apart(&all, states).map_err(refuse)?;
         Ok(RolloutGradients { mode_changes, ..gradients })
+    }
+
+    /// The gradients from sparse rows of a scene with contacts: the run is repeated and every step recorded.
+    ///
+    /// A step depends on the impulses of the step before, from which the solution of the contact law is found; with
+    /// friction the law can have several. A step that is recomputed from a row alone can therefore be another one.
+    fn gradients_of_all_steps(
+        &self,
+        torque: &Torque<'_>,
+        steps: usize,
+        rows: &RecordedRows<'_>,
+        (count, parameters): (usize, bool),
+    ) -> Result<RolloutGradients, StepFault> {
+        let refuse = |error| StepFault { step: 0, state: 0, joint: String::new(), error };
+        let (scene, states) = (self.scene(), self.states());
+        let (nq, nv, whole) = (scene.nq(), scene.nv(), steps + 1);
+        let starts = |all: &[f64], width: usize| -> Vec<f64> {
+            all.chunks_exact((count * width).max(1)).flat_map(|state| &state[..width]).copied().collect()
+        };
+        let room =
+            |width: usize| memory::filled("record_every", states.saturating_mul(whole).saturating_mul(width), 0.0);
+        let [mut q, mut qd, mut by_q, mut by_qd] = [
+            room(nq).map_err(refuse)?,
+            room(nv).map_err(refuse)?,
+            room(nv).map_err(refuse)?,
+            room(nv).map_err(refuse)?,
+        ];
+        let (q0, qd0) = (starts(rows.q, nq), starts(rows.qd, nv));
+        let mut rollout = Rollout::new(self.scene.borrow(), self.settings(), &q0, &qd0).map_err(refuse)?;
+        rollout.advance(steps, torque, Some(&mut Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 }))?;
+        for (state, row) in (0..states).flat_map(|state| (0..count).map(move |row| (state, row))) {
+            let (from, to) = (state * count + row, state * whole + row * rows.every);
+            let recorded = (&rows.q[from * nq..][..nq], &rows.qd[from * nv..][..nv]);
+            check_reproduced(
+                (row * rows.every).saturating_sub(1),
+                recorded,
+                (&q[to * nq..][..nq], &qd[to * nv..][..nv]),
+            )
+            .map_err(|error| StepFault { state, ..refuse(error) })?;
+            by_q[to * nv..][..nv].copy_from_slice(&rows.by_q[from * nv..][..nv]);
+            by_qd[to * nv..][..nv].copy_from_slice(&rows.by_qd[from * nv..][..nv]);
+        }
+        let every_row = RecordedRows { q: &q, qd: &qd, every: 1, by_q: &by_q, by_qd: &by_qd };
+        self.gradients(torque, steps, &every_row, parameters)
     }
 
     /// The number of rows, after checking all lengths.

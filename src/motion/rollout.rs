@@ -55,7 +55,7 @@ pub struct Records<'a> {
 /// ```
 #[derive(Debug)]
 pub struct Rollout<S> {
-    scene: S,
+    pub(super) scene: S,
     pub(super) settings: StepSettings,
     /// As given in the settings.
     method: Method,

@@ -52,7 +52,8 @@ impl PyScene {
     #[doc = raises!(singular memory arguments)]
     #[doc = section!(Notes)]
     /// O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
-    /// the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
+    /// the square root of the number of steps between two rows; with contacts, the run is
+    /// repeated and every step is stored. Steps after the last row have no effect. Contacts are
     /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. In closed loops,
     /// steps are recomputed too, a joint at a limit that acts as a stop raises, and the gradients by q and qd are those
     /// of changes that satisfy the connections. With mimic joints, q, qd and tau are those of the independent joints, and

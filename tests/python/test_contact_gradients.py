@@ -258,10 +258,31 @@ def test_one_state_a_batch_and_checkpoints_agree() -> None:
             assert_same_bits(getattr(alone, name), getattr(whole, name)[i], name)
         assert_same_bits(alone.contacts["corner0"].normal, whole.contacts["corner0"].normal[i])
         assert [change[:4] for change in alone.mode_changes] == [change[:4] for change in whole.mode_changes if change.state == i]
-    sparse = scene.simulate(q, qd, **given, record_every=6).vjp(*bars[:, :, ::6], parameters=True)
-    for name in ("q", "qd", "tau", "parameters"):
-        expected = getattr(whole, name)
-        assert_near(getattr(sparse, name), expected, 1e-2 * CONTACT_GRADIENT * np.abs(expected).max())
+    assert_same_gradients(scene.simulate(q, qd, **given, record_every=6).vjp(*bars[:, :, ::6], parameters=True), whole)
+
+
+@pytest.mark.parametrize("seed", [110, 120, 134])
+def test_sparse_rows_have_the_gradients_of_all_steps(seed: int) -> None:
+    """With much friction the contact law has several solutions; the one of a step depends on the steps before. A step
+    that is recomputed from a row alone is another one for seeds 110 and 134.
+    """
+    random = np.random.default_rng(seed)
+    robot = block(random.uniform(2.0, 4.5), 0.0)
+    q, qd = states(robot, 4, random, fall=random.uniform(0.0, 3.0))
+    steps, every = (40, 20) if seed % 3 else (60, 30)
+    given = {"dt": 5e-3, "steps": steps, **properties(6, random)}
+    bars = np.zeros((2, 4, steps + 1, 6))
+    bars[:, :, ::every] = random.uniform(-1, 1, (2, 4, steps // every + 1, 6))
+    scene = robot.build()
+    whole = scene.simulate(q, qd, **given).vjp(*bars, parameters=True)
+    assert whole.mode_changes
+    assert_same_gradients(scene.simulate(q, qd, **given, record_every=every).vjp(*bars[:, :, ::every], parameters=True), whole)
+
+
+def assert_same_gradients(found: phipsi.RolloutGradients, expected: phipsi.RolloutGradients) -> None:
+    for name in ("q", "qd", "tau", "armature", "damping", "stiffness", "friction", "parameters"):
+        assert_same_bits(getattr(found, name), getattr(expected, name), name)
+    assert found.mode_changes == expected.mode_changes
 
 
 def test_torques_of_steps_and_of_a_scene_without_contacts() -> None:

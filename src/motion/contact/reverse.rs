@@ -255,7 +255,11 @@ fn now(scene: &Scene, settings: &StepSettings, s: &Scratch<f64>, step: &mut Cont
 }
 
 /// Returns an error if a recomputed step does not end at the recorded row.
-fn check_reproduced(n: usize, recorded: (&[f64], &[f64]), made: (&[f64], &[f64])) -> Result<(), Error> {
+pub(in crate::motion) fn check_reproduced(
+    n: usize,
+    recorded: (&[f64], &[f64]),
+    made: (&[f64], &[f64]),
+) -> Result<(), Error> {
     for (name, recorded, made) in [("q", recorded.0, made.0), ("qd", recorded.1, made.1)] {
         let size = recorded.iter().fold(1.0_f64, |most, x| most.max(x.abs()));
         let off = recorded.iter().zip(made).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
