@@ -1,4 +1,4 @@
-//! Whether contacts can act during a step that was made without them.
+//! The test whether contacts can act during a step that was made without them.
 //!
 //! A contact acts in a step if its gap closes at some time between the start and the end. The test uses both ends: with
 //! the gaps g0 and g1, and bounds a and b of the speeds at which the gap decreases after the start and increases before
