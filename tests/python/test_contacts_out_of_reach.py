@@ -19,10 +19,10 @@ FAR = 100.0
 """Distance of the plane below the base, m."""
 
 
-def with_plane(scene: phipsi.Scene, link: str | None = None, **contact: float) -> phipsi.Scene:
-    """The same scene with a contact of its last link, or of a given one, with a plane far below."""
-    contact = {"friction": 0.5, "offset": -FAR, **contact}
-    return scene.to_builder().contact("far", link or scene.link_names[-1], **contact).build()
+def with_plane(scene: phipsi.Scene, **contact: object) -> phipsi.Scene:
+    """The same scene with a contact of its last link with a plane far below."""
+    contact = {"xyz": (0.1, 0.05, 0.02), "friction": 0.5, "offset": -FAR, **contact}
+    return scene.to_builder().contact("far", scene.link_names[-1], **contact).build()
 
 
 def assert_same(path: phipsi.Trajectory, expected: phipsi.Trajectory) -> None:
@@ -55,7 +55,7 @@ def test_every_method_has_its_bits_and_its_order(method: str) -> None:
 
 def test_a_far_contact_leaves_the_order_at_four() -> None:
     scene = with_plane(phipsi.scenes.chain(3))
-    ends = [scene.simulate([0.4, -0.3, 0.5], np.zeros(3), dt=0.2 / n, steps=n, method="rk4").q[-1] for n in (10, 20, 40)]
+    ends = [scene.simulate([0.4, -0.3, 0.5], [2.0, -1.0, 3.0], dt=0.4 / n, steps=n, method="rk4").q[-1] for n in (10, 20, 40)]
     order = np.log2(np.abs(ends[0] - ends[1]).max() / np.abs(ends[1] - ends[2]).max())
     assert 3.5 < order < 4.6
 
@@ -63,7 +63,7 @@ def test_a_far_contact_leaves_the_order_at_four() -> None:
 def test_a_passive_chain_at_ten_milliseconds_does_not_diverge() -> None:
     chain = phipsi.scenes.chain(5)
     q = np.array([0.3, -0.4, 0.5, 0.2, 0.7])
-    path, expected = (s.simulate(q, np.zeros(5), dt=1e-2, steps=1000, record_every=10) for s in (with_plane(chain), chain))
+    path, expected = (s.simulate(q, np.linspace(2.0, -2.0, 5), dt=1e-2, steps=1000, record_every=10) for s in (with_plane(chain), chain))
     assert_same(path, expected)
     energy = path.energy().total
     assert np.ptp(energy) < 1e-4 * np.ptp(path.energy().kinetic)
@@ -213,8 +213,11 @@ def test_gradients_of_a_flight_and_a_slide_are_differences() -> None:
     path = scene.simulate(start, qd, dt=1e-3, steps=200)
     states = path.contacts.state["ground"]
     assert (states[:90] == phipsi.ContactState.OPEN).all() and states[-1] != phipsi.ContactState.OPEN
+    # Cotangents of a free joint are in the axes of the body: this is R* (1, 0.5, 0).
+    x, y, z, w = path.q[-1, 3:]
+    rotation = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]])
     by_q = np.zeros((201, 6))
-    by_q[-1, :2] = [1.0, 0.5]
+    by_q[-1, :3] = np.array([1.0, 0.5]) @ rotation
     found = path.vjp(by_q)
     assert found.mode_changes and np.isfinite(found.contacts["ground"].margin)
     for row in (0, 1, 3, 4):
@@ -237,7 +240,7 @@ def test_gradients_of_a_loop_with_a_far_contact_are_those_of_the_loop() -> None:
 def test_the_contact_method_is_that_of_every_step() -> None:
     scene = with_plane(phipsi.scenes.chain(3))
     run = {"dt": 1e-3, "steps": 50}
-    contact, auto = (scene.simulate([0.4, -0.3, 0.5], np.zeros(3), method=method, **run) for method in ("contact", "auto"))
+    contact, auto = (scene.simulate([0.4, -0.3, 0.5], [2.0, -1.0, 3.0], method=method, **run) for method in ("contact", "auto"))
     assert (contact.integrator, auto.integrator) == ("contact", "rk4")
     assert 1e-6 < np.abs(contact.q[-1] - auto.q[-1]).max() < 1e-2
     assert contact.friction_speed == auto.friction_speed == 0.01
@@ -250,6 +253,6 @@ def test_a_motion_that_diverges_far_from_contacts_has_the_error_of_the_free_scen
     texts = []
     for scene in (with_plane(chain), chain):
         with pytest.raises(SimulationError) as found:
-            scene.simulate(np.zeros((2, 3)), np.stack([np.zeros(3), np.full(3, 3e3)]), dt=1e-1, steps=200, method="semi-implicit-euler")
+            scene.simulate(np.zeros((2, 3)), np.stack([np.zeros(3), [3e3, -2e3, 1e3]]), dt=1e-1, steps=500, method="semi-implicit-euler")
         texts.append((str(found.value), found.value.step, found.value.state))
     assert texts[0] == texts[1]

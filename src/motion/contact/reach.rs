@@ -1,4 +1,4 @@
-//! Whether contacts can act during a step that was made without them.
+//! The test whether contacts can act during a step that was made without them.
 //!
 //! A contact acts in a step if its gap closes at some time between the start and the end. The test uses both ends: with
 //! the gaps g0 and g1, and bounds a and b of the speeds at which the gap decreases after the start and increases before
@@ -22,7 +22,10 @@
 //! W = W_p + w     V = V_p + W_p l + u                           angular velocity, velocity of the origin
 //! D = D_p + dw + h W w                                          change of the angular velocity in the step
 //! E = E_p + D_p l + h W_p (W_p l + u) + du + h W u              change of the velocity of the origin
+//! X = X_p + min(h W_p, 2) l + h u                               displacement of the origin
 //! ```
+//!
+//! A surface beyond the displacement of a point is out of its reach at any speed.
 //!
 //! A point at the distance r from the origin moves at most at V + W r, and its velocity changes by at most E + D r + h
 //! W^2 r. a is the smaller of this speed and of the velocity at the start plus the change, and so is b. Surfaces are
@@ -76,20 +79,29 @@ impl Placed {
     }
 }
 
-/// Bounds of the motion of a body in a step: W, V, D and E.
+/// A lever rotates its end by at most this number of its lengths.
+const CHORD: f64 = 2.0;
+
+/// Bounds of the motion of a body in a step, or of a point: W, V, D, E and X.
 #[derive(Debug, Clone, Copy, Default)]
 struct Bounds {
     turning: f64,
     moving: f64,
     turning_change: f64,
     moving_change: f64,
+    displacement: f64,
 }
 
 impl Bounds {
-    /// Bounds of the speed of a point at a distance from the origin of the body, and of the change of its velocity.
-    fn of_point(&self, distance: f64, h: f64) -> (f64, f64) {
+    /// The bounds of a point at a distance from the origin of the body.
+    fn of_point(&self, distance: f64, h: f64) -> Self {
         let turned = self.turning_change + h * self.turning * self.turning;
-        (self.moving + self.turning * distance, self.moving_change + turned * distance)
+        Self {
+            moving: self.moving + self.turning * distance,
+            moving_change: self.moving_change + turned * distance,
+            displacement: self.displacement + (h * self.turning).min(CHORD) * distance,
+            ..*self
+        }
     }
 }
 
@@ -150,23 +162,24 @@ impl Reach {
         each.into_iter().all(|(i, point)| {
             let Self { start, end, bounds } = &*self;
             let radius = point.center.norm();
-            let (mut speed, mut change) = bounds[point.body].of_point(radius, h);
+            let own = bounds[point.body].of_point(radius, h);
+            let (mut speed, mut change, mut moved) = (own.moving, own.moving_change, own.displacement);
             if let Some(k) = point.other_body() {
-                let other = bounds[k];
+                let body = bounds[k];
                 let apart = |at: &Placed| (at.rows.places[point.body].lever - at.rows.places[k].lever).norm();
-                let passing = speed + other.moving;
-                let distance = apart(start).max(apart(end)) + radius + h * passing;
-                let (of_other, change_of_other) = other.of_point(distance, h);
+                let distance = apart(start).max(apart(end)) + radius + moved + body.displacement;
+                let other = body.of_point(distance, h);
                 // In the axes of the other body, which rotate.
-                change += change_of_other + 2.0 * h * other.turning * passing;
-                speed += of_other;
+                change += other.moving_change + 2.0 * h * body.turning * (speed + body.moving);
+                speed += other.moving;
+                moved += other.displacement;
             }
             let [before, after] = [start, end].map(|at| (at.rows.gaps[i], at.rates[i]));
             let closing = (change - before.1).max(0.0).min(speed);
             let opening = (change + after.1).max(0.0).min(speed);
             // Without motion, a positive gap divided by zero is infinite.
-            let is_open = before.0 > 0.0 && after.0 > 0.0 && before.0 / closing + after.0 / opening > h;
-            is_open && (speed + change + before.1 + after.1).is_finite()
+            let is_open = before.0.max(after.0) > moved || before.0 / closing + after.0 / opening > h;
+            is_open && before.0 > 0.0 && after.0 > 0.0 && (speed + change + before.1 + after.1).is_finite()
         })
     }
 
@@ -188,6 +201,7 @@ impl Reach {
             let distance = before.max(after) + h * sliding;
             let carried = parent.turning * distance;
             let whole = parent.turning + turning;
+            let displacement = parent.displacement + (h * parent.turning).min(CHORD) * distance + h * sliding;
             bounds[k] = Bounds {
                 turning: whole,
                 moving: parent.moving + carried + sliding,
@@ -197,6 +211,7 @@ impl Reach {
                     + h * parent.turning * (carried + sliding)
                     + sliding_change
                     + h * whole * sliding,
+                displacement,
             };
         }
     }
