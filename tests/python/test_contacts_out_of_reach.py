@@ -25,6 +25,15 @@ def with_plane(scene: phipsi.Scene, **contact: object) -> phipsi.Scene:
     return scene.to_builder().contact("far", scene.link_names[-1], **contact).build()
 
 
+def chain(n: int) -> phipsi.Scene:
+    """Pendulums, each on the last one, about axes that are not parallel."""
+    builder = phipsi.SceneBuilder().link("base")
+    for k in range(n):
+        builder.link(f"link{k}", 1.0, (0, 0, -0.2), np.diag([0.015, 0.015, 0.002]))
+        builder.joint(f"joint{k}", "continuous", f"link{k - 1}" if k else "base", f"link{k}", xyz=(0, 0, -0.4 if k else 0), axis=(0.3 * (k % 2), 1, 0))
+    return builder.build()
+
+
 def assert_same(path: phipsi.Trajectory, expected: phipsi.Trajectory) -> None:
     assert np.isfinite(path.q).all() and np.array_equal(path.q, expected.q) and np.array_equal(path.qd, expected.qd)
     assert (path.integrator, path.limits) == (expected.integrator, expected.limits)
@@ -48,22 +57,22 @@ def test_an_arm_held_by_friction_stays_where_it_is() -> None:
 
 @pytest.mark.parametrize("method", ["auto", "rk4", "semi-implicit-euler", "implicit-euler", "rosenbrock-2", "rosenbrock-3", "dormand-prince-5"])
 def test_every_method_has_its_bits_and_its_order(method: str) -> None:
-    chain = phipsi.scenes.chain(4)
+    robot = chain(4)
     q, qd = np.array([0.4, -0.3, 0.5, 0.2]), np.array([1.0, -0.5, 0.3, 0.8])
-    assert_same(*(s.simulate(q, qd, dt=2e-3, steps=200, method=method) for s in (with_plane(chain), chain)))
+    assert_same(*(s.simulate(q, qd, dt=2e-3, steps=200, method=method) for s in (with_plane(robot), robot)))
 
 
 def test_a_far_contact_leaves_the_order_at_four() -> None:
-    scene = with_plane(phipsi.scenes.chain(3))
+    scene = with_plane(chain(3))
     ends = [scene.simulate([0.4, -0.3, 0.5], [2.0, -1.0, 3.0], dt=0.4 / n, steps=n, method="rk4").q[-1] for n in (10, 20, 40)]
     order = np.log2(np.abs(ends[0] - ends[1]).max() / np.abs(ends[1] - ends[2]).max())
     assert 3.5 < order < 4.6
 
 
 def test_a_passive_chain_at_ten_milliseconds_does_not_diverge() -> None:
-    chain = phipsi.scenes.chain(5)
+    robot = chain(5)
     q = np.array([0.3, -0.4, 0.5, 0.2, 0.7])
-    path, expected = (s.simulate(q, np.linspace(2.0, -2.0, 5), dt=1e-2, steps=1000, record_every=10) for s in (with_plane(chain), chain))
+    path, expected = (s.simulate(q, np.linspace(2.0, -2.0, 5), dt=1e-2, steps=1000, record_every=10) for s in (with_plane(robot), robot))
     assert_same(path, expected)
     energy = path.energy().total
     assert np.ptp(energy) < 1e-4 * np.ptp(path.energy().kinetic)
@@ -105,7 +114,7 @@ def test_loops_and_coupled_joints_do_not_notice_a_far_contact() -> None:
     builder = phipsi.SceneBuilder().link("base")
     for name, parent in (("a", "base"), ("b", "a"), ("c", "b")):
         builder.link(name, 1.0, (0, 0, 0.2), 0.01 * np.eye(3))
-        more = {"mimic": "a", "multiplier": -0.5} if name == "b" else {}
+        more = {"mimic": "a", "mimic_multiplier": -0.5} if name == "b" else {}
         builder.joint(name, "continuous", parent, name, xyz=(0, 0, 0.4), axis=(0, 1, 0), friction=0.05, **more)
     mimic = builder.build(mimic="couple")
     far = builder.contact("far", "c", friction=0.5, offset=-FAR).build(mimic="couple")
@@ -189,12 +198,12 @@ def test_a_relaxing_spring_does_not_carry_a_tip_through_a_plane_unseen() -> None
 
 
 def test_gradients_of_a_flight_are_those_of_the_free_body() -> None:
-    chain = phipsi.scenes.chain(4)
+    robot = chain(4)
     q, qd = np.array([0.4, -0.3, 0.5, 0.2]), np.array([1.0, -0.5, 0.3, 0.8])
     by_q = np.random.default_rng(3).normal(size=(61, 4))
     for more in ({}, {"friction": 0.05}, {"friction": 30.0}, {"stiffness": 2.0, "damping": 0.3}, {"record_every": 10}):
         rows = by_q[:: more.get("record_every", 1)]
-        paths = [s.simulate(q, qd, dt=2e-3, steps=60, **more) for s in (with_plane(chain), chain)]
+        paths = [s.simulate(q, qd, dt=2e-3, steps=60, **more) for s in (with_plane(robot), robot)]
         assert_same(*paths)
         found, expected = (path.vjp(rows) for path in paths)
         for name in ("q", "qd", "tau", "damping", "friction", "armature"):
@@ -238,7 +247,7 @@ def test_gradients_of_a_loop_with_a_far_contact_are_those_of_the_loop() -> None:
 
 
 def test_the_contact_method_is_that_of_every_step() -> None:
-    scene = with_plane(phipsi.scenes.chain(3))
+    scene = with_plane(chain(3))
     run = {"dt": 1e-3, "steps": 50}
     contact, auto = (scene.simulate([0.4, -0.3, 0.5], [2.0, -1.0, 3.0], method=method, **run) for method in ("contact", "auto"))
     assert (contact.integrator, auto.integrator) == ("contact", "rk4")
@@ -249,10 +258,10 @@ def test_the_contact_method_is_that_of_every_step() -> None:
 
 
 def test_a_motion_that_diverges_far_from_contacts_has_the_error_of_the_free_scene() -> None:
-    chain = phipsi.scenes.chain(3)
+    robot = chain(3)
     texts = []
-    for scene in (with_plane(chain), chain):
+    for scene in (with_plane(robot), robot):
         with pytest.raises(SimulationError) as found:
-            scene.simulate(np.zeros((2, 3)), np.stack([np.zeros(3), [3e3, -2e3, 1e3]]), dt=1e-1, steps=500, method="semi-implicit-euler")
+            scene.simulate(np.zeros((2, 3)), np.stack([np.zeros(3), [30.0, -30.0, 10.0]]), dt=1e-1, steps=300, method="semi-implicit-euler")
         texts.append((str(found.value), found.value.step, found.value.state))
     assert texts[0] == texts[1]
