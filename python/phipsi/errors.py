@@ -28,6 +28,7 @@ __all__ = [
     "IdentificationWarning",
     "DivergenceWarning",
     "InertiaWarning",
+    "InternalError",
     "LimitWarning",
     "LinkageWarning",
     "LogWarning",
@@ -51,6 +52,34 @@ __all__ = [
 
 class PhipsiError(Exception):
     """Base class of all errors that phipsi raises."""
+
+    __slots__ = ()  # as Exception, so that it can replace the base class of another exception: adopt_panics
+
+
+class InternalError(PhipsiError):
+    """A fault of phipsi itself, not of the call: a panic of the compiled half. Later calls are not affected.
+
+    Report it with the call, the robot and the message. With the environment variable RUST_BACKTRACE=1, the place is
+    also printed with a backtrace.
+    """
+
+    place: str = ""
+    """File and line of the sources where it occurred."""
+
+
+def adopt_panics(panic: type[BaseException]) -> None:
+    """Turn the exception of PyO3 for a panic, which is not an Exception, into InternalError where it is created."""
+
+    def become(self: BaseException, message: str = "") -> None:
+        from ._core import __version__, _panic_place
+
+        place = _panic_place(message)
+        self.__class__ = InternalError
+        self.place = place  # type: ignore[attr-defined]
+        self.args = (f"internal error: {message} ({place}, phipsi {__version__}); this is a fault of phipsi, please report it with the call and the robot",)
+
+    panic.__init__ = become  # type: ignore[method-assign]
+    panic.__bases__ = (PhipsiError,)
 
 
 class SceneError(PhipsiError, ValueError):

@@ -26,7 +26,7 @@ impl Scene {
         self.check_result("forward dynamics", &qdd)?;
         let system = (self.model(), self.constraints());
         constraints::constrained_derivatives(system, workspace, scratch, (q, qd, &qdd), wrenches, out)
-            .map_err(|at| self.no_direction(at))?;
+            .map_err(|at| self.row_fault(at))?;
         Ok(qdd)
     }
 

@@ -21,7 +21,7 @@
 //! At rest, with qdd = w, the function is r* J(q) w. The cotangents n and v of one pair of frames are computed with
 //! dual numbers, except for points.
 
-use super::NoDirection;
+use super::RowFault;
 use crate::kinematics::joint_motion;
 use crate::kinematics::pair::{Pair, PairRows, RelativeMotion, pair_rows};
 use crate::kinematics::propagation::tip_to_base;
@@ -64,7 +64,7 @@ impl RowGradients {
         (q, w): (&[f64], &[f64]),
         multipliers: &[f64],
         out: &mut [f64],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         let (rest, mut unused) = (std::mem::take(&mut self.rest), std::mem::take(&mut self.unused));
         let added = self.add_acceleration_gradient(system, shifts, (q, &rest, w), multipliers, [out, &mut unused]);
         (self.rest, self.unused) = (rest, unused);
@@ -80,7 +80,7 @@ impl RowGradients {
         state: (&[f64], &[f64], &[f64]),
         multipliers: &[f64],
         [by_q, by_qd]: [&mut [f64]; 2],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         for (index, constraint) in constraints.all.iter().enumerate() {
             let multipliers = &multipliers[constraint.rows()];
             // Rows of joint coordinates are constant.
@@ -114,14 +114,14 @@ impl RowGradients {
         (index, constraint): (usize, &Constraint),
         (q, qd, qdd): (&[f64], &[f64], &[f64]),
         multipliers: &[f64],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         for &k in &constraint.path {
             self.sums[k] = [zero(); 3];
         }
         let Tie::Frames { pair, frames: [c, d] } = &constraint.tie else { return Ok(()) };
         let [of_c, of_d] = motions_from(model, (q, qd, Some(qdd)), [c, d], constraint.junction);
         let motion = RelativeMotion::of(&of_c, &of_d);
-        let [by_place, by_velocity, force] = of_pair(*pair, &motion, multipliers).ok_or(NoDirection(index))?;
+        let [by_place, by_velocity, force] = of_pair(*pair, &motion, multipliers).ok_or(RowFault::NoDirection(index))?;
         let velocity = motion.place.motion_to_child(&of_d.velocity);
         let acceleration = motion.place.motion_to_child(&of_d.acceleration);
         let on_c = sum(&by_velocity, &cross_force(&velocity, &force));
