@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from ._motion import Trajectory
@@ -70,15 +70,18 @@ class InternalError(PhipsiError):
 def adopt_panics(panic: type[BaseException]) -> None:
     """Turn the exception of PyO3 for a panic, which is not an Exception, into InternalError where it is created."""
 
-    def become(self: BaseException, message: str = "") -> None:
+    def become(self: Any, message: str | InternalError = "") -> None:
         from ._core import __version__, _panic_place
 
-        place = _panic_place(message)
         self.__class__ = InternalError
-        self.place = place  # type: ignore[attr-defined]
-        self.args = (f"internal error: {message} ({place}, phipsi {__version__}); this is a fault of phipsi, please report it with the call and the robot",)
+        if isinstance(message, InternalError):  # Python before 3.12 creates it again, as the class is another one
+            self.args, self.place = message.args, message.place
+            return
+        self.place = _panic_place(message)
+        asks = "this is a fault of phipsi, please report it with the call and the robot"
+        self.args = (f"internal error: {message} ({self.place}, phipsi {__version__}); {asks}",)
 
-    panic.__init__ = become  # type: ignore[method-assign]
+    panic.__init__ = become  # type: ignore[method-assign, assignment]
     panic.__bases__ = (PhipsiError,)
 
 

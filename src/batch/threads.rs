@@ -133,7 +133,7 @@ impl<'scope> Company<'scope> {
     }
 }
 
-/// One of the other threads. The caller, which waits for all, is told when it returns and also when it panics.
+/// One of the other threads. The waiting caller is woken when the last one returns or panics.
 struct Helper<'scope>(Company<'scope>);
 
 impl Drop for Helper<'_> {

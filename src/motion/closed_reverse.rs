@@ -174,9 +174,7 @@ fn through_projections(
         .of_velocities(system, (workspace, rows), (moving.0, moving.1, change), (of_v, compliance), of_q)
         .map_err(|at| scene.row_fault(at))?;
     // The steps end where the next one would be rounding. Perturbed configurations are moved by this step too.
-    adjoint
-        .of_last_step(system, (workspace, rows), moving.0, (of_q, compliance))
-        .map_err(|at| scene.row_fault(at))?;
+    adjoint.of_last_step(system, (workspace, rows), moving.0, (of_q, compliance)).map_err(|at| scene.row_fault(at))?;
     let mut of_sum = vec![0.0; p.len()];
     subtract_products(&mut of_sum, compliance, &adjoint.r);
     for made in newton.iter().rev() {

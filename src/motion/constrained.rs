@@ -5,7 +5,7 @@ use super::scratch::Scratch;
 use super::solver::Solver;
 use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{
-    ConstraintScratch, RowFault, Outcome, ProjectionStep, RowsAre, constrained_dynamics, project_velocities,
+    ConstraintScratch, Outcome, ProjectionStep, RowFault, RowsAre, constrained_dynamics, project_velocities,
     record_projection,
 };
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};

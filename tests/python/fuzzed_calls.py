@@ -123,7 +123,7 @@ def settings(scene: phipsi.Scene, random: np.random.Generator) -> dict[str, Any]
     }
     # With error control, a long time takes as many steps as the motion needs.
     dt = pick(random, 1e-4, 1e-3, 0.02, *((0.3, 1e3) if given["accuracy"] is None else ()))
-    return {"dt": dt, "steps": pick(random, 1, 10, 40), **{name: value for name, value in given.items() if value is not None}}
+    return {"dt": dt, "steps": pick(random, 1, 5, 20), **{name: value for name, value in given.items() if value is not None}}
 
 
 def accepted(call: Callable[..., Any], given: dict[str, Any]) -> Any:

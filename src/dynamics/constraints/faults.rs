@@ -2,7 +2,7 @@
 
 use super::geometry::relaxed_at;
 use super::rows::{errors_of_rows, rates_of_rows};
-use super::{RowFault, Outcome};
+use super::{Outcome, RowFault};
 use crate::error::{ConstraintViolation, Error};
 use crate::scalar::Precision;
 use crate::scene::Scene;

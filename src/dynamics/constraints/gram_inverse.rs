@@ -53,8 +53,7 @@ impl GramInverse {
         let scale: Vec<f64> = (0..m).map(|i| if moves(i) { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
         let scaled = DMatrix::from_fn(m, m, |i, j| gram[(i, j)] * scale[i] * scale[j]);
         // The pivots are the squares of the diagonal.
-        let is_regular =
-            |factor: &Cholesky<f64, Dyn>| (0..m).all(|i| factor.l_dirty()[(i, i)].powi(2) > REGULAR);
+        let is_regular = |factor: &Cholesky<f64, Dyn>| (0..m).all(|i| factor.l_dirty()[(i, i)].powi(2) > REGULAR);
         if let Some(factor) = Cholesky::new(scaled.clone()).filter(is_regular) {
             return Some(Self { scale, factor: Factor::Cholesky(factor), kept: None, rank: m });
         }

@@ -121,7 +121,8 @@ impl RowGradients {
         let Tie::Frames { pair, frames: [c, d] } = &constraint.tie else { return Ok(()) };
         let [of_c, of_d] = motions_from(model, (q, qd, Some(qdd)), [c, d], constraint.junction);
         let motion = RelativeMotion::of(&of_c, &of_d);
-        let [by_place, by_velocity, force] = of_pair(*pair, &motion, multipliers).ok_or(RowFault::NoDirection(index))?;
+        let [by_place, by_velocity, force] =
+            of_pair(*pair, &motion, multipliers).ok_or(RowFault::NoDirection(index))?;
         let velocity = motion.place.motion_to_child(&of_d.velocity);
         let acceleration = motion.place.motion_to_child(&of_d.acceleration);
         let on_c = sum(&by_velocity, &cross_force(&velocity, &force));

@@ -23,7 +23,11 @@ pub(super) fn pair_at<T: Real>(
     let [c, d] = motions_from(model, (q, qd, qdd), [&c.cast(), &d.cast()], constraint.junction);
     let motion = RelativeMotion::of(&c, &d);
     let rows = pair_rows(*pair, &motion.place, &motion.velocity).ok_or(RowFault::NoDirection(index))?;
-    Ok(Some((motion, rows)))
+    // The direction of a rod whose length overflows would be zero.
+    match rows.error.iter().position(|error| !error.lane(0).is_finite()) {
+        Some(i) => Err(RowFault::NotFinite(constraint.rows().start + i, rows.error[i].lane(0))),
+        None => Ok(Some((motion, rows))),
+    }
 }
 
 /// The error of each row at `q`, into `out`: rad (2 sin(t/2)) and m. O(m depth).

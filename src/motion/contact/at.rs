@@ -3,7 +3,7 @@
 use super::super::step_settings::StepSettings;
 use super::closed::constraints;
 use super::faults::factorised;
-use crate::dynamics::constraints::{ConstraintAdjoint, ConstraintScratch, RowFault, Pushed};
+use crate::dynamics::constraints::{ConstraintAdjoint, ConstraintScratch, Pushed, RowFault};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::model::Model;

@@ -10,7 +10,7 @@
 use super::super::step_settings::StepSettings;
 use super::faults::pivot_fault;
 use super::moves::{Move, Pulled};
-use crate::dynamics::constraints::{Elimination, RowFault, Projected};
+use crate::dynamics::constraints::{Elimination, Projected, RowFault};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::model::Model;
