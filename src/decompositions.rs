@@ -1,7 +1,7 @@
 //! Iterative matrix decompositions that end: matrices with a NaN or an infinity, on which those of nalgebra iterate
 //! without end or panic, have none. clippy.toml disallows the methods of nalgebra elsewhere.
 
-#![allow(clippy::disallowed_methods)] // the only place that calls them, with checked matrices
+#![expect(clippy::disallowed_methods, reason = "the only place that calls them, with checked matrices")]
 
 use nalgebra::allocator::Allocator;
 use nalgebra::{Const, DMatrix, DefaultAllocator, Dim, DimDiff, DimSub, Dyn, OMatrix, SVD, SymmetricEigen};

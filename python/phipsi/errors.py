@@ -13,6 +13,7 @@ q
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -81,8 +82,10 @@ def adopt_panics(panic: type[BaseException]) -> None:
         asks = "this is a fault of phipsi, please report it with the call and the robot"
         self.args = (f"internal error: {message} ({self.place}, phipsi {__version__}); {asks}",)
 
-    panic.__init__ = become  # type: ignore[method-assign, assignment]
-    panic.__bases__ = (PhipsiError,)
+    # If a later Python does not allow this, phipsi can be imported all the same, and panics remain those of PyO3.
+    with contextlib.suppress(TypeError):
+        panic.__bases__ = (PhipsiError,)
+        panic.__init__ = become  # type: ignore[method-assign, assignment]
 
 
 class SceneError(PhipsiError, ValueError):
