@@ -18,7 +18,7 @@ impl Scene {
         let name = match at {
             RowFault::NoDirection(index) => self.constraints().all.get(index).map(|constraint| constraint.name.clone()),
             RowFault::NotFinite(row, value) => {
-                let argument = format!("Jacobian of connection {:?}", self.constraints().name_of(row));
+                let argument = format!("rows of connection {:?}", self.constraints().name_of(row));
                 return Error::NotFinite { argument, index: row, value, state: None };
             }
         };
