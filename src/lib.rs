@@ -226,6 +226,7 @@ pub mod batch;
 pub mod codegen;
 #[cfg(feature = "motion")]
 mod contact;
+mod decompositions;
 pub mod dynamics;
 mod error;
 #[cfg(feature = "estimation")]

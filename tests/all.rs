@@ -3,6 +3,8 @@
 //! `cargo test --test all golden::` runs those of one file. Tests that need a separate process are other targets, see
 //! Cargo.toml.
 
+#![allow(clippy::disallowed_methods)] // references decompose matrices that are finite and square
+
 #[cfg_attr(not(feature = "dense"), allow(dead_code))] // tests of this feature use the rest
 mod common;
 

@@ -433,6 +433,31 @@ fn short_long_and_foreign_arguments_are_errors() {
 }
 
 #[test]
+fn calls_with_numbers_that_overflow_return() {
+    crate::common::lanes::on_a_large_stack(|| {
+        let calls = calls();
+        let mut kinds = each_kind();
+        kinds.extend(
+            [ConnectionKind::Axis(Vector3::y()), ConnectionKind::Weld, ConnectionKind::Distance(Some(0.3))]
+                .map(|kind| ("loop of another kind", four_bar(kind, [1.0; 3]))),
+        );
+        for (kind, scene) in kinds {
+            let kit = &mut Kit::of(&scene);
+            for call in &calls {
+                for size in [1e100, 1e155, 1e300, f64::MAX] {
+                    for at in 0..call.reads {
+                        let mut given = Given::of(&scene);
+                        // The positions of a free joint come before its quaternion.
+                        given.arrays[at].iter_mut().take(3).for_each(|x| *x = size);
+                        let _ = run(&format!("{kind}, argument {at} of {size:e}"), call, &scene, kit, &given);
+                    }
+                }
+            }
+        }
+    });
+}
+
+#[test]
 fn indices_and_sizes_that_are_not_there_are_errors() {
     let scene = scenes::chain(2).unwrap();
     let huge = [1 << 40, 1 << 40];

@@ -13,9 +13,10 @@ q
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from ._motion import Trajectory
@@ -28,6 +29,7 @@ __all__ = [
     "IdentificationWarning",
     "DivergenceWarning",
     "InertiaWarning",
+    "InternalError",
     "LimitWarning",
     "LinkageWarning",
     "LogWarning",
@@ -51,6 +53,39 @@ __all__ = [
 
 class PhipsiError(Exception):
     """Base class of all errors that phipsi raises."""
+
+    __slots__ = ()  # as Exception, so that it can replace the base class of another exception: adopt_panics
+
+
+class InternalError(PhipsiError):
+    """A fault of phipsi itself, not of the call: a panic of the compiled half. Later calls are not affected.
+
+    Report it with the call, the robot and the message. With the environment variable RUST_BACKTRACE=1, the place is
+    also printed with a backtrace.
+    """
+
+    place: str = ""
+    """File and line of the sources where it occurred."""
+
+
+def adopt_panics(panic: type[BaseException]) -> None:
+    """Turn the exception of PyO3 for a panic, which is not an Exception, into InternalError where it is created."""
+
+    def become(self: Any, message: str | InternalError = "") -> None:
+        from ._core import __version__, _panic_place
+
+        self.__class__ = InternalError
+        if isinstance(message, InternalError):  # Python before 3.12 creates it again, as the class is another one
+            self.args, self.place = message.args, message.place
+            return
+        self.place = _panic_place(message)
+        asks = "this is a fault of phipsi, please report it with the call and the robot"
+        self.args = (f"internal error: {message} ({self.place}, phipsi {__version__}); {asks}",)
+
+    # If a later Python does not allow this, phipsi can be imported all the same, and panics remain those of PyO3.
+    with contextlib.suppress(TypeError):
+        panic.__bases__ = (PhipsiError,)
+        panic.__init__ = become  # type: ignore[method-assign, assignment]
 
 
 class SceneError(PhipsiError, ValueError):

@@ -51,7 +51,7 @@ impl Scene {
     pub fn constraint_error(&self, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
         self.check_configuration("q", q)?;
         check_length("out", out.len(), self.constraint_rows())?;
-        errors_of_rows(self.model(), self.constraints(), q, out).map_err(|at| self.no_direction(at))?;
+        errors_of_rows(self.model(), self.constraints(), q, out).map_err(|at| self.row_fault(at))?;
         self.check_result("constraint error", out)
     }
 
@@ -75,7 +75,7 @@ impl Scene {
         placements_base_to_tip(self.model(), q, &mut workspace.store.shifts);
         let at = (q, &workspace.rest[..]);
         jacobian_of_rows(self.model(), self.constraints(), scratch, &workspace.store.shifts, at, out)
-            .map_err(|at| self.no_direction(at))?;
+            .map_err(|at| self.row_fault(at))?;
         self.check_result("constraint jacobian", out)
     }
 
@@ -91,7 +91,7 @@ impl Scene {
         check_length("out", out.len(), self.constraint_rows())?;
         let mut terms = vec![0.0; out.len()];
         accelerations_of_rows(self.model(), self.constraints(), (q, qd), None, (out, &mut terms))
-            .map_err(|at| self.no_direction(at))?;
+            .map_err(|at| self.row_fault(at))?;
         self.check_result("constraint bias", out)
     }
 
@@ -197,7 +197,7 @@ impl Scene {
         self.check_form(workspace)?;
         let system = (self.model(), self.constraints());
         let positions = constraints::project_positions(system, workspace, scratch, q, compliance)
-            .map_err(|at| self.no_direction(at))?;
+            .map_err(|at| self.row_fault(at))?;
         self.check_pivots(workspace, positions.pivots)?;
         if let Some(row) = positions.stays {
             return Err(self.open_at("q", row, positions.left, "m or rad", NEARER));
@@ -208,7 +208,7 @@ impl Scene {
             &mut rest
         });
         let velocities = constraints::project_velocities(system, workspace, scratch, (q, qd), compliance)
-            .map_err(|at| self.no_direction(at))?;
+            .map_err(|at| self.row_fault(at))?;
         self.check_pivots(workspace, velocities.pivots)?;
         if let Some(row) = velocities.stays {
             return Err(self.open_at("qd", row, velocities.left, "m/s or rad/s", NEARER));
@@ -253,7 +253,7 @@ impl Scene {
         let (system, state) = ((self.model(), self.constraints()), (q, qd, qdd));
         let outcome =
             constraints::constrained_inverse_dynamics(system, workspace, scratch, state, wrenches, actuated, tau)
-                .map_err(|at| self.no_direction(at))?;
+                .map_err(|at| self.row_fault(at))?;
         self.check_pivots(workspace, outcome.pivots)?;
         self.check_result("tau", tau)?;
         self.check_result("forces", &scratch.forces)?;
@@ -288,7 +288,7 @@ impl Scene {
         self.check_form(workspace)?;
         let system = (self.model(), self.constraints());
         let pivots = constraints::constrained_mass_matrix_inverse(system, workspace, scratch, q, out)
-            .map_err(|at| self.no_direction(at))?;
+            .map_err(|at| self.row_fault(at))?;
         self.check_pivots(workspace, pivots)?;
         self.check_result("constrained mass matrix inverse", out)
     }

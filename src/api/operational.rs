@@ -1,5 +1,6 @@
 //! Operational-space inertia of links at one state. Each method checks its arguments before it computes.
 
+use crate::decompositions::eigenvalues;
 use crate::dynamics;
 use crate::dynamics::operational::{Frame, MANY, OperationalScratch};
 use crate::error::{Error, check_finite, check_length};
@@ -134,7 +135,8 @@ impl Scene {
 
         #[allow(clippy::cast_precision_loss)] // a small count
         let margin = EIGENVALUE_MARGIN * k as f64 * f64::EPSILON;
-        let rank = scaled.symmetric_eigenvalues().iter().filter(|&&value| value > margin).count();
+        let rank = eigenvalues(scaled.clone())
+            .map_or(0, |found| found.eigenvalues.iter().filter(|&&value| value > margin).count());
         let inverse = if rank == k { scaled.cholesky().map(|factor| factor.inverse()) } else { None };
         let Some(inverse) = inverse else {
             let names = links.iter().map(|&link| link.into().link.to_owned()).collect();

@@ -124,15 +124,24 @@ impl<'scope> Company<'scope> {
         for helpers in [helpers.div_ceil(2), helpers / 2] {
             if helpers > 0 {
                 scope.spawn(move |scope| {
+                    let _helper = Helper(self);
                     self.wake(scope, helpers - 1);
                     self.signal.help(self.work);
-                    if self.helping.fetch_sub(1, Ordering::AcqRel) == 1
-                        && let Some(waiting) = self.waiting
-                    {
-                        waiting.unpark();
-                    }
                 });
             }
+        }
+    }
+}
+
+/// One of the other threads. The waiting caller is woken when the last one returns or panics.
+struct Helper<'scope>(Company<'scope>);
+
+impl Drop for Helper<'_> {
+    fn drop(&mut self) {
+        if self.0.helping.fetch_sub(1, Ordering::AcqRel) == 1
+            && let Some(waiting) = self.0.waiting
+        {
+            waiting.unpark();
         }
     }
 }

@@ -193,7 +193,8 @@ pub(super) fn nearest(x: &Vector3<f64>, mu: f64, least: f64) -> Vector3<f64> {
     let mut kept = cut(mu * normal, length);
     // Rounding must not leave the cone.
     while kept > 0.0 && kept < 1.0 && (kept * x[0]).hypot(kept * x[1]) > mu * normal {
-        kept *= 1.0 - f64::EPSILON;
+        // A subnormal fraction equals its product with 1 - eps.
+        kept = (kept * (1.0 - f64::EPSILON)).min(kept.next_down());
     }
     Vector3::new(kept * x[0], kept * x[1], normal)
 }

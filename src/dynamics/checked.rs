@@ -125,7 +125,7 @@ impl Scene {
         let system = (self.model(), self.constraints());
         let rows = RowsAre { compliance, ..RowsAre::default() };
         let outcome = constraints::constrained_dynamics(system, workspace, scratch, state, (wrenches, rows), qdd)
-            .map_err(|at| self.no_direction(at))?;
+            .map_err(|at| self.row_fault(at))?;
         self.check_pivots(workspace, outcome.pivots)?;
         workspace.accuracy = Accuracy::unknown(workspace.form);
         // An overflow is not a contradiction.

@@ -1,6 +1,6 @@
 //! Derivatives on one state by the passes on the general model, with argument checks and error messages.
 
-use super::constraints::{self, ConstraintAdjoint, ConstraintScratch, NoDirection, RowsAre};
+use super::constraints::{self, ConstraintAdjoint, ConstraintScratch, RowFault, RowsAre};
 use super::derivatives::{
     self, ConstantParts, Constants, DerivativeScratch, Directions, GradientParts, HessianScratch, ProductScratch,
     constants_of,
@@ -27,7 +27,7 @@ impl Scene {
         self.check_result("forward dynamics", &qdd)?;
         let system = (self.model(), self.constraints());
         constraints::constrained_derivatives(system, workspace, scratch, (q, qd, &qdd), wrenches, out)
-            .map_err(|at| self.no_direction(at))
+            .map_err(|at| self.row_fault(at))
     }
 
     /// Products of a scene with connections, in O(N + m^2 depth + m^3) for m rows.
@@ -78,7 +78,7 @@ impl Scene {
             &mut Workspace<f64>,
             (&mut ConstraintScratch, &mut ConstraintAdjoint),
             (&[f64], &[f64], &[f64]),
-        ) -> Result<(), NoDirection>,
+        ) -> Result<(), RowFault>,
     ) -> Result<(), Error> {
         let (model, constraints) = (self.model(), self.constraints());
         let mut rows = workspace.connected.take(self.identity(), || ConstraintScratch::new(model, constraints));
@@ -90,7 +90,7 @@ impl Scene {
             .and_then(|_| self.check_result("forward dynamics", &qdd))
             .and_then(|()| {
                 let scratch = (&mut rows.1, &mut adjoint.1);
-                then(workspace, scratch, (q, qd, &qdd)).map_err(|at| self.no_direction(at))
+                then(workspace, scratch, (q, qd, &qdd)).map_err(|at| self.row_fault(at))
             });
         workspace.connected.keep(rows);
         workspace.connected_products.keep(adjoint);

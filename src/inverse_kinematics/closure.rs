@@ -7,13 +7,14 @@
 
 use super::limits::Bounds;
 use super::step::{BoxStep, add_squares};
+use crate::decompositions::eigenvalues;
 use crate::dynamics::ConstraintScratch;
 use crate::dynamics::constraints::{errors_of_rows, jacobian_of_rows};
 use crate::error::Error;
 use crate::kinematics::placements_base_to_tip;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
-use nalgebra::{DMatrix, SymmetricEigen};
+use nalgebra::DMatrix;
 
 /// The penalty relative to the largest entry of the quadratic: larger ones lose precision, smaller ones need more
 /// iterations.
@@ -80,7 +81,7 @@ impl Closure {
     }
 
     fn errors_at(&mut self, scene: &Scene, q: &[f64]) -> Result<f64, Error> {
-        errors_of_rows(scene.model(), scene.constraints(), q, &mut self.errors).map_err(|at| scene.no_direction(at))?;
+        errors_of_rows(scene.model(), scene.constraints(), q, &mut self.errors).map_err(|at| scene.row_fault(at))?;
         Ok(0.5 * self.errors.iter().map(|error| error * error).sum::<f64>())
     }
 
@@ -97,7 +98,7 @@ impl Closure {
             at,
             &mut self.jacobian,
         )
-        .map_err(|at| scene.no_direction(at))
+        .map_err(|at| scene.row_fault(at))
     }
 
     /// Moves `q` within the limits until the connections are closed, as far as possible; [`Self::is_closed`] reports
@@ -203,8 +204,11 @@ impl Closure {
         out.fill(0.0);
         let free: Vec<usize> = (0..n).filter(|&i| is_free(i)).collect();
         let m = free.len();
+        if m == 0 {
+            return true;
+        }
         let c = DMatrix::from_fn(self.errors.len(), m, |row, j| self.jacobian[row * n + free[j]]);
-        let eigen = SymmetricEigen::new(c.transpose() * &c);
+        let Some(eigen) = eigenvalues(c.transpose() * &c) else { return false };
         let largest = eigen.eigenvalues.iter().fold(0.0_f64, |most, value| most.max(*value));
         let allowed: Vec<usize> = (0..m).filter(|&i| eigen.eigenvalues[i] <= RANK * largest).collect();
         let z = eigen.eigenvectors.select_columns(&allowed);

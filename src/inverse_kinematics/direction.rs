@@ -1,7 +1,8 @@
 //! Deviation of an axis from a direction: the rotation vector of the shortest rotation between them, and its
 //! derivatives.
 
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use crate::decompositions::eigenvalues;
+use nalgebra::{Matrix3, Vector3};
 
 /// Vectors with a sine below this are parallel.
 const PARALLEL: f64 = 1e-7;
@@ -50,8 +51,8 @@ fn most_moved(axis: &Vector3<f64>, motions: impl Iterator<Item = Vector3<f64>>) 
         let motion = across * motion;
         sum += motion * motion.transpose();
     }
-    let eigen = SymmetricEigen::new(sum);
-    let found = across * eigen.eigenvectors.column(eigen.eigenvalues.imax());
+    let largest = eigenvalues(sum).map(|eigen| eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned());
+    let found = across * largest.unwrap_or_default();
     let length = found.norm();
     if length > 0.5 { found / length } else { axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize() }
 }

@@ -87,7 +87,7 @@ impl BackwardSolver<f64> for ClosedBackward<'_> {
         let constants = &mut Constants { parameters, ..Constants::default() };
         let found = self.adjoint.of_dynamics(system, room, (q, qd, qdd), (&[], cotangent, wanted), (constants, out));
         if let Err(at) = found {
-            scratch.note_error(scene.no_direction(at));
+            scratch.note_error(scene.row_fault(at));
         }
         0
     }
@@ -173,17 +173,15 @@ fn through_projections(
     let (moving, change) = ((&s.q_next[..], &s.v_next[..]), Pushed { x: &x, p: &p });
     adjoint
         .of_velocities(system, (workspace, rows), (moving.0, moving.1, change), (of_v, compliance), of_q)
-        .map_err(|at| scene.no_direction(at))?;
+        .map_err(|at| scene.row_fault(at))?;
     // The steps end where the next one would be rounding. Perturbed configurations are moved by this step too.
-    adjoint
-        .of_last_step(system, (workspace, rows), moving.0, (of_q, compliance))
-        .map_err(|at| scene.no_direction(at))?;
+    adjoint.of_last_step(system, (workspace, rows), moving.0, (of_q, compliance)).map_err(|at| scene.row_fault(at))?;
     let mut of_sum = vec![0.0; p.len()];
     subtract_products(&mut of_sum, compliance, &adjoint.r);
     for made in newton.iter().rev() {
         adjoint
             .of_displacement(system, (workspace, rows), made, (of_q, &mut of_sum, compliance))
-            .map_err(|at| scene.no_direction(at))?;
+            .map_err(|at| scene.row_fault(at))?;
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use super::scratch::Scratch;
 use super::solver::Solver;
 use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{
-    ConstraintScratch, NoDirection, Outcome, ProjectionStep, RowsAre, constrained_dynamics, project_velocities,
+    ConstraintScratch, Outcome, ProjectionStep, RowFault, RowsAre, constrained_dynamics, project_velocities,
     record_projection,
 };
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
@@ -68,12 +68,12 @@ impl ConstrainedScratch {
         self.fault.get_or_insert(Fault::Error(error));
     }
 
-    fn note(&mut self, scene: &Scene, outcome: Result<Outcome, NoDirection>, model: &Model<f64>, is_finite: bool) {
+    fn note(&mut self, scene: &Scene, outcome: Result<Outcome, RowFault>, model: &Model<f64>, is_finite: bool) {
         if self.fault.is_some() {
             return;
         }
         self.fault = match outcome {
-            Err(at) => Some(Fault::Error(scene.no_direction(at))),
+            Err(at) => Some(Fault::Error(scene.row_fault(at))),
             Ok(outcome) => match self.workspace.lost_pivot(model, &outcome.pivots) {
                 Some(lost) => Some(Fault::Lost(lost)),
                 // A diverging motion is reported as such.
@@ -142,7 +142,7 @@ impl Constrained<'_> {
         let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
         let system = (model, scene.constraints());
         let positions = record_projection(system, workspace, rows, (q, self.compliance), steps)
-            .map_err(|at| (None, Some(scene.no_direction(at))))?;
+            .map_err(|at| (None, Some(scene.row_fault(at))))?;
         if let Some(lost) = workspace.lost_pivot(model, &positions.pivots) {
             return Err((Some(lost), None));
         }
@@ -160,7 +160,7 @@ impl Constrained<'_> {
     ) -> Result<(), Failure> {
         let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
         let velocities = project_velocities((model, scene.constraints()), workspace, rows, (q, v), self.compliance)
-            .map_err(|at| (None, Some(scene.no_direction(at))))?;
+            .map_err(|at| (None, Some(scene.row_fault(at))))?;
         if let Some(lost) = workspace.lost_pivot(model, &velocities.pivots) {
             return Err((Some(lost), None));
         }

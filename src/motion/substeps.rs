@@ -131,8 +131,13 @@ impl Substeps {
         // Lengths are in units of the shortest substep.
         let shortest = settings.step / f64::from(MOST_SUBSTEPS);
         let mut size = MOST_SUBSTEPS;
-        let (mut left, mut calm, mut made) = (MOST_SUBSTEPS, 0, 0_u32);
+        let (mut left, mut calm, mut made, mut tried) = (MOST_SUBSTEPS, 0, 0_u32, 0_u32);
         while left > 0 {
+            tried += 1;
+            if tried % 64 == 0 && interrupt::check().is_err() {
+                s.v.fill(f64::NAN);
+                break;
+            }
             size = size.min(left);
             let scheme = Scheme::new(settings.method, shortest * f64::from(size));
             s.adopt(settings, &scheme);

@@ -55,6 +55,7 @@ mod object;
 mod observer;
 mod operational;
 mod output;
+mod panics;
 mod parts;
 mod pickled_simulator;
 mod plan;
@@ -92,6 +93,8 @@ mod core_module {
     #[pymodule_export]
     use super::observer::PyObserver;
     #[pymodule_export]
+    use super::panics::{panic_for_tests, panic_place};
+    #[pymodule_export]
     use super::pickled_simulator::rebuild_simulator;
     #[pymodule_export]
     use super::report::{
@@ -112,6 +115,7 @@ mod core_module {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        super::panics::adopt(module.py())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("BUNDLED_ARM", crate::scenes::BUNDLED_ARM)?;
         let routes = crate::report::emergence::ROUTES.map(|(name, _)| name);

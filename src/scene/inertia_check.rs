@@ -1,6 +1,7 @@
 //! Checks whether the inertia of a link is physical, that is, whether a mass distribution has it.
 
 use super::description::Inertial;
+use crate::decompositions::eigenvalues;
 use crate::error::{Error, number};
 use crate::spatial::Symmetric3;
 
@@ -34,7 +35,9 @@ pub(super) fn check_numbers(link: &str, inertial: &Inertial) -> Result<(), Error
 
 /// Describes a nonphysical inertia: a negative principal inertia, or one larger than the sum of the other two.
 pub(super) fn unphysical(inertial: &Inertial) -> Option<String> {
-    let [low, middle, high] = principal(&inertial.central);
+    let Some([low, middle, high]) = principal(&inertial.central) else {
+        return Some("principal inertias that are not finite".to_owned());
+    };
     let slack = ROUNDING * high.abs().max(low.abs());
     if low < -slack {
         return Some(format!("principal inertias {low:.3e}, {middle:.3e}, {high:.3e}, one of them negative"));
@@ -45,9 +48,9 @@ pub(super) fn unphysical(inertial: &Inertial) -> Option<String> {
     None
 }
 
-/// Principal inertias in ascending order.
-fn principal(inertia: &Symmetric3<f64>) -> [f64; 3] {
-    let mut values: [f64; 3] = inertia.to_matrix().symmetric_eigenvalues().into();
+/// Principal inertias in ascending order; None if they are not finite.
+fn principal(inertia: &Symmetric3<f64>) -> Option<[f64; 3]> {
+    let mut values: [f64; 3] = eigenvalues(inertia.to_matrix())?.eigenvalues.into();
     values.sort_by(f64::total_cmp);
-    values
+    Some(values)
 }

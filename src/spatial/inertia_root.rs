@@ -8,6 +8,7 @@ use super::rigid_shift::RigidShift;
 use super::root::{Root6, RootColumns};
 use super::symmetric::Symmetric3;
 use super::vector::{angular, cross, cross_add, linear};
+use crate::decompositions::eigenvalues;
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Matrix3x6, Scalar, Vector3, Vector6};
 
@@ -215,9 +216,9 @@ fn principal(central: &Symmetric3<f64>) -> Option<(Matrix3<f64>, Vector3<f64>)> 
     let full = central.to_matrix();
     let [_, xy, xz, _, yz, _] = central.entries;
     let (axes, values) = if xy == 0.0 && xz == 0.0 && yz == 0.0 {
-        (Matrix3::identity(), full.diagonal())
+        (Matrix3::identity(), Vector3::new(full[(0, 0)], full[(1, 1)], full[(2, 2)]))
     } else {
-        let principal = full.symmetric_eigen();
+        let principal = eigenvalues(full)?;
         (principal.eigenvectors, principal.eigenvalues)
     };
     // The zero of a rod is computed as a rounding error of either sign.

@@ -19,6 +19,7 @@ ROOMS = (
     "interrupt",
     "memory",
     "setters",
+    "decompositions",
     "scalar",
     "spatial",
     "filter",

@@ -19,7 +19,7 @@
 //! gradients do not depend on that choice. Combinations of rows that count as dependent by the tolerance of the scene
 //! are differentiated as constant.
 
-use super::NoDirection;
+use super::RowFault;
 use super::products::RowGradients;
 use super::projection::{ProjectionStep, share};
 use super::rows::rates_of_rows;
@@ -97,7 +97,7 @@ impl ConstraintAdjoint {
         (q, qd, qdd): (&[f64], &[f64], &[f64]),
         (wrenches, cotangent, wanted): (&[Vector6<f64>], &[f64], RowsAre<'_>),
         (constants, out): (&mut Constants<'_, f64>, &mut [f64]),
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         dynamics::factorise(system.0, workspace, q);
         scratch.factorise(system, workspace, q, wanted.compliance)?;
         self.solve(system, (workspace, scratch), q, (cotangent, &[]), wanted.compliance)?;
@@ -132,7 +132,7 @@ impl ConstraintAdjoint {
         state: (&[f64], &[f64], &[f64]),
         (wrenches, along): (&[Vector6<f64>], &Directions<'_, f64>),
         out: &mut [f64],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         let Self { rows, products, rest, of_product, .. } = self;
         let unaccelerated = Directions { u: rest, ..*along };
         inverse_dynamics_jvp(system.0, workspace, products, state, wrenches, &unaccelerated, out);
@@ -158,7 +158,7 @@ impl ConstraintAdjoint {
         (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
         (q, dq): (&[f64], &[f64]),
         cotangent: &[f64],
-    ) -> Result<([Vec<f64>; 2], [Vec<f64>; 2]), NoDirection> {
+    ) -> Result<([Vec<f64>; 2], [Vec<f64>; 2]), RowFault> {
         self.solve(system, (workspace, scratch), q, (cotangent, &[]), &[])?;
         let solution = [self.y.clone(), self.r.clone()];
         let Self { rows, products, weightless, rest, y, r, .. } = self;
@@ -181,7 +181,7 @@ impl ConstraintAdjoint {
         (q, step): (&[f64], Pushed<'_>),
         (of_x, of_p, compliance): (&[f64], &[f64], &[f64]),
         by_q: &mut [f64],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         dynamics::factorise(system.0, workspace, q);
         scratch.factorise(system, workspace, q, compliance)?;
         self.solve(system, (workspace, scratch), q, (of_x, of_p), compliance)?;
@@ -199,7 +199,7 @@ impl ConstraintAdjoint {
         room: (&mut Workspace<f64>, &mut ConstraintScratch),
         step: &ProjectionStep,
         (of_q, of_sum, compliance): (&mut [f64], &mut [f64], &[f64]),
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         let ProjectionStep { q, x, p } = step;
         let (share, step) = (share(x), Pushed { x, p });
         let moved: Vec<f64> = x.iter().map(|x| share * x).collect();
@@ -233,7 +233,7 @@ impl ConstraintAdjoint {
         (q, projected, change): (&[f64], &[f64], Pushed<'_>),
         (of_v, compliance): (&mut [f64], &[f64]),
         by_q: &mut [f64],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         dynamics::factorise(system.0, workspace, q);
         scratch.factorise(system, workspace, q, compliance)?;
         self.solve(system, (workspace, scratch), q, (of_v, &[]), compliance)?;
@@ -251,7 +251,7 @@ impl ConstraintAdjoint {
         (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
         q: &[f64],
         (of_q, compliance): (&mut [f64], &[f64]),
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         self.solve(system, (workspace, scratch), q, (of_q, &[]), compliance)?;
         let negative: Vec<f64> = self.r.iter().map(|r| -r).collect();
         scratch.add_torques(system.0, workspace, &negative, of_q);
@@ -266,7 +266,7 @@ impl ConstraintAdjoint {
         q: &[f64],
         (of_x, of_p): (&[f64], &[f64]),
         compliance: &[f64],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         let Self { y, r, .. } = self;
         dynamics::solve(model, workspace, of_x, y);
         if r.is_empty() {
@@ -299,7 +299,7 @@ impl ConstraintAdjoint {
         Pushed { x, p }: Pushed<'_>,
         along: &[f64],
         by_q: &mut [f64],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         let Self { rows, products, weightless, rest, y, r, of_product, of_parameters, noise, parameters } = self;
         let constants = &mut Constants { parameters: of_parameters, ..Constants::default() };
         inverse_dynamics_vjp(weightless, workspace, products, (q, rest, x), &[], y, (constants, of_product));

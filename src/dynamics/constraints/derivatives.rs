@@ -12,7 +12,7 @@
 //!
 //! The changes of the rows and of their forces are gradients of single rows ([`products`](super::products)).
 
-use super::NoDirection;
+use super::RowFault;
 use super::inverse::constrained_mass_matrix_inverse;
 use super::products::RowGradients;
 use super::scratch::ConstraintScratch;
@@ -39,7 +39,7 @@ pub(crate) fn constrained_derivatives(
     (q, qd, qdd): (&[f64], &[f64], &[f64]),
     wrenches: &[Vector6<f64>],
     out: &mut [f64],
-) -> Result<(), NoDirection> {
+) -> Result<(), RowFault> {
     let (nv, m) = (model.nv(), constraints.rows);
     let square = nv * nv;
     let forces = scratch.forces.clone();
@@ -81,7 +81,7 @@ fn changes(
     (q, qd, qdd): (&[f64], &[f64], &[f64]),
     forces: &[f64],
     by_q: &mut DMatrix<f64>,
-) -> Result<RowChanges, NoDirection> {
+) -> Result<RowChanges, RowFault> {
     let (nv, m) = (system.0.nv(), system.1.rows);
     let mut changes = RowChanges { by_q: DMatrix::zeros(m, nv), by_qd: DMatrix::zeros(m, nv) };
     let mut gradients = RowGradients::new(system.0);

@@ -10,10 +10,11 @@
 //! J_c dv = G p,   G = W* W,   W = W_c - Q (Q* W_c)
 //! ```
 
-use super::NoDirection;
+use super::RowFault;
 use super::gram_inverse::NOTHING;
 use super::projection::{Projected, ProjectionStep, project_velocities, record_projection};
 use super::scratch::ConstraintScratch;
+use crate::decompositions::pivoted_columns;
 use crate::model::Model;
 use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
@@ -51,9 +52,9 @@ impl Elimination {
         model: &Model<f64>,
         workspace: &mut Workspace<f64>,
         (q, v): (&[f64], &mut [f64]),
-    ) -> Result<Projected, NoDirection> {
+    ) -> Result<Projected, RowFault> {
         let projected = project_velocities((model, &self.constraints), workspace, &mut self.scratch, (q, v), &[])?;
-        self.orthogonalize(model);
+        self.orthogonalize(model)?;
         Ok(projected)
     }
 
@@ -64,7 +65,7 @@ impl Elimination {
         workspace: &mut Workspace<f64>,
         q: &mut [f64],
         steps: Option<&mut Vec<ProjectionStep>>,
-    ) -> Result<Projected, NoDirection> {
+    ) -> Result<Projected, RowFault> {
         record_projection((model, &self.constraints), workspace, &mut self.scratch, (q, &[]), steps)
     }
 
@@ -74,14 +75,13 @@ impl Elimination {
     }
 
     /// Factorizes the rows at `q`, with the factor of M in the workspace.
-    pub fn factorize(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, q: &[f64]) -> Result<(), NoDirection> {
+    pub fn factorize(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, q: &[f64]) -> Result<(), RowFault> {
         self.scratch.factorise((model, &self.constraints), workspace, q, &[])?;
-        self.orthogonalize(model);
-        Ok(())
+        self.orthogonalize(model)
     }
 
     /// Q, R and C from the whitened rows in the scratch.
-    fn orthogonalize(&mut self, model: &Model<f64>) {
+    fn orthogonalize(&mut self, model: &Model<f64>) -> Result<(), RowFault> {
         let Self { constraints, scratch, .. } = self;
         let (m, nv) = (constraints.rows, model.nv());
         let mut combined = scratch.relaxed.basis().map_or_else(|| DMatrix::identity(m, m), DMatrix::transpose);
@@ -94,13 +94,10 @@ impl Elimination {
             columns.column_mut(j).scale_mut(scale);
             combined.column_mut(j).scale_mut(scale);
         }
-        let factor = columns.col_piv_qr();
-        let triangle = factor.r();
-        let rank = triangle.diagonal().iter().take_while(|pivot| pivot.abs() > LOST).count();
-        factor.p().permute_columns(&mut combined);
-        self.basis = factor.q().columns(0, rank).into_owned();
-        self.triangle = triangle.view((0, 0), (rank, rank)).into_owned();
-        self.combined = combined.columns(0, rank).into_owned();
+        let found = pivoted_columns(columns, LOST).ok_or(RowFault::NotFinite(0, f64::NAN))?;
+        self.combined = combined.select_columns(&found.kept);
+        (self.basis, self.triangle) = (found.basis, found.triangle);
+        Ok(())
     }
 
     /// Replaces the whitened rows of contacts, one column each, by their projection onto the complement of Q. A second

@@ -2,7 +2,7 @@
 
 use super::geometry::relaxed_at;
 use super::rows::{errors_of_rows, rates_of_rows};
-use super::{NoDirection, Outcome};
+use super::{Outcome, RowFault};
 use crate::error::{ConstraintViolation, Error};
 use crate::scalar::Precision;
 use crate::scene::Scene;
@@ -13,9 +13,15 @@ use crate::scene::constraint::Tie;
 pub(super) const IN_CALLS: f64 = 1e-3;
 
 impl Scene {
-    /// A rod whose ends coincide.
-    pub(crate) fn no_direction(&self, at: NoDirection) -> Error {
-        let name = self.constraints().all.get(at.0).map(|constraint| constraint.name.clone());
+    /// Rows that do not exist at a state.
+    pub(crate) fn row_fault(&self, at: RowFault) -> Error {
+        let name = match at {
+            RowFault::NoDirection(index) => self.constraints().all.get(index).map(|constraint| constraint.name.clone()),
+            RowFault::NotFinite(row, value) => {
+                let argument = format!("rows of connection {:?}", self.constraints().name_of(row));
+                return Error::NotFinite { argument, index: row, value, state: None };
+            }
+        };
         ConstraintViolation {
             connections: name.into_iter().collect(),
             found: "a distance of zero, which has no direction".to_owned(),
@@ -72,7 +78,7 @@ impl Scene {
                 "q" => errors_of_rows(model, constraints, q, &mut rows),
                 _ => rates_of_rows(model, constraints, (q, qd), &mut rows),
             };
-            found.map_err(|at| self.no_direction(at))?;
+            found.map_err(|at| self.row_fault(at))?;
             let mut row = worst(&rows);
             if rows[row].abs() <= slack * speed {
                 continue;

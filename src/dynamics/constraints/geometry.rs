@@ -13,11 +13,13 @@
 //! are the rows of the intended linkage to within the tolerance. These rows are kept; the combinations (1 - Q) J are
 //! dropped.
 
+use super::RowFault;
 use super::gram_inverse::Relaxed;
 use super::mobility::{Group, SizedRows, groups};
 use super::mobility::{mobility, moved, scattered};
 use super::rows::units_of_rows;
 use super::scratch::ConstraintScratch;
+use crate::decompositions::singular_values;
 use crate::error::Error;
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
@@ -50,13 +52,13 @@ impl ConstraintScratch {
         shift: &[RigidShift<f64>],
         q: &[f64],
         compliance: &[f64],
-    ) {
+    ) -> Result<(), RowFault> {
         let (m, tolerance) = (constraints.rows, constraints.tolerance);
         self.relaxed = Relaxed::default();
         if !(tolerance > 0.0) || m == 0 {
-            return;
+            return Ok(());
         }
-        let sized = SizedRows::of(self, (model, constraints), shift);
+        let sized = SizedRows::of(self, (model, constraints), shift)?;
         let is_rigid = |i: usize| compliance.get(i).is_none_or(|&compliance| compliance == 0.0);
         let mut relaxed = Relaxed { sizes: sized.sizes.clone(), ..Relaxed::default() };
         let mut projector = DMatrix::identity(m, m);
@@ -130,10 +132,12 @@ impl ConstraintScratch {
         }
         if is_relaxed {
             relaxed.projector = Some(projector);
-            relaxed.basis = DMatrix::from_rows(&basis);
+            // Near a dead point, it can be that no combination is kept.
+            relaxed.basis = DMatrix::from_fn(basis.len(), m, |i, j| basis[i][j]);
             relaxed.allowed = ALLOWED * tolerance;
         }
         self.relaxed = relaxed;
+        Ok(())
     }
 
     /// The rows of a group at this configuration and at two nearby ones, concatenated.
@@ -152,8 +156,8 @@ impl ConstraintScratch {
             let other = moved(model, q, &scattered(model.nv(), place, NEARBY));
             placements_base_to_tip(model, &other, &mut shift);
             let found = units_of_rows(model, constraints, (&other, &rest), &mut self.units);
-            let part = found.is_ok().then(|| SizedRows::of(self, (model, constraints), &shift).part(rows, group));
-            wide.columns_mut(place * n, n).copy_from(&part.unwrap_or_else(|| here.part(rows, group)));
+            let sized = found.and_then(|()| SizedRows::of(self, (model, constraints), &shift));
+            wide.columns_mut(place * n, n).copy_from(&sized.as_ref().unwrap_or(here).part(rows, group));
         }
         self.units = units;
         wide
@@ -169,7 +173,7 @@ fn left_vectors(matrix: DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
     } else {
         matrix.resize_horizontally(count, 0.0)
     };
-    let svd = square.svd(true, false);
+    let svd = singular_values(square, true, false)?;
     svd.u.map(|u| (u, svd.singular_values))
 }
 
@@ -180,7 +184,7 @@ pub(crate) fn relaxed_at(scene: &Scene, q: &[f64]) -> Result<Relaxed, Error> {
     let mut shift = vec![RigidShift::identity(); model.bodies.len()];
     placements_base_to_tip(model, q, &mut shift);
     let rest = vec![0.0; model.nv()];
-    units_of_rows(model, constraints, (q, &rest), &mut scratch.units).map_err(|at| scene.no_direction(at))?;
-    scratch.relax((model, constraints), &shift, q, &[]);
+    units_of_rows(model, constraints, (q, &rest), &mut scratch.units).map_err(|at| scene.row_fault(at))?;
+    scratch.relax((model, constraints), &shift, q, &[]).map_err(|at| scene.row_fault(at))?;
     Ok(scratch.relaxed)
 }

@@ -1,6 +1,6 @@
 //! G = J M^-1 J* as the Gram matrix of the innovations of unit forces along the rows.
 
-use super::NoDirection;
+use super::RowFault;
 use super::gram_inverse::GramInverse;
 use super::rows::{begin, units_of_rows};
 use super::scratch::ConstraintScratch;
@@ -21,7 +21,7 @@ impl ConstraintScratch {
         workspace: &Workspace<f64>,
         q: &[f64],
         compliance: &[f64],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         units_of_rows(model, constraints, (q, &workspace.rest), &mut self.units)?;
         for constraint in &constraints.all {
             for i in constraint.rows() {
@@ -32,8 +32,15 @@ impl ConstraintScratch {
         for (i, compliance) in compliance.iter().enumerate() {
             gram[(i, i)] += compliance;
         }
-        self.relax((model, constraints), &workspace.store.shifts, q, compliance);
-        self.inverse = GramInverse::of(&gram, &self.sizes, self.relaxed.basis());
+        for i in 0..constraints.rows {
+            // The entries of a row are finite if that on the diagonal is, the sum of their squares.
+            if let Some(wrong) = [gram[(i, i)], self.sizes[i]].into_iter().find(|entry| !entry.is_finite()) {
+                return Err(RowFault::NotFinite(i, wrong));
+            }
+        }
+        self.relax((model, constraints), &workspace.store.shifts, q, compliance)?;
+        let inverse = GramInverse::of(&gram, &self.sizes, self.relaxed.basis());
+        self.inverse = inverse.ok_or(RowFault::NotFinite(0, f64::NAN))?;
         Ok(())
     }
 

@@ -1,5 +1,6 @@
 //! The pseudoinverse of G = J M^-1 J*, and the combinations of rows that are kept if others count as dependent.
 
+use crate::decompositions::eigenvalues;
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorViewMut, Dyn};
 
 /// Eigenvalues of G, scaled to unit diagonal, below this are rounding errors.
@@ -36,31 +37,32 @@ impl Default for Factor {
 }
 
 impl GramInverse {
-    pub fn of(gram: &DMatrix<f64>, sizes: &[f64], kept: Option<&DMatrix<f64>>) -> Self {
+    /// None if the combinations of rows overflow.
+    pub fn of(gram: &DMatrix<f64>, sizes: &[f64], kept: Option<&DMatrix<f64>>) -> Option<Self> {
         if let Some(kept) = kept {
             let size = |row: usize| (0..sizes.len()).map(|i| (kept[(row, i)] * sizes[i]).powi(2)).sum::<f64>().sqrt();
             let combined: Vec<f64> = (0..kept.nrows()).map(size).collect();
-            return Self { kept: Some(kept.clone()), ..Self::of(&(kept * gram * kept.transpose()), &combined, None) };
+            let of_combined = Self::of(&(kept * gram * kept.transpose()), &combined, None)?;
+            return Some(Self { kept: Some(kept.clone()), ..of_combined });
         }
         let m = gram.nrows();
         if m == 0 {
-            return Self::default();
+            return Some(Self::default());
         }
         let moves = |i: usize| gram[(i, i)] > (NOTHING * sizes[i]).powi(2);
         let scale: Vec<f64> = (0..m).map(|i| if moves(i) { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
         let scaled = DMatrix::from_fn(m, m, |i, j| gram[(i, j)] * scale[i] * scale[j]);
         // The pivots are the squares of the diagonal.
-        let is_regular =
-            |factor: &Cholesky<f64, Dyn>| factor.l_dirty().diagonal().iter().all(|root| root * root > REGULAR);
+        let is_regular = |factor: &Cholesky<f64, Dyn>| (0..m).all(|i| factor.l_dirty()[(i, i)].powi(2) > REGULAR);
         if let Some(factor) = Cholesky::new(scaled.clone()).filter(is_regular) {
-            return Self { scale, factor: Factor::Cholesky(factor), kept: None, rank: m };
+            return Some(Self { scale, factor: Factor::Cholesky(factor), kept: None, rank: m });
         }
-        let eigen = scaled.symmetric_eigen();
+        let eigen = eigenvalues(scaled)?;
         let kept: Vec<usize> = (0..m).filter(|&i| eigen.eigenvalues[i] > LOST).collect();
         let vectors = DMatrix::from_fn(m, kept.len(), |i, j| {
             eigen.eigenvectors[(i, kept[j])] / eigen.eigenvalues[kept[j]].sqrt()
         });
-        Self { scale, factor: Factor::Eigenvectors(vectors), kept: None, rank: kept.len() }
+        Some(Self { scale, factor: Factor::Eigenvectors(vectors), kept: None, rank: kept.len() })
     }
 
     /// G^+ x, into `out`.

@@ -8,7 +8,7 @@
 //! M dy + J* dr = -dM y - dJ* r,    J dy = -dJ y
 //! ```
 
-use super::NoDirection;
+use super::RowFault;
 use super::adjoint::ConstraintAdjoint;
 use super::products::RowGradients;
 use super::scratch::ConstraintScratch;
@@ -28,7 +28,7 @@ pub(crate) fn constrained_hvp(
     (state, wrenches): ((&[f64], &[f64], &[f64]), &[Vector6<f64>]),
     (cotangent, [dq, dqd, dtau]): (&[f64], [&[f64]; 3]),
     out: &mut [f64],
-) -> Result<(), NoDirection> {
+) -> Result<(), RowFault> {
     let ((q, qd, qdd), nv) = (state, cotangent.len());
     let along = Directions { q: dq, qd: dqd, u: dtau, ..Directions::default() };
     let mut qdd_change = vec![0.0; nv];

@@ -1,8 +1,9 @@
 //! Inverse dynamics and the inverse mass matrix through connections.
 
-use super::NoDirection;
+use super::RowFault;
 use super::rows::{accelerations_of_rows, jacobian_of_rows};
 use super::scratch::ConstraintScratch;
+use crate::decompositions::singular_values;
 use crate::dynamics::forward::factorise;
 use crate::dynamics::inverse::inverse_dynamics;
 use crate::dynamics::sweeps::general;
@@ -43,7 +44,7 @@ pub(crate) fn constrained_inverse_dynamics(
     wrenches: &[Vector6<f64>],
     actuated: &[bool],
     tau: &mut [f64],
-) -> Result<InverseOutcome, NoDirection> {
+) -> Result<InverseOutcome, RowFault> {
     let (nv, m) = (model.nv(), constraints.rows);
     inverse_dynamics(model, workspace, q, qd, qdd, wrenches, tau);
     let pivots = factorise(model, workspace, q);
@@ -119,7 +120,7 @@ fn least(a: &DMatrix<f64>, b: &DVector<f64>, to: &DMatrix<f64>, c: &DVector<f64>
     }
     let mut square = DMatrix::zeros(a.nrows().max(count), count);
     square.rows_mut(0, a.nrows()).copy_from(a);
-    let svd = square.svd(true, true);
+    let Some(svd) = singular_values(square, true, true) else { return DVector::from_element(count, f64::NAN) };
     let (Some(u), Some(v)) = (&svd.u, &svd.v_t) else { return DVector::zeros(count) };
     let most = svd.singular_values.iter().fold(0.0, |most: f64, s| most.max(*s));
     let mut mu = DVector::zeros(count);
@@ -137,8 +138,8 @@ fn least(a: &DMatrix<f64>, b: &DVector<f64>, to: &DMatrix<f64>, c: &DVector<f64>
     }
     let basis = DMatrix::from_fn(count, open.len(), |i, j| v[(open[j], i)]);
     let (left, moves) = (c - to * &mu, to * &basis);
-    let chosen = moves.svd(true, true).solve(&left, SMALL * to.norm());
-    chosen.map_or(mu.clone(), |nu| mu + basis * nu)
+    let chosen = singular_values(moves, true, true).and_then(|svd| svd.solve(&left, SMALL * to.norm()).ok());
+    chosen.map_or_else(|| DVector::from_element(count, f64::NAN), |nu| mu + basis * nu)
 }
 
 /// M^-1 - M^-1 J* G^+ J M^-1 at `q` into `out`, (nv x nv): the accelerations that torques cause within the connections.
@@ -151,7 +152,7 @@ pub(crate) fn constrained_mass_matrix_inverse(
     scratch: &mut ConstraintScratch,
     q: &[f64],
     out: &mut [f64],
-) -> Result<PivotMonitor<f64>, NoDirection> {
+) -> Result<PivotMonitor<f64>, RowFault> {
     let (nv, m) = (model.nv(), constraints.rows);
     let pivots = factorise(model, workspace, q);
     if workspace.lost_pivot(model, &pivots).is_some() {

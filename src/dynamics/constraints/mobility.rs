@@ -6,8 +6,10 @@
 //! [`SizedRows`] is the dimensionless J: rows divided by their size without cancellation, translational joints weighted
 //! by the reach of the loops.
 
+use super::RowFault;
 use super::rows::{begin, errors_of_rows, units_of_rows};
 use super::scratch::ConstraintScratch;
+use crate::decompositions::singular_values;
 use crate::filter::HingeMap;
 use crate::kinematics::placements_base_to_tip;
 use crate::kinematics::propagation::tip_to_base;
@@ -101,8 +103,8 @@ fn close(
         errors_of_rows(model, constraints, &q, &mut errors).ok()?;
         placements_base_to_tip(model, &q, shift);
         units_of_rows(model, constraints, (&q, &rest), &mut scratch.units).ok()?;
-        let sized = SizedRows::of(scratch, (model, constraints), shift);
-        let svd = sized.part(&group.rows, group).svd(true, true);
+        let sized = SizedRows::of(scratch, (model, constraints), shift).ok()?;
+        let svd = singular_values(sized.part(&group.rows, group), true, true)?;
         let (u, v) = (svd.u.as_ref()?, svd.v_t.as_ref()?);
         velocity.fill(0.0);
         let mut open = 0.0_f64;
@@ -156,7 +158,7 @@ impl SizedRows {
         scratch: &mut ConstraintScratch,
         (model, constraints): (&Model<f64>, &Constraints),
         shift: &[RigidShift<f64>],
-    ) -> Self {
+    ) -> Result<Self, RowFault> {
         let ConstraintScratch { units, state, .. } = scratch;
         let (m, nv) = (constraints.rows, model.nv());
         let mut jacobian = DMatrix::zeros(m, nv);
@@ -200,8 +202,12 @@ impl SizedRows {
             for j in 0..nv {
                 jacobian[(i, j)] *= weights[j] / sizes[i];
             }
+            let row = jacobian.row(i);
+            if let Some(&wrong) = row.iter().chain(&sizes[i..=i]).find(|entry| !entry.is_finite()) {
+                return Err(RowFault::NotFinite(i, wrong));
+            }
         }
-        Self { jacobian, sizes, weights }
+        Ok(Self { jacobian, sizes, weights })
     }
 
     /// The rows and columns of a group, restricted to the given rows.

@@ -57,6 +57,11 @@ pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows};
 pub use scratch::ConstraintScratch;
 pub(crate) use solution::{Outcome, RowsAre, constrained_dynamics};
 
-/// A rod whose two ends coincide and therefore define no direction: the index of its connection.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct NoDirection(pub usize);
+/// Rows of connections that do not exist at a state.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum RowFault {
+    /// A rod whose two ends coincide and therefore define no direction: the index of its connection.
+    NoDirection(usize),
+    /// A row with an entry that is not finite, because numbers overflow: the row and the entry.
+    NotFinite(usize, f64),
+}

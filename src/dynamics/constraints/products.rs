@@ -21,7 +21,7 @@
 //! At rest, with qdd = w, the function is r* J(q) w. The cotangents n and v of one pair of frames are computed with
 //! dual numbers, except for points.
 
-use super::NoDirection;
+use super::RowFault;
 use crate::kinematics::joint_motion;
 use crate::kinematics::pair::{Pair, PairRows, RelativeMotion, pair_rows};
 use crate::kinematics::propagation::tip_to_base;
@@ -66,7 +66,7 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
         (q, w): (&[T], &[T]),
         multipliers: &[T],
         out: &mut [T],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         let (rest, mut unused) = (std::mem::take(&mut self.rest), std::mem::take(&mut self.unused));
         let added = self.add_acceleration_gradient(system, shifts, (q, &rest, w), multipliers, [out, &mut unused]);
         (self.rest, self.unused) = (rest, unused);
@@ -82,7 +82,7 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
         state: (&[T], &[T], &[T]),
         multipliers: &[T],
         [by_q, by_qd]: [&mut [T]; 2],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         for (index, constraint) in constraints.all.iter().enumerate() {
             let multipliers = &multipliers[constraint.rows()];
             // Rows of joint coordinates are constant.
@@ -120,7 +120,7 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
         state: (&[T], &[T], &[T]),
         ([dq, dqd], multipliers): ([&[T]; 2], &[T]),
         [of_rows, of_torques]: [&mut [T]; 2],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         let (model, constraints) = system;
         let zeros = vec![T::zero(); dq.len()];
         let (mut by_q, mut by_qd, mut unit) = (zeros.clone(), zeros.clone(), vec![T::zero(); constraints.rows]);
@@ -152,7 +152,7 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
         (index, constraint): (usize, &Constraint),
         (q, qd, qdd): (&[T], &[T], &[T]),
         multipliers: &[T],
-    ) -> Result<(), NoDirection> {
+    ) -> Result<(), RowFault> {
         for &k in &constraint.path {
             self.sums[k] = [zero(); 3];
         }
@@ -160,7 +160,8 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
         let [c, d] = [c.cast::<T>(), d.cast()];
         let [of_c, of_d] = motions_from(model, (q, qd, Some(qdd)), [&c, &d], constraint.junction);
         let motion = RelativeMotion::of(&of_c, &of_d);
-        let [by_place, by_velocity, force] = of_pair(*pair, &motion, multipliers).ok_or(NoDirection(index))?;
+        let [by_place, by_velocity, force] =
+            of_pair(*pair, &motion, multipliers).ok_or(RowFault::NoDirection(index))?;
         let velocity = motion.place.motion_to_child(&of_d.velocity);
         let acceleration = motion.place.motion_to_child(&of_d.acceleration);
         let on_c = sum(&by_velocity, &cross_force(&velocity, &force));

@@ -1,6 +1,6 @@
 //! Projection of positions and velocities onto the connections, by steps of least kinetic energy.
 
-use super::NoDirection;
+use super::RowFault;
 use super::gram_inverse::Relaxed;
 use super::rows::{errors_of_rows, rates_of_rows};
 use super::scratch::ConstraintScratch;
@@ -47,7 +47,7 @@ pub(crate) fn project_positions(
     scratch: &mut ConstraintScratch,
     q: &mut [f64],
     compliance: &[f64],
-) -> Result<Projected, NoDirection> {
+) -> Result<Projected, RowFault> {
     record_projection(system, workspace, scratch, (q, compliance), None)
 }
 
@@ -67,7 +67,7 @@ pub(crate) fn record_projection(
     scratch: &mut ConstraintScratch,
     (q, compliance): (&mut [f64], &[f64]),
     mut steps: Option<&mut Vec<ProjectionStep>>,
-) -> Result<Projected, NoDirection> {
+) -> Result<Projected, RowFault> {
     let recorded = steps.as_ref().map_or(0, |steps| steps.len());
     let mut best = (f64::INFINITY, q.to_vec());
     let mut pivots = PivotMonitor::new();
@@ -148,7 +148,7 @@ pub(crate) fn project_velocities(
     scratch: &mut ConstraintScratch,
     (q, qd): (&[f64], &mut [f64]),
     compliance: &[f64],
-) -> Result<Projected, NoDirection> {
+) -> Result<Projected, RowFault> {
     let pivots = factorise(model, workspace, q);
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(Projected { pivots, rank: 0, left: f64::NAN, stays: None });

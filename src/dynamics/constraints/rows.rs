@@ -1,6 +1,6 @@
 //! The rows of the connections at one state: errors, J, J qd, and J qdd + J' qd.
 
-use super::NoDirection;
+use super::RowFault;
 use super::scratch::ConstraintScratch;
 use super::scratch::{SizedForce, UnitRow};
 use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
@@ -18,12 +18,16 @@ pub(super) fn pair_at<T: Real>(
     (index, constraint): (usize, &Constraint),
     (q, qd): (&[T], &[T]),
     qdd: Option<&[T]>,
-) -> Result<Option<(RelativeMotion<T>, PairRows<T>)>, NoDirection> {
+) -> Result<Option<(RelativeMotion<T>, PairRows<T>)>, RowFault> {
     let Tie::Frames { pair, frames: [c, d] } = &constraint.tie else { return Ok(None) };
     let [c, d] = motions_from(model, (q, qd, qdd), [&c.cast(), &d.cast()], constraint.junction);
     let motion = RelativeMotion::of(&c, &d);
-    let rows = pair_rows(*pair, &motion.place, &motion.velocity).ok_or(NoDirection(index))?;
-    Ok(Some((motion, rows)))
+    let rows = pair_rows(*pair, &motion.place, &motion.velocity).ok_or(RowFault::NoDirection(index))?;
+    // The direction of a rod whose length overflows would be zero.
+    match rows.error.iter().position(|error| !error.lane(0).is_finite()) {
+        Some(i) => Err(RowFault::NotFinite(constraint.rows().start + i, rows.error[i].lane(0))),
+        None => Ok(Some((motion, rows))),
+    }
 }
 
 /// The error of each row at `q`, into `out`: rad (2 sin(t/2)) and m. O(m depth).
@@ -32,9 +36,9 @@ pub(crate) fn errors_of_rows(
     constraints: &Constraints,
     q: &[f64],
     out: &mut [f64],
-) -> Result<(), NoDirection> {
+) -> Result<(), RowFault> {
     for (index, constraint) in constraints.all.iter().enumerate() {
-        constraint.error(model, q, &mut out[constraint.rows()]).ok_or(NoDirection(index))?;
+        constraint.error(model, q, &mut out[constraint.rows()]).ok_or(RowFault::NoDirection(index))?;
     }
     Ok(())
 }
@@ -45,7 +49,7 @@ pub(crate) fn rates_of_rows(
     constraints: &Constraints,
     (q, qd): (&[f64], &[f64]),
     out: &mut [f64],
-) -> Result<(), NoDirection> {
+) -> Result<(), RowFault> {
     for (index, constraint) in constraints.all.iter().enumerate() {
         let out = &mut out[constraint.rows()];
         match pair_at(model, (index, constraint), (q, qd), None)? {
@@ -68,7 +72,7 @@ pub(crate) fn accelerations_of_rows(
     (q, qd): (&[f64], &[f64]),
     qdd: Option<&[f64]>,
     (out, terms): (&mut [f64], &mut [f64]),
-) -> Result<(), NoDirection> {
+) -> Result<(), RowFault> {
     for (index, constraint) in constraints.all.iter().enumerate() {
         let (out, terms) = (&mut out[constraint.rows()], &mut terms[constraint.rows()]);
         if let Some((motion, rows)) = pair_at(model, (index, constraint), (q, qd), qdd)? {
@@ -98,7 +102,7 @@ pub(super) fn units_of_rows(
     constraints: &Constraints,
     (q, rest): (&[f64], &[f64]),
     units: &mut [UnitRow],
-) -> Result<(), NoDirection> {
+) -> Result<(), RowFault> {
     for (index, constraint) in constraints.all.iter().enumerate() {
         let units = &mut units[constraint.rows()];
         match &constraint.tie {
@@ -126,7 +130,7 @@ pub(crate) fn jacobian_of_rows(
     shift: &[RigidShift<f64>],
     (q, rest): (&[f64], &[f64]),
     out: &mut [f64],
-) -> Result<(), NoDirection> {
+) -> Result<(), RowFault> {
     let ConstraintScratch { units, state, .. } = scratch;
     units_of_rows(model, constraints, (q, rest), units)?;
     out.fill(0.0);

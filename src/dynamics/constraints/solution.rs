@@ -1,6 +1,6 @@
 //! Forward dynamics through connections.
 
-use super::NoDirection;
+use super::RowFault;
 use super::rows::{accelerations_of_rows, errors_of_rows, rates_of_rows};
 use super::scratch::ConstraintScratch;
 use crate::dynamics::forces::Motion;
@@ -67,7 +67,7 @@ pub(crate) fn constrained_dynamics(
     (q, qd, tau): (&[f64], &[f64], &[f64]),
     (wrenches, wanted): (&[Vector6<f64>], RowsAre<'_>),
     qdd: &mut [f64],
-) -> Result<Outcome, NoDirection> {
+) -> Result<Outcome, RowFault> {
     let state = (q, qd);
     let (mut pivots, right_sides) = accelerations_of_tree(model, workspace, (q, qd, tau), wrenches, qdd);
     if workspace.lost_pivot(model, &pivots).is_some() {
@@ -217,7 +217,7 @@ impl ConstraintScratch {
         constraints: &Constraints,
         state: (&[f64], &[f64]),
         (qdd, wanted): (&[f64], RowsAre<'_>),
-    ) -> Result<f64, NoDirection> {
+    ) -> Result<f64, RowFault> {
         let Self { residual, terms, rates, errors, forces, relaxed, dropped, step, .. } = self;
         accelerations_of_rows(model, constraints, state, Some(qdd), (residual, terms))?;
         relaxed.split(residual, dropped);

@@ -3,7 +3,7 @@
 use super::super::step_settings::StepSettings;
 use super::closed::constraints;
 use super::faults::factorised;
-use crate::dynamics::constraints::{ConstraintAdjoint, ConstraintScratch, NoDirection, Pushed};
+use crate::dynamics::constraints::{ConstraintAdjoint, ConstraintScratch, Pushed, RowFault};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::model::Model;
@@ -68,7 +68,7 @@ impl<'a> At<'a> {
             return Ok(());
         }
         let factorised = scratch.factorise((self.model, constraints), self.workspace, q, &[]);
-        factorised.map_err(|at| self.undirected(at))
+        factorised.map_err(|at| self.row_fault(at))
     }
 
     /// Rows at `q`, at which the factor of M already is.
@@ -78,8 +78,8 @@ impl<'a> At<'a> {
     }
 
     /// The error of a rod without direction.
-    pub fn undirected(&self, at: NoDirection) -> (String, Error) {
-        (String::new(), self.scene.no_direction(at))
+    pub fn row_fault(&self, at: RowFault) -> (String, Error) {
+        (String::new(), self.scene.row_fault(at))
     }
 
     /// The connections with M, the scratch, and their adjoint.
@@ -105,7 +105,7 @@ impl<'a> At<'a> {
     pub fn solve(&mut self, torque: &[f64]) -> Result<Moved, (String, Error)> {
         let Connections { constraints, scratch, adjoint, q } = &mut *self.connections;
         let (system, room) = ((self.model, &*constraints), (&mut *self.workspace, scratch));
-        adjoint.solve(system, room, q, (torque, &[]), &[]).map_err(|at| self.undirected(at))?;
+        adjoint.solve(system, room, q, (torque, &[]), &[]).map_err(|at| self.row_fault(at))?;
         let ConstraintAdjoint { y, r, .. } = &self.connections.adjoint;
         Ok(Moved { v: y.clone(), lambda: r.iter().map(|r| -r).collect() })
     }
@@ -128,6 +128,6 @@ impl<'a> At<'a> {
         adjoint.r.iter_mut().zip(&adjoint_response.lambda).for_each(|(r, lambda)| *r = -lambda);
         let pushed = Pushed { x: &response.v, p: &response.lambda };
         let added = adjoint.add_response((self.model, constraints), self.workspace, q, pushed, along, out);
-        added.map_err(|at| self.undirected(at))
+        added.map_err(|at| self.row_fault(at))
     }
 }

@@ -115,7 +115,7 @@ impl ContactAdjoint {
                 Move::Pull(step) => {
                     let (system, room, adjoint) = at.of_connections();
                     let through = adjoint.of_displacement(system, room, step, (&mut of_q, &mut [], &[]));
-                    through.map_err(|row| at.undirected(row))?;
+                    through.map_err(|row| at.row_fault(row))?;
                 }
             }
         }
@@ -338,7 +338,7 @@ fn through_pull(
 ) -> Result<(), (String, Error)> {
     let (system, room, adjoint) = at.of_connections();
     let found = adjoint.of_velocities(system, room, (q, v, Pushed { x: change, p: impulses }), (of_v, &[]), of_q);
-    found.map_err(|row| at.undirected(row))
+    found.map_err(|row| at.row_fault(row))
 }
 
 /// Penetrations up to this depth count as rounding errors of a contact at its plane, m.

@@ -10,7 +10,7 @@
 use super::super::step_settings::StepSettings;
 use super::faults::pivot_fault;
 use super::moves::{Move, Pulled};
-use crate::dynamics::constraints::{Elimination, NoDirection, Projected};
+use crate::dynamics::constraints::{Elimination, Projected, RowFault};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::model::Model;
@@ -82,10 +82,10 @@ pub(super) fn positions_onto_connections(
 fn check(
     scene: &Scene,
     (model, workspace): (&Model<f64>, &mut Workspace<f64>),
-    projected: Result<Projected, NoDirection>,
+    projected: Result<Projected, RowFault>,
     unit: &str,
 ) -> Result<(), (String, Error)> {
-    let projected = projected.map_err(|at| (String::new(), scene.no_direction(at)))?;
+    let projected = projected.map_err(|at| (String::new(), scene.row_fault(at)))?;
     if let Some(lost) = workspace.lost_pivot(model, &projected.pivots) {
         return Err(pivot_fault(scene, lost));
     }

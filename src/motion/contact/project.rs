@@ -48,7 +48,7 @@ pub(super) fn out_of_planes(
         let mut near: Vec<usize> = (0..rows.gaps.len()).filter(|&i| rows.gaps[i] < depth).collect();
         factorised(scene, (model, q), workspace)?;
         if let Some(closed) = &mut rows.closed {
-            closed.factorize(model, workspace, q).map_err(|at| (String::new(), scene.no_direction(at)))?;
+            closed.factorize(model, workspace, q).map_err(|at| (String::new(), scene.row_fault(at)))?;
         }
         let blocks = rows.gram(model, points, workspace, &mut near);
         let gap = |i: usize| if i < points.len() { rows.gaps[i] } else { rows.gaps[i].max(0.0) };

@@ -73,6 +73,7 @@ pub(super) fn check(transform: &impl Transform<f64>, phi: &Matrix6<f64>) {
 }
 
 /// Every diagonal entry is at most its bound, and the bounds are not far above the largest possible entry.
+#[allow(clippy::disallowed_methods)] // square
 fn check_terms(transform: &impl Transform<f64>, phi: &Matrix6<f64>, seed: u8) {
     #[allow(clippy::cast_precision_loss)] // small indices
     let wave = |of: f64, i: usize| (1.0 + 7.3 * (of + f64::from(seed)) + 2.9 * i as f64).sin();
