@@ -26,6 +26,7 @@ from ._motion_parts import (
     first_rows,
 )
 from ._recorded import Recorded
+from ._signals import by_handler
 from ._trajectory_files import TrajectoryFiles
 from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument, place_in_time
 
@@ -110,8 +111,8 @@ class Trajectory(TrajectoryFiles):
     """Largest number of substeps of a step, (...)."""
     events: NDArray[np.int_] = field(default_factory=lambda: np.array(0), repr=False)
     """Number of substeps in which a joint stuck, began to slide, or reached or left a stop, (...)."""
-    estimated_error: _Array = field(default_factory=lambda: np.array(0.0), repr=False)
-    """With accuracy, the sum of the estimated errors of all substeps, (...); otherwise zero: use error_estimate."""
+    estimated_error: _Array = field(default_factory=lambda: np.array(np.nan), repr=False)
+    """With accuracy, the sum of the estimated errors of all substeps, (...); otherwise NaN: use error_estimate."""
     bands: Bands | None = field(default=None, repr=False)
     """With covariance, the standard deviations and covariances of each row; otherwise None."""
     given: dict[str, Any] | None = field(default=None, repr=False)
@@ -567,10 +568,10 @@ def only_now(q: _Array, qd: _Array, *, scene: Scene, dt: float, steps: int, **ab
 
 
 def stopped(
-    trajectory: Trajectory, cause: BaseException, joint: str | None, state: int | tuple[int, ...] | None
+    trajectory: Trajectory, cause: BaseException, joint: str | None, state: int | tuple[int, ...] | None, by_signal: bool
 ) -> BaseException:
-    """Exception of a simulation that ended early, with the completed steps; without a joint if tau or progress raised
-    the cause.
+    """Exception of a simulation that ended early, with the completed steps; without a joint if tau, progress or a signal
+    handler raised the cause.
     """
     place = place_in_time(trajectory.steps, trajectory.steps * trajectory.dt)
     error: SimulationError | SimulationInterrupted
@@ -579,10 +580,10 @@ def stopped(
         error.joint, error.state = joint, state
     elif isinstance(cause, KeyboardInterrupt):
         error = SimulationInterrupted(f"stopped before {place}")
-    elif isinstance(cause, Exception):
+    elif isinstance(cause, Exception) and not by_signal and not by_handler(cause):
         error = SimulationError(f"{place}: {type(cause).__name__}: {cause}")
     else:
-        return cause  # for instance SystemExit, which is raised unchanged
+        return cause  # for instance SystemExit, or the TimeoutError of a signal handler, which are raised unchanged
     error.trajectory, error.step = trajectory, trajectory.steps
     error.__cause__ = None if isinstance(cause, KeyboardInterrupt) else cause
     return error

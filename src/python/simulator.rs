@@ -287,8 +287,8 @@ fn in_blocks(py: Python<'_>, moving: &mut Simulator<Held>, torque: &Torque<'_>, 
     while moving.steps() < end {
         let count = blocks.next(end - moving.steps());
         let began = Instant::now();
-        detached(py, || moving.step(torque, count))?.map_err(Stopped::Fault)?;
-        py.check_signals()?;
+        detached(py, || moving.step(torque, count)).map_err(Stopped::Signal)?.map_err(Stopped::Fault)?;
+        py.check_signals().map_err(Stopped::Signal)?;
         blocks.done(began);
     }
     Ok(())
@@ -308,7 +308,7 @@ impl PySimulator {
     ///     states are at the last step that all of them finished; reset(q, qd, states=error.state) lets the others
     ///     continue.
     /// SimulationInterrupted
-    ///     Ctrl-C (a KeyboardInterrupt), likewise.
+    ///     Ctrl-C (a KeyboardInterrupt), likewise. Other exceptions of signal handlers are raised unchanged.
     /// ShapeError, NotFiniteError, ArgumentError
     ///     An invalid argument; no state has moved.
     #[doc = section!(Examples)]

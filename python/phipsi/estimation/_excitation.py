@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from .._arguments import check_tree
+from .._arguments import check_tree, names_of, numbers
 from ..errors import ArgumentError, ShapeError, of_argument
 from ._base import combinations
 from ._columns import Columns
@@ -93,7 +93,7 @@ def excitation(
             "excitation",
             "found joints that are not of one axis; expected joints of one axis only (Scene.lock removes others)",
         )
-    search = _Search(scene, float(duration), limits, int(harmonics), tuple(fit))
+    search = _Search(scene, float(duration), limits, int(harmonics), names_of(fit))
     best, gain = search.run(int(iterations), np.random.default_rng(seed))
     time = np.arange(round(duration * rate)) / rate
     q, qd, qdd = search.motion(best, time)
@@ -147,7 +147,7 @@ class _Search:
         given = scene.limits if limits is None else limits
         try:
             lower, upper, velocity, effort = (
-                np.broadcast_to(np.asarray(getattr(given, name), float), (scene.nv,))
+                np.broadcast_to(numbers(f"limits.{name}", getattr(given, name)), (scene.nv,))
                 for name in ("lower", "upper", "velocity", "effort")
             )
         except (AttributeError, ValueError):
