@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from ._arguments import check_result
 from ._motion_parts import (
     PD,
     ContactGradients,
@@ -178,6 +179,8 @@ class Trajectory(TrajectoryFiles):
         ------
         ArgumentError
             If the trajectory is that of a Simulator, whose initial state is not recorded.
+        NotFiniteError
+            If an energy overflows.
 
         Examples
         --------
@@ -198,6 +201,7 @@ class Trajectory(TrajectoryFiles):
             contacts = contacts - self.contacts.lost_in_impacts - self.contacts.lost_in_friction
         works = [torque, damping, friction, control, stops, contacts]
         remainder = np.asarray(change - sum(works))
+        check_result("energy audit", [change, remainder])
         sizes = [energy.kinetic.max(axis=-1), np.ptp(energy.potential + energy.spring, axis=-1)]
         rounding = 1e-12 * (np.abs(energy.kinetic) + np.abs(energy.potential) + np.abs(energy.spring)).max(axis=-1)
         scale = np.max([np.abs(size) for size in (*works, *sizes, rounding)], axis=0)
@@ -366,7 +370,9 @@ class Trajectory(TrajectoryFiles):
         return away
 
     def _springs(self) -> _Array:
-        springs: _Array = 0.5 * (self.stiffness * self._displacement(self.rest, self.q) ** 2).sum(axis=-1)
+        # Joints without a spring have no energy at any distance, whose square can overflow.
+        displacement = self._displacement(self.rest, self.q)
+        springs: _Array = 0.5 * (self.stiffness * displacement * displacement).sum(axis=-1)
         return springs
 
     def momentum(self) -> _Array:

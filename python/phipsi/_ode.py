@@ -445,6 +445,9 @@ class Ode:
         start, end = (float(t) for t in t_span)
         if not (np.isfinite(start) and np.isfinite(end) and end > start):
             raise errors.of_argument(errors.ArgumentError, "t_span", f"found ({start}, {end}); expected finite times, the second one larger")
+        for name, bound in (("rtol", rtol), ("atol", atol), ("max_step", max_step)):
+            if not np.all(np.asarray(_core._numbers(name, bound)) > 0.0):
+                raise errors.of_argument(errors.ArgumentError, name, f"found {bound}; expected a number above zero")
         if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer) or max_steps < 1:
             raise errors.of_argument(errors.ArgumentError, "max_steps", f"found {max_steps!r}; expected a whole number, at least 1")
         wanted = None if t_eval is None else _core._numbers("t_eval", t_eval)

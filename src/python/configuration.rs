@@ -68,7 +68,8 @@ impl PyScene {
         call.array(py, &[self.scene.nv()], |scene, _, [q0, q1], out| scene.difference(q0, q1, out))
     }
 
-    /// Joint limits per degree of freedom as Limits(lower, upper, velocity, effort), each (nv,), read-only; infinite for none.
+    /// Joint limits per degree of freedom as Limits(lower, upper, velocity, effort), each (nv,) and read-only; infinite for
+    /// none.
     ///
     /// Units are rad or m, rad/s or m/s, and N m or N. A joint of several degrees of freedom repeats its limits.
     /// Position limits are stops in simulations, unless limits="report"; velocity and effort limits are reported only.

@@ -251,6 +251,9 @@ impl PyScene {
             fields.set_item("momentum_correction", largest)?;
         }
         if of_contacts > 0 {
+            if stopped.is_none() {
+                scene.check_result("contacts", out_contacts.numbers()?)?;
+            }
             let told = reports(py, &batch, |state| rollout.contact_report(state))?;
             fields.set_item("contacts", contact_motion(slf, out_contacts.finish().into_any(), told)?)?;
         }

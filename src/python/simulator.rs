@@ -157,6 +157,7 @@ impl PyScene {
             smoothing,
         };
         let (mut settings, pd) = keywords.read(own)?;
+        keywords.warn_of_units(py)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(pd.iter().flat_map(Pd::leading));
@@ -256,6 +257,7 @@ impl PySimulator {
             return Ok(None);
         }
         let all: Vec<f64> = (0..moving.states()).flat_map(|state| moving.contacts_now(state)).collect();
+        moving.scene().check_result("contacts", &all)?;
         let rows = from_numbers(py, &all, &[&self.batch[..], between, &[width]].concat())?;
         let told = reports(py, &self.batch, |state| moving.contact_report(state))?;
         contact_motion(self.scene.bind(py), rows, told).map(Some)

@@ -266,7 +266,8 @@ impl Stopped {
                 (fault(py, Fault { state, error }, batch), Some(joint), index)
             }
         };
-        let arguments = (trajectory, cause.value(py), joint, state, by_signal);
+        // The frames of the exception are in its value only after this conversion.
+        let arguments = (trajectory, cause.into_value(py), joint, state, by_signal);
         let made = imported!(py, "phipsi._motion", "stopped")?.call1(arguments)?;
         Ok(PyErr::from_value(made))
     }

@@ -243,7 +243,7 @@ def test_a_saved_trajectory_is_the_same(arm: phipsi.Scene, tmp_path: Path) -> No
         path = arm.simulate(q, np.ones(6), dt=1e-3, steps=40, record_every=4, **given)
         again = saved(path, tmp_path)
         for name in ("t", "q", "qd", "substeps", "events", "estimated_error"):
-            assert np.array_equal(getattr(again, name), getattr(path, name))
+            assert np.array_equal(getattr(again, name), getattr(path, name), equal_nan=True)
         assert np.array_equal(again.torques(), path.torques()) and again.stops == path.stops and repr(again) == repr(path)
         assert all(np.array_equal(*pair) for pair in zip(again.energy_audit(), path.energy_audit(), strict=True))
         if path.applied is None:
@@ -370,6 +370,6 @@ def test_properties_are_read_only(floating: phipsi.Scene) -> None:
         assert isinstance(array, np.ndarray)
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 5.0
-    own = floating.damping.copy()
+    own = floating.damping.copy()[6:]
     own[0] = 5.0
-    assert floating.with_properties(damping=own).damping[0] == 5.0
+    assert floating.with_properties(damping=dict(zip(floating.joint_names[1:], own))).damping[6] == 5.0
