@@ -30,7 +30,7 @@ def torques(tau: Callable[..., Any], scene: Scene, t: float, q: _Array, qd: _Arr
         raise of_argument(ArgumentError, name, f"found that the call failed ({error}); expected {expected}") from error
     found = np.asarray(_core._numbers(name, value, scene))
     try:
-        fits = np.broadcast_shapes(found.shape, qd.shape) == qd.shape and found.ndim > 0
+        fits = np.broadcast_shapes(found.shape, qd.shape) == qd.shape
     except ValueError:
         fits = False
     if not fits:

@@ -307,7 +307,6 @@ def late(value: object) -> object:
 
 WRONG_TORQUES: dict[str, tuple[object, int, str]] = {
     "length": (late(np.zeros(5)), 3, r"ShapeError: tau\(t, q, qd\): found shape \(5,\); expected \(6,\)"),
-    "number": (late(1.0), 3, r"ShapeError: tau\(t, q, qd\): found shape \(\); expected \(6,\)"),
     "batch": (late(np.zeros((4, 6))), 3, r"ShapeError: tau\(t, q, qd\): found shape \(4, 6\); expected \(6,\)"),
     "nothing": (late(None), 3, r"ArgumentError: tau\(t, q, qd\): found dtype object from None"),
     "two arguments": (lambda t, q: np.zeros(6), 0, r"the call failed \(.*\); expected a function of \(t, q, qd\) that returns .* shape \(6,\)"),
