@@ -10,18 +10,22 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import ArgumentError, ShapeError, of_argument
+from ._signals import by_handler
+from .errors import ArgumentError, NotFiniteError, ShapeError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
 
-__all__ = ["array_of", "check_tree", "flags", "is_masked", "leading", "not_numbers", "split_mask", "states_of", "vectors"]
+__all__ = [
+    "array_of", "check_result", "check_tree", "flags", "is_masked", "leading", "names_of", "not_numbers", "numbers", "split_mask", "states_of", "vectors",
+    "whole",
+]  # fmt: skip
 
 #: Largest depth of nested lists that are searched, because a list may contain itself.
 DEEPEST = 8
@@ -41,15 +45,50 @@ def array_of(name: str, value: Any, joints: Joints, width: int) -> NDArray[Any]:
     except MemoryError:
         raise
     except Exception as cause:
+        if by_handler(cause):
+            raise
         raise not_numbers(name, f"what NumPy cannot read ({cause})") from cause
     if array.dtype.kind not in "fiu":
         raise _of_dtype(name, value, array.dtype)
     return array
 
 
+def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """The argument as float64 of any shape, without labels; complex numbers, booleans and masks are refused."""
+    return np.asarray(array_of(name, value, None, 0), np.float64)
+
+
+def whole(name: str, value: Any, least: int, expected: str = "", most: int = 2**53) -> int:
+    """A whole number from `least` to `most`; `expected` describes it in the message."""
+    expected = expected or f"a whole number, at least {least}"
+    is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    if not (is_number and math.isfinite(value) and value == int(value) and value >= least):
+        raise _refused(name, f"{value!r}", expected)
+    if value > most:
+        raise _refused(name, f"{value!r}", f"{expected} and at most {most:g}")
+    return int(value)
+
+
+def names_of(value: Iterable[Any]) -> tuple[Any, ...]:
+    """Names, of which one may be given alone."""
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+def check_result(what: str, values: ArrayLike) -> None:
+    """Refuse a result with NaN or infinities: finite arguments can still overflow."""
+    finite = np.isfinite(values).ravel()
+    if finite.all():
+        return
+    index = int(finite.argmin())
+    text = f"found {np.ravel(values)[index]} at index {index}; expected finite numbers"
+    error = of_argument(NotFiniteError, f"{what} (result; the arguments overflow)", text)
+    error.index = index
+    raise error
+
+
 def vectors(name: str, values: ArrayLike, size: int) -> NDArray[np.float64]:
     """Vectors of another program's state, (..., size)."""
-    found = np.asarray(values, float)
+    found = numbers(name, values)
     if found.ndim == 0 or found.shape[-1] != size:
         raise of_argument(ShapeError, name, f"found shape {found.shape}; expected (..., {size})")
     return found
@@ -68,7 +107,9 @@ def flags(name: str, value: Any, joints: Joints, width: int) -> list[bool] | Non
     try:
         if np.asarray(value).dtype.kind != "b":
             return None
-    except Exception:
+    except Exception as error:
+        if by_handler(error):
+            raise
         return None
     array = np.asarray(_resolved(name, value, joints, width))
     if array.shape != (width,):
@@ -143,6 +184,8 @@ def states_of(states: Any, batch: tuple[int, ...]) -> tuple[tuple[int, ...], NDA
     try:
         found = np.asarray(every[states])
     except Exception as error:
+        if by_handler(error):
+            raise
         expected = f"a mask of shape {batch}, an index, a list of them, or a slice"
         raise _refused("states", f"{_described(states)} ({error})", expected) from error
     return found.shape, found.reshape(-1)
@@ -172,7 +215,8 @@ def _by_joint(name: str, mapping: Mapping[Any, Any], joints: Joints, width: int)
     """One state from a mapping from the names of all joints to their values."""
     what = _described(mapping)
     if joints is None:
-        raise _refused(name, what, f"an array of shape (..., {width}), because its entries do not belong to joints")
+        shape = f" of shape (..., {width})" if width else ""
+        raise _refused(name, what, f"an array{shape}, because its entries do not belong to joints")
     for key in mapping:
         if not isinstance(key, str):
             raise _refused(name, f"the key {key!r}", "names of joints")
@@ -197,6 +241,8 @@ def _labels(name: str, value: Any) -> _Labels | None:
     try:
         return _labels_of(value)
     except Exception as error:
+        if by_handler(error):
+            raise
         found = f"{type(value)} with labels that cannot be read ({error})"
         raise _refused(name, found, "an array of numbers") from error
 

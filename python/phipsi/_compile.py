@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from ._arguments import names_of
 from ._batches import Batches, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
 from ._functions import ARGUMENTS, COMPILED, IN_FORM, THROUGH_CONNECTIONS, Function, Functions, functions_of, parts, rows_of, shapes, symbol
@@ -239,7 +240,7 @@ def compile(  # noqa: A001  # phipsi.compile
     ----------
     scene : Scene
         The scene; its constants are folded into the code.
-    functions : iterable of str or tuple, optional
+    functions : str, or iterable of str or tuple, optional
         Names of functions as in Scene.to_c, and functions of one link: ("placement", link), ("jacobian", link) or ("jacobian", link, frame). None: all with code for the scene that are not of a link.
     device : {"cpu", "cuda"}, default "cpu"
         "cuda" compiles scene.to_cuda with NVRTC; it needs CuPy (phipsi[cuda]) and a GPU.
@@ -298,7 +299,7 @@ def compile(  # noqa: A001  # phipsi.compile
         raise of_argument(ArgumentError, "form", f"found 'auto' with device={device!r} and dtype={dtype!r}; expected 'covariance': states are watched in float64 on the CPU")
     if tolerance is not None and (form == "covariance" or device == "cuda" or dtype != "float64"):
         raise of_argument(ArgumentError, "tolerance", f"found {tolerance!r} with form 'covariance', which takes its result as it is; expected form='auto' (of float64, on the CPU), or no tolerance")
-    names = None if functions is None else tuple(functions)
+    names = None if functions is None else names_of(functions)
     known = functions_of(scene) if names is None else tuple(dict.fromkeys(names))
     through = [name for name in known if name in THROUGH_CONNECTIONS] if scene.constraint_names else []
     if through and dtype != "float64":

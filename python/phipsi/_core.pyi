@@ -399,23 +399,23 @@ class Scene:
 
     @property
     def armature(self) -> _Array:
-        """Armature of each degree of freedom, (nv,), kg m^2 or kg, a copy: the variance of the measurement noise."""
+        """Armature of each degree of freedom, (nv,), kg m^2 or kg, read-only: the variance of the measurement noise."""
 
     @property
     def damping(self) -> _Array:
-        """Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m, a copy; used in simulations."""
+        """Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m, read-only; used in simulations."""
 
     @property
     def friction(self) -> _Array:
-        """Coulomb friction of each degree of freedom, (nv,), N m or N, a copy; used in simulations."""
+        """Coulomb friction of each degree of freedom, (nv,), N m or N, read-only; used in simulations."""
 
     @property
     def stiffness(self) -> _Array:
-        """Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, a copy; used in simulations."""
+        """Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, read-only; used in simulations."""
 
     @property
     def rest(self) -> _Array:
-        """Configuration in which the springs are at rest, (nq,), a copy."""
+        """Configuration in which the springs are at rest, (nq,), read-only."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -431,7 +431,7 @@ class Scene:
 
     @property
     def gravity(self) -> _Array:
-        """Gravity in the base frame, (3,), m/s^2, a copy."""
+        """Gravity in the base frame, (3,), m/s^2, read-only."""
 
     @property
     def total_mass(self) -> float:
@@ -439,7 +439,8 @@ class Scene:
 
     @property
     def limits(self) -> Limits:
-        """Joint limits per degree of freedom as Limits(lower, upper, velocity, effort), each (nv,); infinite for none.
+        """Joint limits per degree of freedom as Limits(lower, upper, velocity, effort), each (nv,) and read-only; infinite for
+        none.
 
         Units are rad or m, rad/s or m/s, and N m or N. A joint of several degrees of freedom repeats its limits.
         Position limits are stops in simulations, unless limits="report"; velocity and effort limits are reported only.
@@ -782,7 +783,7 @@ class Scene:
             Number of steps. Alternatively, give duration.
         tau : (..., nv) array_like or callable, optional
             Joint torques: constant, or a function of (t, q, qd) that returns (..., nv), called once per step with the
-            batch.
+            batch. An error for one state and shape (steps, nv): use tau_steps.
         tau_steps : (..., steps, nv) array_like, optional
             Joint torques of each step, instead of tau.
         method : str, default "auto"
@@ -847,13 +848,18 @@ class Scene:
             The motion diverges, a pivot is lost, connections or contacts have no solution, or tau raises. .trajectory
             has the finished rows.
         SimulationInterrupted
-            Ctrl-C (a KeyboardInterrupt), with .trajectory.
+            Ctrl-C (a KeyboardInterrupt), with .trajectory. Other exceptions of signal handlers are raised unchanged.
         ConstraintError
             The start violates the connections; see project.
         OutOfMemoryError
             A result that does not fit in memory. The message names the argument that determines its size.
         ShapeError, NotFiniteError, ArgumentError
             An invalid argument or an unknown name. The message names the argument and the state.
+
+        Warns
+        -----
+        UnitsWarning
+            A step of 1 s or more without error control.
 
         Notes
         -----
@@ -3587,6 +3593,11 @@ class Scene:
         ShapeError, NotFiniteError, ArgumentError
             An invalid argument or an unknown name. The message names the argument and the state.
 
+        Warns
+        -----
+        UnitsWarning
+            A target position is 20 times as far as the robot reaches, as one in millimeters is.
+
         Notes
         -----
         Minimizes half the sum of all squared errors divided by their variances, by Levenberg-Marquardt steps on the
@@ -4260,7 +4271,7 @@ class Scene:
             Directory to write the files to; it is created if necessary. None: no files.
         name : str, default "robot"
             Prefix of files and functions, a C identifier.
-        functions : iterable of str or tuple, optional
+        functions : str, or iterable of str or tuple, optional
             "forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse",
             "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
             "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp" and "placements"; with connections
@@ -4661,7 +4672,7 @@ class SceneBuilder:
             Orientation of the child frame at zero configuration, rad: R = Rz(yaw) Ry(pitch) Rx(roll).
         rotation : (3, 3) array_like, optional
             The same as a matrix, instead of rpy.
-        axis : (3,) array_like, default (0, 0, 1)
+        axis : (3,) array_like, or "x", "y", "z", "-x", "-y" or "-z", default (0, 0, 1)
             Axis in the child frame, of any length.
         pitch : float, optional
             Pitch of a screw joint, m/rad.
@@ -5054,7 +5065,7 @@ class Simulator:
             states are at the last step that all of them finished; reset(q, qd, states=error.state) lets the others
             continue.
         SimulationInterrupted
-            Ctrl-C (a KeyboardInterrupt), likewise.
+            Ctrl-C (a KeyboardInterrupt), likewise. Other exceptions of signal handlers are raised unchanged.
         ShapeError, NotFiniteError, ArgumentError
             An invalid argument; no state has moved.
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from ._arguments import check_result
 from ._motion_parts import (
     PD,
     ContactGradients,
@@ -25,6 +26,7 @@ from ._motion_parts import (
     first_rows,
 )
 from ._recorded import Recorded
+from ._signals import by_handler
 from ._trajectory_files import TrajectoryFiles
 from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument, place_in_time
 
@@ -109,8 +111,8 @@ class Trajectory(TrajectoryFiles):
     """Largest number of substeps of a step, (...)."""
     events: NDArray[np.int_] = field(default_factory=lambda: np.array(0), repr=False)
     """Number of substeps in which a joint stuck, began to slide, or reached or left a stop, (...)."""
-    estimated_error: _Array = field(default_factory=lambda: np.array(0.0), repr=False)
-    """With accuracy, the sum of the estimated errors of all substeps, (...); otherwise zero: use error_estimate."""
+    estimated_error: _Array = field(default_factory=lambda: np.array(np.nan), repr=False)
+    """With accuracy, the sum of the estimated errors of all substeps, (...); otherwise NaN: use error_estimate."""
     bands: Bands | None = field(default=None, repr=False)
     """With covariance, the standard deviations and covariances of each row; otherwise None."""
     given: dict[str, Any] | None = field(default=None, repr=False)
@@ -176,6 +178,8 @@ class Trajectory(TrajectoryFiles):
         ------
         ArgumentError
             If the trajectory is that of a Simulator, whose initial state is not recorded.
+        NotFiniteError
+            If an energy overflows.
 
         Examples
         --------
@@ -196,6 +200,7 @@ class Trajectory(TrajectoryFiles):
             contacts = contacts - self.contacts.lost_in_impacts - self.contacts.lost_in_friction
         works = [torque, damping, friction, control, stops, contacts]
         remainder = np.asarray(change - sum(works))
+        check_result("energy audit", [change, remainder])
         sizes = [energy.kinetic.max(axis=-1), np.ptp(energy.potential + energy.spring, axis=-1)]
         rounding = 1e-12 * (np.abs(energy.kinetic) + np.abs(energy.potential) + np.abs(energy.spring)).max(axis=-1)
         scale = np.max([np.abs(size) for size in (*works, *sizes, rounding)], axis=0)
@@ -364,7 +369,9 @@ class Trajectory(TrajectoryFiles):
         return away
 
     def _springs(self) -> _Array:
-        springs: _Array = 0.5 * (self.stiffness * self._displacement(self.rest, self.q) ** 2).sum(axis=-1)
+        # Joints without a spring have no energy at any distance, whose square can overflow.
+        displacement = self._displacement(self.rest, self.q)
+        springs: _Array = 0.5 * (self.stiffness * displacement * displacement).sum(axis=-1)
         return springs
 
     def momentum(self) -> _Array:
@@ -564,10 +571,10 @@ def only_now(q: _Array, qd: _Array, *, scene: Scene, dt: float, steps: int, **ab
 
 
 def stopped(
-    trajectory: Trajectory, cause: BaseException, joint: str | None, state: int | tuple[int, ...] | None
+    trajectory: Trajectory, cause: BaseException, joint: str | None, state: int | tuple[int, ...] | None, by_signal: bool
 ) -> BaseException:
-    """Exception of a simulation that ended early, with the completed steps; without a joint if tau or progress raised
-    the cause.
+    """Exception of a simulation that ended early, with the completed steps; without a joint if tau, progress or a signal
+    handler raised the cause.
     """
     place = place_in_time(trajectory.steps, trajectory.steps * trajectory.dt)
     error: SimulationError | SimulationInterrupted
@@ -576,10 +583,10 @@ def stopped(
         error.joint, error.state = joint, state
     elif isinstance(cause, KeyboardInterrupt):
         error = SimulationInterrupted(f"stopped before {place}")
-    elif isinstance(cause, Exception):
+    elif isinstance(cause, Exception) and not by_signal and not by_handler(cause):
         error = SimulationError(f"{place}: {type(cause).__name__}: {cause}")
     else:
-        return cause  # for instance SystemExit, which is raised unchanged
+        return cause  # for instance SystemExit, or the TimeoutError of a signal handler, which are raised unchanged
     error.trajectory, error.step = trajectory, trajectory.steps
     error.__cause__ = None if isinstance(cause, KeyboardInterrupt) else cause
     return error

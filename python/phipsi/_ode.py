@@ -15,7 +15,8 @@ they are centered at its end.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -37,6 +38,8 @@ from ._chart import (
 from ._coordinates import Coordinates
 from ._install import command
 from ._motion import PD, Trajectory
+from ._recorded import torques
+from ._signals import by_handler
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -109,6 +112,8 @@ class Ode:
         self._speed = float(friction_speed)
         self._rest = self._configuration("rest", scene.rest if rest is None else rest)
         self._tau = tau if callable(tau) else rates("tau", tau, 0.0, signed=True)
+        #: Exception of tau, if it raised.
+        self._raised: Exception | None = None
         self._pd: tuple[_Array, _Array, _Array, _Array] | None = None
         if pd is not None:
             law = PD(*pd)
@@ -237,7 +242,13 @@ class Ode:
 
     def _given(self, t: float, q: _Array, v: _Array) -> _Array:
         """The given torques."""
-        return _core._numbers("tau(t, q, qd)", self._tau(t, q, v), self.scene) if callable(self._tau) else self._tau
+        if not callable(self._tau):
+            return self._tau
+        try:
+            return torques(self._tau, self.scene, t, q, v)
+        except Exception as error:
+            self._raised = error
+            raise
 
     def _away(self, rest: _Array, q: _Array) -> _Array:
         away = self.scene.difference(rest, q)
@@ -410,7 +421,7 @@ class Ode:
         Raises
         ------
         SimulationError
-            If the integrator fails or reaches max_steps; `trajectory` has the rows before.
+            If the integrator fails or reaches max_steps, or tau raises; `trajectory` has the rows before.
         ShapeError, NotFiniteError, ArgumentError
             If an argument is invalid.
         ImportError
@@ -434,6 +445,9 @@ class Ode:
         start, end = (float(t) for t in t_span)
         if not (np.isfinite(start) and np.isfinite(end) and end > start):
             raise errors.of_argument(errors.ArgumentError, "t_span", f"found ({start}, {end}); expected finite times, the second one larger")
+        for name, bound in (("rtol", rtol), ("atol", atol), ("max_step", max_step)):
+            if not np.all(np.asarray(_core._numbers(name, bound)) > 0.0):
+                raise errors.of_argument(errors.ArgumentError, name, f"found {bound}; expected a number above zero")
         if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer) or max_steps < 1:
             raise errors.of_argument(errors.ArgumentError, "max_steps", f"found {max_steps!r}; expected a whole number, at least 1")
         wanted = None if t_eval is None else _core._numbers("t_eval", t_eval)
@@ -456,14 +470,13 @@ class Ode:
             if method in ("Radau", "BDF", "LSODA"):
                 options["jac"] = self.jacobian
             y = np.concatenate([np.zeros(self.scene.nv), v])
-            solver = methods[method](self.rhs, t, y, end, **options)
+            with self._guarded(rows, method, steps, t):
+                solver = methods[method](self.rhs, t, y, end, **options)
             while solver.status == "running":
                 if steps == max_steps:
                     raise self._failed(rows, method, steps, solver.t, self._bound(method, end))
-                try:
+                with self._guarded(rows, method, steps, solver.t):
                     message = solver.step()
-                except (errors.NotFiniteError, errors.SingularJointError) as cause:
-                    raise self._failed(rows, method, steps, solver.t, str(cause)) from cause
                 if solver.status == "failed":
                     raise self._failed(rows, method, steps, solver.t, message)
                 steps += 1
@@ -505,6 +518,18 @@ class Ode:
         """Error message if max_steps is reached."""
         stiff = "" if method in ("Radau", "BDF", "LSODA") else 'method="Radau" for stiff gains, '
         return f"found max_steps steps before the end, {end:g} s; expected {stiff}larger rtol and atol, or a larger max_steps"
+
+    @contextmanager
+    def _guarded(self, rows: list[_Row], method: str, steps: int, t: float) -> Iterator[None]:
+        """Raise errors of the dynamics and of tau as SimulationError, and those of signal handlers unchanged."""
+        self._raised = None
+        try:
+            yield
+        except Exception as cause:
+            if by_handler(cause) or not (cause is self._raised or isinstance(cause, errors.NotFiniteError | errors.SingularJointError)):
+                raise
+            by_tau = f"{type(cause).__name__}: " if cause is self._raised else ""
+            raise self._failed(rows, method, steps, t, f"{by_tau}{cause}") from cause
 
     def _failed(self, rows: list[_Row], method: str, steps: int, t: float, message: str | None) -> errors.SimulationError:
         error = errors.SimulationError(f"{errors.place_in_time(steps, t)}: {method}: {message}")

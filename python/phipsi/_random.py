@@ -55,6 +55,8 @@ def configuration(scene: Scene, rng: Any, size: Any) -> _Array:
         batch = np.broadcast_shapes(() if size is None else size)
     except (TypeError, ValueError):
         raise of_argument(ArgumentError, "size", f"found {size!r}; expected a number of configurations, or a tuple of numbers") from None
+    if not scene.nv and math.prod(batch):
+        return np.zeros((*batch, 0))
     low, high = ranges(scene)
     shape = (*batch, scene.nv)
     try:

@@ -9,11 +9,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
+from .errors import ArgumentError, ShapeError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
 
 _Array = NDArray[np.float64]
+
+
+def torques(tau: Callable[..., Any], scene: Scene, t: float, q: _Array, qd: _Array) -> _Array:
+    """The torques that a control function returns, which broadcast to the shape of qd."""
+    name = "tau(t, q, qd)"
+    try:
+        value = tau(t, q, qd)
+    except TypeError as error:
+        # Without a frame of the function, the call itself failed.
+        if error.__traceback__ is not None and error.__traceback__.tb_next is not None:
+            raise
+        expected = f"a function of (t, q, qd) that returns torques of shape {qd.shape}"
+        raise of_argument(ArgumentError, name, f"found that the call failed ({error}); expected {expected}") from error
+    found = np.asarray(_core._numbers(name, value, scene))
+    try:
+        fits = np.broadcast_shapes(found.shape, qd.shape) == qd.shape
+    except ValueError:
+        fits = False
+    if not fits:
+        raise of_argument(ShapeError, name, f"found shape {found.shape}; expected {qd.shape}")
+    return found
 
 
 class Recorded:
@@ -30,7 +52,7 @@ class Recorded:
     def __call__(self, t: float, q: _Array, qd: _Array) -> _Array:
         """The torques of the next step, (..., nv); called once per step."""
         # A copy, because the function may return the same array for each step.
-        self._last = np.array(_core._numbers("tau(t, q, qd)", self._tau(t, q, qd), self._scene, False))
+        self._last = np.array(torques(self._tau, self._scene, t, q, qd))
         if self._steps % self._every == 0:
             self._rows.append(self._last)
         self._steps += 1

@@ -47,6 +47,7 @@ __all__ = [
     "SingularJointError",
     "SingularTaskError",
     "UncertaintyWarning",
+    "UnitsWarning",
     "UnknownTagWarning",
 ]
 
@@ -285,6 +286,12 @@ class DivergenceWarning(UserWarning):
 
 class UncertaintyWarning(UserWarning):
     """Error bands of a simulation that contain joints held by friction, whose first-order error is zero."""
+
+
+class UnitsWarning(UserWarning):
+    """A value that is probably in another unit: joint limits in degrees, target positions in millimeters, or a step of
+    seconds that does not resolve the motion.
+    """
 
 
 class UnknownTagWarning(UserWarning):

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._arguments import numbers
 from .errors import ArgumentError, NotFiniteError, ShapeError, of_argument
 
 __all__ = ["CenterOfMass", "Direction", "InverseKinematics", "JointPosition", "LookAt", "Orientation", "Pose", "Position", "Task"]
@@ -277,10 +278,7 @@ def _one(at: int, task: Any) -> _Unpacked:
 
 
 def _numbers(name: str, field: str, value: ArrayLike) -> _Array:
-    try:
-        return np.asarray(value, float)
-    except (TypeError, ValueError):
-        raise of_argument(ArgumentError, f"{name}.{field}", f"found {type(value).__name__}; expected an array of numbers") from None
+    return numbers(f"{name}.{field}", value)
 
 
 def _triple(name: str, field: str, value: ArrayLike) -> _Array:

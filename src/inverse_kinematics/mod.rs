@@ -34,6 +34,7 @@ mod step;
 mod task;
 
 use crate::error::{Error, check_length, in_language, number};
+use crate::memory;
 use crate::scene::Scene;
 use crate::setters::setters;
 use crate::workspace::Workspace;
@@ -189,7 +190,7 @@ impl Scene {
     /// # Errors
     ///
     /// [`Error::Argument`] for zero starts or a tolerance or posture that is not positive, and [`Error::Scene`] for
-    /// joint limits that exclude each other.
+    /// joint limits that exclude each other; [`Error::Memory`] if the matrices of a step do not fit in memory.
     pub fn inverse_kinematics(&self, options: &Options) -> Result<Solver<'_>, Error> {
         let positive = |name: &str, value: f64| {
             let expected = "a finite number above zero";
@@ -204,6 +205,9 @@ impl Scene {
         }
         positive("tolerance", options.tolerance)?;
         options.posture.map_or(Ok(()), |posture| positive("posture", posture))?;
+        /// Matrices of nv x nv numbers in the scratch memory.
+        const MATRICES: usize = 5;
+        memory::room("scene", memory::bytes_of::<f64>(&[MATRICES, self.nv(), self.nv()]))?;
         let limits = if options.limits { Bounds::of(self)? } else { Bounds::without(self) };
         Ok(Solver {
             scene: self,
@@ -327,6 +331,7 @@ impl Solver<'_> {
             self.descent.covariance(workspace, &tasks, &self.best, room)?;
         }
         self.tasks = own;
+        scene.check_result("errors of the tasks", &[best.position_error, best.rotation_error])?;
         Ok(Outcome {
             reached: best.reached(tolerance),
             position_error: best.position_error,

@@ -1,6 +1,6 @@
 //! The class `SceneBuilder`: creates scenes from code.
 
-use super::choice::read_mimic;
+use super::choice::{choose, read_mimic};
 use super::cost::WORTH_DETACHING;
 use super::description::{Description, joint_kind, left_out};
 use super::interrupts::detached_checked;
@@ -96,7 +96,7 @@ impl PySceneBuilder {
     ///     Orientation of the child frame at zero configuration, rad: R = Rz(yaw) Ry(pitch) Rx(roll).
     /// rotation : (3, 3) array_like, optional
     ///     The same as a matrix, instead of rpy.
-    /// axis : (3,) array_like, default (0, 0, 1)
+    /// axis : (3,) array_like, or "x", "y", "z", "-x", "-y" or "-z", default (0, 0, 1)
     ///     Axis in the child frame, of any length.
     /// pitch : float, optional
     ///     Pitch of a screw joint, m/rad.
@@ -180,7 +180,7 @@ impl PySceneBuilder {
             parent,
             child,
             origin: frame_of(&of_joint, xyz, rpy, rotation)?,
-            axis: optional_triple(&of_joint("axis"), axis, [0.0, 0.0, 1.0])?.into(),
+            axis: axis.map_or(Ok([0.0, 0.0, 1.0]), |axis| direction(&of_joint("axis"), axis))?.into(),
             armature,
             damping,
             friction,
@@ -327,6 +327,20 @@ pub(super) fn inertial(
 
 pub(super) fn optional_triple(name: &str, value: Option<&Object<'_>>, default: [f64; 3]) -> PyResult<[f64; 3]> {
     value.map_or(Ok(default), |value| input::triple(name, value))
+}
+
+/// Reads an axis: three numbers, or the name of a coordinate axis.
+fn direction(name: &str, value: &Object<'_>) -> PyResult<[f64; 3]> {
+    const NAMED: [(&str, [f64; 3]); 6] = [
+        ("x", [1.0, 0.0, 0.0]),
+        ("y", [0.0, 1.0, 0.0]),
+        ("z", [0.0, 0.0, 1.0]),
+        ("-x", [-1.0, 0.0, 0.0]),
+        ("-y", [0.0, -1.0, 0.0]),
+        ("-z", [0.0, 0.0, -1.0]),
+    ];
+    let Ok(given) = value.extract::<String>() else { return input::triple(name, value) };
+    Ok(choose(name, &given, &NAMED)?)
 }
 
 fn matrix(name: &str, value: &Object<'_>) -> PyResult<Matrix3<f64>> {

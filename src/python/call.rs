@@ -127,6 +127,11 @@ impl<'a, 'py, P: Precision + Element> BatchCall<'a, 'py, P> {
         Ok((arguments, wrenches))
     }
 
+    /// True if there is nothing to evaluate: states without numbers, of which an array without memory can have any count.
+    pub fn is_void(&self, results: &[P]) -> bool {
+        results.is_empty() && self.scene.scene.nv() == 0 && self.wrenches.is_empty()
+    }
+
     /// Evaluates the states, of `cost` ns each, and warns about invalid ones.
     pub fn run<W>(&self, py: Python<'py>, cost: usize, work: W) -> PyResult<()>
     where
@@ -174,6 +179,9 @@ impl<'py> BatchCall<'_, 'py> {
     where
         K: for<'a> Fn(&Scene, &mut Scratch, &dyn Fn(usize) -> &'a [f64], &mut [f64]) -> Result<(), Error> + Sync,
     {
+        if self.is_void(results) {
+            return Ok(());
+        }
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
         let (bodies, errors, tolerance) = (scene.model().bodies.len(), &self.errors, self.tolerance);

@@ -92,10 +92,14 @@ pub(super) fn renamed(former: &str, given: Option<&Object<'_>>, name: &str) -> R
     }
 }
 
-/// Reads an iterable of strings that is not a string; `expected` is part of the error message.
+/// Reads one name, or an iterable of names; `expected` is part of the error message.
 pub(super) fn names(argument: &str, given: &Object<'_>, expected: &str) -> PyResult<Vec<String>> {
+    // The characters of a string are no names.
+    if given.is_instance_of::<PyString>() {
+        return Ok(vec![given.extract()?]);
+    }
     // The keys of a dict would be accepted and its values silently ignored.
-    let is_none = given.is_instance_of::<PyString>() || given.is_instance_of::<PyMapping>();
+    let is_none = given.is_instance_of::<PyMapping>();
     let read = || given.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect();
     match if is_none { None } else { read() } {
         Some(names) => Ok(names),

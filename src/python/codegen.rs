@@ -17,7 +17,7 @@ impl PyScene {
     #[doc = parameters!(directory)]
     /// name : str, default "robot"
     ///     Prefix of files and functions, a C identifier.
-    /// functions : iterable of str or tuple, optional
+    /// functions : str, or iterable of str or tuple, optional
     ///     "forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse",
     ///     "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
     ///     "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp" and "placements"; with connections
@@ -184,7 +184,10 @@ fn read_functions(scene: &Scene, given: Option<&Object<'_>>) -> PyResult<Vec<Fun
         return Ok(Function::of(scene));
     };
     let expected = "names of functions";
-    if given.is_instance_of::<PyString>() || given.is_instance_of::<PyMapping>() {
+    if given.is_instance_of::<PyString>() {
+        return Ok(vec![read_function(given)?]);
+    }
+    if given.is_instance_of::<PyMapping>() {
         return Err(Error::argument("functions", given.repr()?.to_string(), expected).into());
     }
     let mut functions = Vec::new();
@@ -201,7 +204,7 @@ fn read_functions(scene: &Scene, given: Option<&Object<'_>>) -> PyResult<Vec<Fun
 }
 
 fn read_function(item: &Object<'_>) -> PyResult<Function> {
-    let parts = if let Ok(name) = item.extract::<String>() { vec![name] } else { names("functions", item, OF_ONE)? };
+    let parts = names("functions", item, OF_ONE)?;
     let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
     Ok(match parts[..] {
         ["placement", link] => Function::Placement(link.to_owned()),

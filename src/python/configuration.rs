@@ -1,7 +1,7 @@
 //! Methods of `Scene`: configurations on the manifold, and joint limits.
 
 use super::object::{Object, imported};
-use super::output::{Array, from_numbers};
+use super::output::{Array, from_numbers, property};
 use super::scene::PyScene;
 use crate::scene::Limits;
 use pyo3::prelude::*;
@@ -68,7 +68,8 @@ impl PyScene {
         call.array(py, &[self.scene.nv()], |scene, _, [q0, q1], out| scene.difference(q0, q1, out))
     }
 
-    /// Joint limits per degree of freedom as Limits(lower, upper, velocity, effort), each (nv,); infinite for none.
+    /// Joint limits per degree of freedom as Limits(lower, upper, velocity, effort), each (nv,) and read-only; infinite for
+    /// none.
     ///
     /// Units are rad or m, rad/s or m/s, and N m or N. A joint of several degrees of freedom repeats its limits.
     /// Position limits are stops in simulations, unless limits="report"; velocity and effort limits are reported only.
@@ -78,7 +79,7 @@ impl PyScene {
             let joints = self.scene.joints().iter();
             let numbers: Vec<f64> =
                 joints.flat_map(|joint| std::iter::repeat_n(of(&joint.limits), joint.v.len())).collect();
-            from_numbers(py, &numbers, &[self.scene.nv()])
+            property(py, &numbers, &[self.scene.nv()])
         };
         let (lower, upper) = (column(|limits| limits.lower)?, column(|limits| limits.upper)?);
         let (velocity, effort) = (column(|limits| limits.velocity)?, column(|limits| limits.effort)?);

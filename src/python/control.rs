@@ -62,6 +62,18 @@ impl<'py> Given<'py> {
         }
     }
 
+    /// Refuses constant torques of shape (steps, nv) for one state: most callers mean the torques of each step, and not
+    /// as many robots.
+    pub fn check_not_steps(&self, steps: usize, is_one_state: bool) -> Result<(), Error> {
+        let Self::Constant(tau) = self else { return Ok(()) };
+        if !is_one_state || tau.leading() != [steps] {
+            return Ok(());
+        }
+        let found = format!("one row for each of {steps} steps, of one state");
+        let expected = format!("tau_steps=... for these torques, or q of {steps} states for a batch");
+        Err(Error::argument("tau", found, expected))
+    }
+
     /// Leading axes of the argument, to which the batch must broadcast.
     pub fn leading(&self) -> Option<(&'static str, &[usize])> {
         match self {

@@ -152,6 +152,7 @@ pub(super) fn warn_beyond(py: Python<'_>, scene: &Scene, known: &[SceneWarning])
             SceneWarning::Inertia { .. } | SceneWarning::NoMass { .. } => "InertiaWarning",
             SceneWarning::Mimic { .. } => "MimicWarning",
             SceneWarning::NotUnderstood { .. } => "UnknownTagWarning",
+            SceneWarning::Degrees { .. } => "UnitsWarning",
             SceneWarning::Limits { .. } => "LimitWarning",
         };
         warn_as(py, class, &warning.to_string())?;

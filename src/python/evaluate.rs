@@ -116,6 +116,9 @@ impl<'py, P: Dtype> BatchCall<'_, 'py, P> {
         results: &mut [P],
         accuracy: Option<&BatchAccuracy>,
     ) -> PyResult<()> {
+        if accuracy.is_none() && self.is_void(results) {
+            return Ok(());
+        }
         let (scene, cost) = (&self.scene.scene, self.cost.of_many::<P>(self.states, algorithm));
         let width = scene.width(algorithm);
         self.chunks(py, (width, cost), None, results, &|evaluator, states, first, out| match accuracy {
@@ -205,6 +208,9 @@ impl<'py> BatchCall<'_, 'py> {
         what: &KinematicQuantity<'_>,
         results: &mut [f64],
     ) -> PyResult<()> {
+        if self.is_void(results) {
+            return Ok(());
+        }
         let scene = &self.scene.scene;
         let lanes = InstructionSet::of_process().lanes(size_of::<f64>()).min(self.states.max(1));
         let cost = self.cost.of_one() / lanes;

@@ -261,6 +261,7 @@ impl PyFactor {
     /// Product of an operator, or of its transpose, with x, (..., columns), by a sweep.
     #[pyo3(signature = (kind, transpose, x, /))]
     fn apply<'py>(&self, py: Python<'py>, kind: &str, transpose: bool, x: &Object<'py>) -> Array<'py> {
+        let what = format!("product with {kind}");
         let kind = find(kind)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let (from, to) = if transpose { (rows, columns) } else { (columns, rows) };
@@ -276,6 +277,7 @@ impl PyFactor {
         if kind.needs_covariances() {
             memory::room("q", Factor::bytes_of_covariances(self.model(), state.factors.len()))?;
         }
+        let scene = &self.scene.get().scene;
         let factor = Batch { states, cost: COST * self.model().nv().max(1), pool: &self.pool, make: || () };
         run(py, &batch, factor, |factor| {
             factor.run(results, |(), i, y| {
@@ -287,7 +289,7 @@ impl PyFactor {
                 } else {
                     operator.apply(x, y);
                 }
-                Ok(())
+                scene.check_result(&what, y)
             })
         })?;
         Ok(output.finish())

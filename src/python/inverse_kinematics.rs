@@ -2,6 +2,7 @@
 
 use super::choice::choose;
 use super::counts::{count_or, number};
+use super::errors::warn_as;
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::{self, Output};
@@ -9,6 +10,7 @@ use super::scene::PyScene;
 use crate::api::TaskFrame;
 use crate::error::{Error, check_finite};
 use crate::inverse_kinematics::{Goal, Metric, Options, RateOptions, Task};
+use crate::joints::JointKind;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
@@ -67,6 +69,9 @@ impl PyScene {
     /// ConstraintError
     ///     No start leads to closed connections.
     #[doc = entries!(arguments)]
+    #[doc = section!(Warns)]
+    /// UnitsWarning
+    ///     A target position is 20 times as far as the robot reaches, as one in millimeters is.
     #[doc = section!(Notes)]
     /// Minimizes half the sum of all squared errors divided by their variances, by Levenberg-Marquardt steps on the
     /// manifold, each the exact minimum of its model within the limits; no step increases the cost. Connections are
@@ -107,6 +112,7 @@ impl PyScene {
         self.scene.inverse_kinematics(&options)?;
         let neutral = output::from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])?;
         let (fixed, inputs) = self.tasks(tasks, ("q0", q0.unwrap_or(&neutral)))?;
+        let far = self.far_target(&fixed, &inputs[1..])?;
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let width = nq + BESIDE + if covariance { nv * nv } else { 0 };
         let call = self.call(inputs, COST, errors)?;
@@ -128,6 +134,7 @@ impl PyScene {
             ]);
             Ok(())
         })?;
+        far.map_or(Ok(()), |text| warn_as(py, "UnitsWarning", &text))?;
         imported!(py, "phipsi.tasks", "gathered")?.call1((results.finish(), nq, nv, covariance))
     }
 }
@@ -198,6 +205,7 @@ impl PyScene {
         }
         let (fixed, mut inputs) = self.tasks(tasks, ("q", q))?;
         let is_limited = velocity.is_some();
+        let far = self.far_target(&fixed, &inputs[1..])?;
         inputs.extend(velocity.map(|given| Input::spread("velocity", given, self.rates())).transpose()?);
         let call = self.call(inputs, COST_OF_RATES, errors)?;
         let mut results = call.output(py, &[self.scene.nv()], None, Output::new)?;
@@ -208,6 +216,7 @@ impl PyScene {
             let mut solver = scene.inverse_kinematics(&Options { limits: false, ..Options::default() })?;
             solver.rates(&mut scratch.workspace, &tasks, of(0), &options, out)
         })?;
+        far.map_or(Ok(()), |text| warn_as(py, "UnitsWarning", &text))?;
         results.finish_or_scalar()
     }
 }
@@ -220,6 +229,9 @@ impl PyScene {
         (name, q): (&'static str, &Object<'py>),
     ) -> PyResult<(Vec<Task>, Vec<Input<'py>>)> {
         let given = imported!(tasks.py(), "phipsi.tasks", "unpacked")?.call1((tasks,))?.extract::<Vec<Given<'py>>>()?;
+        if given.is_empty() && self.scene.constraints().is_empty() {
+            return Err(Error::argument("tasks", "no task", "at least one task of phipsi.tasks").into());
+        }
         let mut inputs = vec![self.configuration(name, q)?];
         let mut fixed = Vec::with_capacity(given.len());
         for (kind, name, on, point, axis, position, rotation, target, width, relative_to) in given {
@@ -234,6 +246,43 @@ impl PyScene {
         }
         Ok((fixed, inputs))
     }
+
+    /// Warning about a target position that is beyond the reach of the scene by far, as those in millimeters are.
+    fn far_target(&self, tasks: &[Task], targets: &[Input<'_>]) -> PyResult<Option<String>> {
+        /// Smallest ratio of the distance of such a target to the reach.
+        const FAR: f64 = 20.0;
+        let Some(reach) = reach(&self.scene) else { return Ok(None) };
+        for (task, target) in tasks.iter().zip(targets) {
+            let (frame, at) = match task.goal {
+                Goal::Pose { frame, .. } => (frame, [3, 7, 11]),
+                Goal::Position { frame, .. } => (frame, [0, 1, 2]),
+                _ => continue,
+            };
+            let reach = reach + frame.placement.lever.norm();
+            let rows = target.data()?.chunks_exact(if at[0] == 0 { 3 } else { 16 });
+            let distance = rows.map(|row| Vector3::from(at.map(|i| row[i])).norm()).fold(0.0, f64::max);
+            if distance > FAR * reach && reach > 0.0 {
+                let name = &target.name;
+                return Ok(Some(format!(
+                    "{name}: found a position {distance:.1e} m away, beyond the reach of the robot, {reach:.3} m at \
+                     most; expected a position in m (millimeters / 1000)"
+                )));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// Bound on the distance of the body frames from the base; None if a joint can translate without limit.
+fn reach(scene: &Scene) -> Option<f64> {
+    let travel = scene.joints().iter().map(|joint| match joint.kind {
+        JointKind::Revolute | JointKind::Continuous | JointKind::Universal | JointKind::Spherical => 0.0,
+        JointKind::Prismatic => joint.limits.lower.abs().max(joint.limits.upper.abs()),
+        _ => f64::INFINITY,
+    });
+    let levers = scene.model().bodies.iter().map(|body| body.tree.lever.norm());
+    let sum: f64 = travel.chain(levers).sum();
+    sum.is_finite().then_some(sum)
 }
 
 /// Creates a task without its target, which differs between states.

@@ -8,7 +8,7 @@ use super::fresh::entries;
 use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
-use super::output::{Output, from_numbers};
+use super::output::{Output, from_numbers, property};
 use super::scene::PyScene;
 use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits};
 use crate::batch::broadcast_axes;
@@ -22,28 +22,28 @@ use std::time::Instant;
 
 #[pymethods]
 impl PyScene {
-    /// Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m, a copy; used in simulations.
+    /// Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m, read-only; used in simulations.
     #[getter]
     fn damping<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).damping, &[self.scene.nv()])
+        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).damping, &[self.scene.nv()])
     }
 
-    /// Coulomb friction of each degree of freedom, (nv,), N m or N, a copy; used in simulations.
+    /// Coulomb friction of each degree of freedom, (nv,), N m or N, read-only; used in simulations.
     #[getter]
     fn friction<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).friction, &[self.scene.nv()])
+        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).friction, &[self.scene.nv()])
     }
 
-    /// Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, a copy; used in simulations.
+    /// Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, read-only; used in simulations.
     #[getter]
     fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).stiffness, &[self.scene.nv()])
+        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).stiffness, &[self.scene.nv()])
     }
 
-    /// Configuration in which the springs are at rest, (nq,), a copy.
+    /// Configuration in which the springs are at rest, (nq,), read-only.
     #[getter]
     fn rest<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).rest, &[self.scene.nq()])
+        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).rest, &[self.scene.nq()])
     }
 
     /// Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
@@ -58,7 +58,7 @@ impl PyScene {
     ///     Number of steps. Alternatively, give duration.
     /// tau : (..., nv) array_like or callable, optional
     ///     Joint torques: constant, or a function of (t, q, qd) that returns (..., nv), called once per step with the
-    ///     batch.
+    ///     batch. An error for one state and shape (steps, nv): use tau_steps.
     /// tau_steps : (..., steps, nv) array_like, optional
     ///     Joint torques of each step, instead of tau.
     /// method : str, default "auto"
@@ -110,10 +110,13 @@ impl PyScene {
     ///     The motion diverges, a pivot is lost, connections or contacts have no solution, or tau raises. .trajectory
     ///     has the finished rows.
     /// SimulationInterrupted
-    ///     Ctrl-C (a KeyboardInterrupt), with .trajectory.
+    ///     Ctrl-C (a KeyboardInterrupt), with .trajectory. Other exceptions of signal handlers are raised unchanged.
     /// ConstraintError
     ///     The start violates the connections; see project.
     #[doc = entries!(memory arguments)]
+    #[doc = section!(Warns)]
+    /// UnitsWarning
+    ///     A step of 1 s or more without error control.
     #[doc = section!(Notes)]
     /// O(N) per stage. docs/motion.md has the equations, the methods and their orders, friction, stops, contacts,
     /// connections, error control and the energy audit.
@@ -190,6 +193,7 @@ impl PyScene {
             smoothing,
         };
         let (mut settings, pd) = keywords.read(own)?;
+        keywords.warn_of_units(py)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;
         let qd = own.on_tree(py, own.rate("qd", qd)?, Coupling::rates)?;
         // The torques of a function are recorded, for Trajectory.torques.
@@ -200,8 +204,9 @@ impl PyScene {
         let tau = recorder.as_ref().or(tau);
         let given = Given::read(tau, tau_steps, steps, own)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
-        axes.extend(given.leading());
         axes.extend(pd.iter().flat_map(Pd::leading));
+        given.check_not_steps(steps, axes.iter().all(|(_, leading)| leading.is_empty()))?;
+        axes.extend(given.leading());
         let batch = broadcast_axes(axes)?;
         let room = Room {
             states: entries(&batch),
@@ -235,6 +240,9 @@ impl PyScene {
             (rollout.take_impacts(), (rollout.chosen_method(), rollout.friction_speed(), rollout.has_stops()));
         set_outcome(&fields, &batch, own, made, |state| rollout.totals(state), &impacts)?;
         if of_contacts > 0 {
+            if stopped.is_none() {
+                scene.check_result("contacts", out_contacts.numbers()?)?;
+            }
             let told = reports(py, &batch, |state| rollout.contact_report(state))?;
             fields.set_item("contacts", contact_motion(slf, out_contacts.finish().into_any(), told)?)?;
         }
@@ -394,7 +402,7 @@ fn run<'py>(
         } else {
             advanced(py, rollout, count, &constant, records)?;
         }
-        py.check_signals()?;
+        py.check_signals().map_err(Stopped::Signal)?;
         if !matches!(plan.given, Given::Function(_)) {
             blocks.done(began);
         }
@@ -417,7 +425,7 @@ fn advanced(
     torque: &Torque<'_>,
     records: &mut Records<'_>,
 ) -> Result<(), Stopped> {
-    detached(py, || rollout.advance(steps, torque, Some(records)))?.map_err(Stopped::Fault)
+    detached(py, || rollout.advance(steps, torque, Some(records))).map_err(Stopped::Signal)?.map_err(Stopped::Fault)
 }
 
 /// Calls the function of the caller for the torques at the current states.

@@ -12,7 +12,6 @@ use crate::scene::Scene;
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
 use pyo3::prelude::*;
-use pyo3::types::PyString;
 
 /// Approximate times per state, ns (see `BatchCall::new`).
 mod cost {
@@ -143,10 +142,7 @@ impl Task {
         at: Option<&Object<'_>>,
         rotation: Option<&Object<'_>>,
     ) -> PyResult<Self> {
-        let links = match links.cast::<PyString>() {
-            Ok(link) => vec![link.extract()?],
-            Err(_) => names("links", links, "the name of a link, or a sequence of names")?,
-        };
+        let links = names("links", links, "the name of a link, or a sequence of names")?;
         let mut offsets = vec![RigidShift::identity(); links.len()];
         if let Some(at) = at {
             for (offset, at) in offsets.iter_mut().zip(one_or_each("at", at, links.len(), &[3])?) {

@@ -162,6 +162,13 @@ pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize
     output.finish_or_scalar()
 }
 
+/// New read-only array of a property of an object, because changes of it would have no effect.
+pub(super) fn property<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -> PyResult<Object<'py>> {
+    let array = from_numbers(py, numbers, shape)?;
+    array.call_method1("setflags", (false,))?;
+    Ok(array)
+}
+
 /// View of one of the vectors or matrices (one or two axes) that are consecutive in the result of each state.
 pub(super) fn part<'py>(all: &Object<'py>, axes: usize, which: usize) -> PyResult<Object<'py>> {
     if all.cast::<PyUntypedArray>()?.ndim() == axes + 1 {

@@ -4,7 +4,7 @@ use super::connection_tuple::{ConnectionTuple, connection_tuple};
 use super::contact_tuple::{ContactTuple, contact_tuple};
 use super::description::joint_tuple;
 use super::object::{Object, imported};
-use super::output::from_numbers;
+use super::output::property;
 use super::scene::{PyScene, slice};
 use crate::error::Error;
 use crate::scene::{Inertial, JointDescription, LinkDescription, Scene};
@@ -152,7 +152,7 @@ fn missing(what: &str, name: &str) -> Error {
 }
 
 fn vector<'py>(py: Python<'py>, v: &Vector3<f64>) -> PyResult<Object<'py>> {
-    from_numbers(py, v.as_slice(), &[3])
+    property(py, v.as_slice(), &[3])
 }
 
 /// Named tuple of a link that is carried by the joint `carrier`.
@@ -163,7 +163,7 @@ fn link_parts<'py>(
 ) -> PyResult<Object<'py>> {
     let massless = Inertial { mass: 0.0, center: Vector3::zeros(), central: Symmetric3::zero() };
     let Inertial { mass, center, central } = link.inertial.unwrap_or(massless);
-    let inertia = from_numbers(py, central.to_matrix().as_slice(), &[3, 3])?;
+    let inertia = property(py, central.to_matrix().as_slice(), &[3, 3])?;
     let (parent, joint) = (carrier.and_then(parent_of), carrier.map(|joint| joint.name.as_str()));
     let parts = (&link.name, mass, vector(py, &center)?, inertia, parent, joint);
     imported!(py, "phipsi._results", "Link")?.call1(parts)

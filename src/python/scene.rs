@@ -316,11 +316,11 @@ impl PyScene {
         self.scene.nq()
     }
 
-    /// Armature of each degree of freedom, (nv,), kg m^2 or kg, a copy: the variance of the measurement noise.
+    /// Armature of each degree of freedom, (nv,), kg m^2 or kg, read-only: the variance of the measurement noise.
     #[getter]
     fn armature<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let armature = self.properties_of_scene(&Properties::of(&self.scene)).armature;
-        output::from_numbers(py, &armature, &[self.scene.nv()])
+        output::property(py, &armature, &[self.scene.nv()])
     }
 
     /// Number of degrees of freedom: the length of qd, qdd and tau.
@@ -347,10 +347,10 @@ impl PyScene {
         PyTuple::new(py, self.scene.links().iter().map(|link| &link.name).collect::<Vec<_>>())
     }
 
-    /// Gravity in the base frame, (3,), m/s^2, a copy.
+    /// Gravity in the base frame, (3,), m/s^2, read-only.
     #[getter]
     fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        output::from_numbers(py, self.scene.model().gravity.as_slice(), &[3])
+        output::property(py, self.scene.model().gravity.as_slice(), &[3])
     }
 
     /// Create a scene in which joints are fixed at their coordinates in q; the names of links remain.

@@ -152,6 +152,7 @@ impl PyScene {
             smoothing,
         };
         let (mut settings, pd) = keywords.read(own)?;
+        keywords.warn_of_units(py)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(pd.iter().flat_map(Pd::leading));
@@ -251,6 +252,7 @@ impl PySimulator {
             return Ok(None);
         }
         let all: Vec<f64> = (0..moving.states()).flat_map(|state| moving.contacts_now(state)).collect();
+        moving.scene().check_result("contacts", &all)?;
         let rows = from_numbers(py, &all, &[&self.batch[..], between, &[width]].concat())?;
         let told = reports(py, &self.batch, |state| moving.contact_report(state))?;
         contact_motion(self.scene.bind(py), rows, told).map(Some)
@@ -278,8 +280,8 @@ fn in_blocks(py: Python<'_>, moving: &mut Simulator<Held>, torque: &Torque<'_>, 
     while moving.steps() < end {
         let count = blocks.next(end - moving.steps());
         let began = Instant::now();
-        detached(py, || moving.step(torque, count))?.map_err(Stopped::Fault)?;
-        py.check_signals()?;
+        detached(py, || moving.step(torque, count)).map_err(Stopped::Signal)?.map_err(Stopped::Fault)?;
+        py.check_signals().map_err(Stopped::Signal)?;
         blocks.done(began);
     }
     Ok(())
@@ -299,7 +301,7 @@ impl PySimulator {
     ///     states are at the last step that all of them finished; reset(q, qd, states=error.state) lets the others
     ///     continue.
     /// SimulationInterrupted
-    ///     Ctrl-C (a KeyboardInterrupt), likewise.
+    ///     Ctrl-C (a KeyboardInterrupt), likewise. Other exceptions of signal handlers are raised unchanged.
     /// ShapeError, NotFiniteError, ArgumentError
     ///     An invalid argument; no state has moved.
     #[doc = section!(Examples)]

@@ -19,6 +19,9 @@ use std::time::{Duration, Instant};
 /// Time between two reports of progress, and between two checks for signals.
 pub(super) const BLOCK: Duration = Duration::from_millis(50);
 
+/// Shortest step with a warning, s.
+const LONG_STEP: f64 = 1.0;
+
 /// Keywords of a simulation, as given.
 pub(super) struct Keywords<'a, 'py> {
     pub dt: f64,
@@ -80,6 +83,19 @@ impl<'py> Keywords<'_, 'py> {
         properties.friction_speed = self.friction_speed.unwrap_or(0.0);
         let pd = self.pd.map(|pd| Pd::read(pd, own)).transpose()?;
         Ok((settings, pd))
+    }
+
+    /// Warns about a step that does not resolve the motion of any robot, for instance one in milliseconds.
+    pub fn warn_of_units(&self, py: Python<'py>) -> PyResult<()> {
+        if self.accuracy.is_some() || self.dt.is_nan() || self.dt < LONG_STEP {
+            return Ok(());
+        }
+        let text = format!(
+            "dt: found steps of {} s, which do not resolve the motion of a robot; expected a step in s, for instance \
+             1e-3, or error control with accuracy",
+            self.dt
+        );
+        warn_as(py, "UnitsWarning", &text)
     }
 
     /// Keywords and torques of a run that are not fields of the trajectory.
@@ -154,8 +170,10 @@ pub(super) fn set_outcome<'py>(
         [&|t| t.torque, &|t| t.damping, &|t| t.friction, &|t| t.control, &|t| t.stops];
     let works = works.into_iter().map(each).collect::<PyResult<Vec<_>>>()?;
     fields.set_item("works", PyTuple::new(py, works)?)?;
+    let is_controlled = settings.accuracy.is_some();
+    let error = |t: &Totals| if is_controlled { t.error } else { f64::NAN };
     let counts: [&dyn Fn(&Totals) -> f64; 4] =
-        [&|t| t.most_substeps.max(1.0), &|t| t.events, &|t| t.error, &|t| t.unsettled];
+        [&|t| t.most_substeps.max(1.0), &|t| t.events, &error, &|t| t.unsettled];
     let counts = counts.into_iter().map(each).collect::<PyResult<Vec<_>>>()?;
     fields.set_item("counts", PyTuple::new(py, counts)?)?;
     fields.set_item("stops", stop_impacts(py, batch, own, impacts)?)
@@ -209,7 +227,10 @@ impl Blocks {
 /// Reason for the early end of a run.
 pub(super) enum Stopped {
     Fault(StepFault),
+    /// A function of the caller raised.
     Raised(PyErr),
+    /// A signal handler raised between two blocks.
+    Signal(PyErr),
 }
 
 impl From<PyErr> for Stopped {
@@ -221,14 +242,17 @@ impl From<PyErr> for Stopped {
 impl Stopped {
     /// Creates the exception, with the finished part of the trajectory.
     pub fn raise(self, py: Python<'_>, trajectory: &Object<'_>, batch: &[usize]) -> PyResult<PyErr> {
+        let by_signal = matches!(self, Self::Signal(_));
         let (cause, joint, state) = match self {
-            Self::Raised(error) => (error, None, None),
+            Self::Raised(error) | Self::Signal(error) => (error, None, None),
             Self::Fault(StepFault { state, joint, error, .. }) => {
                 let index = (!batch.is_empty()).then(|| batch_index(py, state, batch)).transpose()?;
                 (fault(py, Fault { state, error }, batch), Some(joint), index)
             }
         };
-        let made = imported!(py, "phipsi._motion", "stopped")?.call1((trajectory, cause.value(py), joint, state))?;
+        // The frames of the exception are in its value only after this conversion.
+        let arguments = (trajectory, cause.into_value(py), joint, state, by_signal);
+        let made = imported!(py, "phipsi._motion", "stopped")?.call1(arguments)?;
         Ok(PyErr::from_value(made))
     }
 }

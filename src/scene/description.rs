@@ -181,6 +181,13 @@ pub enum SceneWarning {
         /// The elements and attributes with their positions.
         found: String,
     },
+    /// Position limits of a joint that are probably in degrees.
+    Degrees {
+        /// Name of the joint.
+        joint: String,
+        /// The limits.
+        found: String,
+    },
     /// Invalid limits in a file, which are ignored.
     Limits {
         /// The joints, and the defects of their limits.
@@ -208,6 +215,9 @@ impl SceneWarning {
                 format!("unrecognized content: {found}"),
                 "elements and attributes of URDF (strict)".to_owned(),
             ),
+            Self::Degrees { joint, found } => {
+                (format!("joint {joint:?}"), found, "limits in rad (strict)".to_owned())
+            }
             Self::Limits { found } => {
                 let expected = "lower not above upper, velocity and effort zero or positive (strict)";
                 ("limits".to_owned(), found, expected.to_owned())
@@ -237,6 +247,9 @@ impl std::fmt::Display for SceneWarning {
                 write!(f, "{}; torques are zero and accelerations undefined, except for armature", no_mass(links))
             }
             Self::NotUnderstood { source, found } => write!(f, "{source}: not recognized and ignored: {found}"),
+            Self::Degrees { joint, found } => {
+                write!(f, "joint {joint:?}: {found}, which look like degrees; limits are in rad (degrees times pi / 180)")
+            }
             Self::Limits { found } => write!(f, "invalid limits, which are ignored: {found}"),
         }
     }

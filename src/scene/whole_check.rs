@@ -4,10 +4,14 @@ use super::assembly::Tree;
 use super::description::{Inertial, JointDescription, Mimic, MimicJoints, SceneWarning};
 use super::inertia_check::unphysical;
 use super::{AT_A_TIME, SceneBuilder};
-use crate::error::{Error, in_language};
+use crate::error::{Error, in_language, number};
 use crate::interrupt;
 use crate::joints::JointKind;
 use std::collections::HashSet;
+
+/// Whole numbers beyond the first and up to the second value are no limits of a joint in rad but in degrees. Limits of
+/// joints of several turns are no whole numbers, and numbers that stand for no limit are larger.
+const DEGREES: (f64, f64) = (20.0, 360.0);
 
 impl SceneBuilder {
     /// Adds the unrecognized elements of the file to an error of the tree: a misspelled joint element causes two trees.
@@ -76,6 +80,14 @@ impl SceneBuilder {
         for joint in self.joints.iter().filter(free) {
             if let Some(Mimic { joint: source, .. }) = &joint.mimic {
                 warnings.push(SceneWarning::Mimic { joint: joint.name.clone(), source: source.clone() });
+            }
+        }
+        for joint in self.joints.iter().filter(|joint| joint.kind == JointKind::Revolute) {
+            let bounds = [joint.limits.lower, joint.limits.upper];
+            if bounds.iter().any(|bound| bound.fract() == 0.0 && DEGREES.0 < bound.abs() && bound.abs() <= DEGREES.1) {
+                let [lower, upper] = bounds.map(number);
+                let found = format!("limits from {lower} to {upper} rad");
+                warnings.push(SceneWarning::Degrees { joint: joint.name.clone(), found });
             }
         }
         if self.strict {

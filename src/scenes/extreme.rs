@@ -106,7 +106,8 @@ pub fn names() -> impl ExactSizeIterator<Item = &'static str> {
 ///
 /// # Errors
 ///
-/// [`Error::Argument`] for an unknown name, a value outside the domain of the case, and too few or too many bodies.
+/// [`Error::Argument`] for an unknown name, a value outside the domain of the case, and too few or too many bodies;
+/// [`Error::NotFinite`] for a value with which the state exceeds the range of f32.
 pub fn extreme(name: &str, value: Option<f64>, bodies: Option<usize>, seed: u64) -> Result<Extreme, Error> {
     let kind = KINDS.iter().find(|kind| kind.name == name).ok_or_else(|| {
         let known: Vec<String> = names().map(|name| format!("{name:?}")).collect();
@@ -119,6 +120,9 @@ pub fn extreme(name: &str, value: Option<f64>, bodies: Option<usize>, seed: u64)
     let mut draw = Draw::new(seed);
     let scene = (kind.make)(value, bodies, &mut draw).build()?;
     let (q, qd, tau) = state(&scene, (kind.state)(value), &mut draw, if name == "far-base" { value } else { 0.0 })?;
+    for (what, values) in [("q", &q), ("qd", &qd), ("tau", &tau)] {
+        scene.check_result(what, values)?;
+    }
     Ok(Extreme { name: kind.name, parameter: kind.parameter, value, values: kind.values, scene, q, qd, tau })
 }
 

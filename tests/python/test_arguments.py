@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from tolerances import assert_near, assert_same_bits, product
 
 import phipsi
 from phipsi.errors import ArgumentError, NotFiniteError, ShapeError, SingularJointError
+from phipsi.estimation import Encoder, Gyro, nees, nis
 
 NAN = np.array([0, 0, np.nan, 0, 0, 0, 0])
 
@@ -207,7 +209,8 @@ def test_parts_of_joints_by_name() -> None:
 
 
 def test_lock_takes_a_list_of_names(arm: phipsi.Scene) -> None:
-    for joints in ("joint0", 3, [3], None):
+    assert arm.lock("joint0", arm.neutral()).joint_names == arm.lock(["joint0"], arm.neutral()).joint_names
+    for joints in (3, [3], None, {"joint0": 1.0}):
         with pytest.raises(ArgumentError, match="joints: found .* expected a list of joint names"):
             arm.lock(joints, arm.neutral())  # type: ignore[arg-type]
     with pytest.raises(ShapeError, match=r"q: found shape \(1, 7\); expected \(7,\)"):
@@ -285,3 +288,90 @@ def test_arguments_are_left_alone(method: str) -> None:
         assert_same_bits(argument, copy)
     for argument in arguments:
         assert not np.shares_memory(first, argument)
+
+
+def observed(scene: phipsi.Scene, value: object) -> object:
+    observer = scene.observer(1e-3, [Encoder(noise=1e-3)], q=scene.neutral(), torque_noise=0.1)
+    return observer.step(np.zeros(scene.nv), {"encoder": value})
+
+
+ONE, SQUARE = np.array([1.0, 2.0, 3.0]), np.eye(3)
+#: Calls with one array each, which the other arguments suit; the name of the argument, and the value.
+CONVERTED: dict[str, tuple[Callable[[phipsi.Scene, object], object], str, np.ndarray]] = {
+    "position": (lambda scene, value: phipsi.pose(value), "xyz", ONE),
+    "angles": (lambda scene, value: phipsi.pose(rpy=value), "rpy", ONE),
+    "quaternion": (lambda scene, value: phipsi.pose(quat=value), "quat", np.array([0.0, 0.0, 0.0, 1.0])),
+    "innovation": (lambda scene, value: nis(value, SQUARE), "error", ONE),
+    "covariance": (lambda scene, value: nees(ONE, value), "covariance", SQUARE),
+    "torque variance": (lambda scene, value: scene.forward_dynamics_variance(ONE, ONE, ONE, torque=value), "torque", ONE),
+    "parameters": (
+        lambda scene, value: scene.forward_dynamics_variance(ONE, ONE, ONE, parameters=value), "parameters", np.zeros((3, 10, 10)),
+    ),
+    "joints": (lambda scene, value: scene.forward_dynamics_variance(ONE, ONE, ONE, joints=value), "joints", np.zeros((3, 4, 4))),
+    "damping variance": (
+        lambda scene, value: scene.inverse_dynamics_variance(ONE, ONE, ONE, joints={"damping": value}), "joints['damping']", ONE,
+    ),
+    "target": (
+        lambda scene, value: scene.inverse_kinematics(phipsi.tasks.Position(scene.link_names[-1], value), starts=1), "tasks[0].target", ONE,
+    ),
+    "point": (
+        lambda scene, value: scene.inverse_kinematics(phipsi.tasks.Position(scene.link_names[-1], ONE, at=value), starts=1), "tasks[0].at", ONE,
+    ),
+    "reading": (observed, "readings['encoder']", ONE),
+    "sensor noise": (
+        lambda scene, value: scene.observer(1e-3, [Encoder(noise=value)], q=ONE, torque_noise=0.1), "noise of 'encoder'", ONE,
+    ),
+    "rotation of a sensor": (
+        lambda scene, value: scene.observer(1e-3, [Gyro(link=scene.link_names[-1], noise=1.0, rotation=value)], q=ONE, torque_noise=0.1),
+        "rotation of 'gyro'", SQUARE,
+    ),
+    "torque noise": (lambda scene, value: scene.observer(1e-3, [], q=ONE, torque_noise=value), "torque_noise", ONE),
+    "initial": (lambda scene, value: scene.observer(1e-3, [], q=ONE, torque_noise=0.1, initial=value), "initial", np.ones(6)),
+    "torque noise of momentum": (
+        lambda scene, value: scene.momentum_observer(1e-3, torque_noise=value, bandwidth=10.0), "torque_noise", ONE,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CONVERTED)
+def test_complex_numbers_are_refused_and_lists_are_taken(name: str) -> None:
+    """NumPy would drop the imaginary part with a warning, and treat True as 1."""
+    scene = phipsi.scenes.chain(3)
+    call, argument, value = CONVERTED[name]
+    call(scene, value)
+    call(scene, value.tolist())
+    for wrong, found in ((value + 0j, "complex128"), ((value + 0j).tolist(), "complex128"), (value != 0.0, "bool"), (value.astype(str), "<U32")):
+        with pytest.raises(ArgumentError, match=re.escape(f"{argument}: found dtype {found}")) as caught:
+            call(scene, wrong)
+        assert caught.value.argument == argument
+
+
+def test_one_name_is_a_list_of_one(arm: phipsi.Scene) -> None:
+    last = arm.link_names[-1]
+    assert arm.to_c(functions="mass_matrix") == arm.to_c(functions=["mass_matrix"])
+    assert arm.placement(arm.neutral(), last).shape == (4, 4)
+    assert_same_bits(arm.operational_inverse_inertia(arm.neutral(), last), arm.operational_inverse_inertia(arm.neutral(), [last]))
+    with pytest.raises(ArgumentError, match='functions: found .forward.; expected one of forward_dynamics'):
+        arm.to_c(functions="forward")
+    with pytest.raises(ArgumentError, match="functions: found 'forward'"):
+        phipsi.compile(arm, "forward")
+    q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 200, arm.nv))
+    tau = arm.inverse_dynamics(q, qd, qdd) + 0.1 * qd
+    alone = arm.identify(q, qd, qdd, tau, noise=0.01, fit="damping", keep=arm.body_names[0])
+    listed = arm.identify(q, qd, qdd, tau, noise=0.01, fit=["damping"], keep=[arm.body_names[0]])
+    assert_same_bits(alone.parameters, listed.parameters)
+    for argument, value in (("fit", "dampening"), ("keep", "all")):
+        with pytest.raises(ArgumentError, match=f"{argument}: found '{value}'; expected names of"):
+            arm.identify(q, qd, qdd, tau, **{argument: value})
+
+
+@pytest.mark.parametrize("operator", ["solve", "mul", "phi", "K"])
+def test_products_that_overflow_are_errors(arm: phipsi.Scene, operator: str) -> None:
+    factor = arm.factor(np.full((2, 7), 0.3))
+    apply = {"solve": factor.solve, "mul": factor.mul, "phi": factor.phi.matvec, "K": factor.K.matvec}[operator]
+    x = np.full((2, 42 if operator == "phi" else 7), 1.0)
+    assert np.isfinite(apply(x)).all()
+    x[1] = 1.7e308
+    with pytest.raises(NotFiniteError, match=r"product with .* \(result; the arguments overflow\)") as found:
+        apply(x)
+    assert found.value.state == 1

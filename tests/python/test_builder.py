@@ -20,6 +20,7 @@ from phipsi.errors import (
     NotFiniteError,
     SceneError,
     ShapeError,
+    UnitsWarning,
     UnknownTagWarning,
 )
 
@@ -199,3 +200,33 @@ def test_a_universal_joint_is_two_hinges() -> None:
         assert_near(getattr(universal, name)(q, qd, tau), getattr(hinges, name)(q, qd, tau), 1e-12)
     assert_near(universal.placements(q)["rod"], hinges.placements(q)["rod"], 8 * EPS)
     assert_near(universal.difference(q, universal.integrate(q, qd)), qd, 8 * EPS)
+
+
+@pytest.mark.parametrize(("name", "axis"), [("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1)), ("-x", (-1, 0, 0)), ("-y", (0, -1, 0)), ("-z", (0, 0, -1))])
+def test_an_axis_has_a_name(name: str, axis: tuple[int, int, int]) -> None:
+    builder = phipsi.SceneBuilder().link("base").link("rod", mass=1.0, com=(0.1, 0.2, 0.3))
+    scene = builder.joint("hinge", "revolute", "base", "rod", axis=name).build()
+    assert_near(scene.joints["hinge"].axis, axis, 0.0)
+
+
+def test_an_axis_of_another_name() -> None:
+    with pytest.raises(ArgumentError, match='axis of joint "hinge": found "up"; expected one of "x", "y", "z", "-x", "-y", "-z"'):
+        phipsi.SceneBuilder().joint("hinge", "revolute", "base", "rod", axis="up")
+
+
+@pytest.mark.parametrize(("type", "lower", "upper", "warns"), [
+    ("revolute", -90, 90, True), ("revolute", -180, 180, True), ("revolute", 0, 45, True), ("revolute", -1.57, 120, True),
+    ("revolute", -6.28, 6.28, False), ("revolute", -31.4159, 31.4159, False), ("revolute", -1e9, 1e9, False), ("revolute", -20, 20, False),
+    ("revolute", -math.inf, math.inf, False), ("prismatic", -90, 90, False),
+])  # fmt: skip
+def test_limits_in_degrees_warn(type: str, lower: float, upper: float, warns: bool) -> None:
+    builder = phipsi.SceneBuilder().link("base").link("rod", mass=1.0, com=(0.1, 0.2, 0.3))
+    builder.joint("hinge", type, "base", "rod", lower=lower, upper=upper)
+    if not warns:
+        builder.build(strict=True)
+        return
+    with pytest.warns(UnitsWarning, match='joint "hinge": limits from .* rad, which look like degrees; limits are in rad'):
+        scene = builder.build()
+    assert scene.limits.upper == upper
+    with pytest.raises(SceneError, match='joint "hinge".*limits in rad'):
+        builder.build(strict=True)

@@ -114,7 +114,7 @@ BROKEN: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "prior": ({"prior_acceleration": np.zeros(6)}, ShapeError, "prior_acceleration: found shape (6,); expected (..., 7)"),
     "prior NaN": ({"prior_acceleration": NAN}, NotFiniteError, "prior_acceleration: found NaN at index 2"),
     "unknown joint": ({"measured": ["elbow"]}, ArgumentError, 'measured: found "elbow"; expected one of "joint0", "joint1"'),
-    "one name": ({"measured": "joint0"}, ArgumentError, "measured: found 'joint0'; expected names of joints, or a boolean array"),
+    "one unknown joint": ({"measured": "elbow"}, ArgumentError, 'measured: found "elbow"; expected one of "joint0", "joint1"'),
     "mask length": ({"measured": np.ones(6, bool)}, ShapeError, "measured: found shape (6,); expected (7,)"),
     "mask of numbers": ({"measured": np.ones(7)}, ArgumentError, "measured: found array([1."),
     "mask a number": ({"measured": 3}, ArgumentError, "measured: found 3"),

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import phipsi
 import pytest
-from phipsi.errors import ArgumentError, MimicWarning, NotFiniteError, ShapeError
+from phipsi.errors import ArgumentError, MimicWarning, NotFiniteError, ShapeError, SimulationError, UnitsWarning
 from tolerances import EPS, assert_near, central_difference, product, size
 
 GRIPPER = """<robot name="gripper"><link name="palm"/>{}{}</robot>""".format(
@@ -243,7 +243,7 @@ def test_a_saved_trajectory_is_the_same(arm: phipsi.Scene, tmp_path: Path) -> No
         path = arm.simulate(q, np.ones(6), dt=1e-3, steps=40, record_every=4, **given)
         again = saved(path, tmp_path)
         for name in ("t", "q", "qd", "substeps", "events", "estimated_error"):
-            assert np.array_equal(getattr(again, name), getattr(path, name))
+            assert np.array_equal(getattr(again, name), getattr(path, name), equal_nan=True)
         assert np.array_equal(again.torques(), path.torques()) and again.stops == path.stops and repr(again) == repr(path)
         assert all(np.array_equal(*pair) for pair in zip(again.energy_audit(), path.energy_audit(), strict=True))
         if path.applied is None:
@@ -292,3 +292,83 @@ def test_another_archive(arm: phipsi.Scene, tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", q=np.zeros(3))
     with pytest.raises(ArgumentError, match="expected an archive of Trajectory.save"):
         phipsi.Trajectory.load(tmp_path / "other.npz", arm)
+
+
+def test_configurations_without_coordinates() -> None:
+    """Their number does not determine the time."""
+    scene = phipsi.SceneBuilder().link("base").build()
+    assert scene.random_configuration(size=(10**7, 10**7)).shape == (10**7, 10**7, 0)
+
+
+def late(value: object) -> object:
+    """A control function that returns an unsuitable value from the fourth step on."""
+    return lambda t, q, qd: np.zeros(6) if t < 2.5e-3 else value
+
+
+WRONG_TORQUES: dict[str, tuple[object, int, str]] = {
+    "length": (late(np.zeros(5)), 3, r"ShapeError: tau\(t, q, qd\): found shape \(5,\); expected \(6,\)"),
+    "batch": (late(np.zeros((4, 6))), 3, r"ShapeError: tau\(t, q, qd\): found shape \(4, 6\); expected \(6,\)"),
+    "nothing": (late(None), 3, r"ArgumentError: tau\(t, q, qd\): found dtype object from None"),
+    "two arguments": (lambda t, q: np.zeros(6), 0, r"the call failed \(.*\); expected a function of \(t, q, qd\) that returns .* shape \(6,\)"),
+    "an error inside": (lambda t, q, qd: np.zeros(6) + None, 0, r"TypeError: unsupported operand"),
+}
+
+
+@pytest.mark.parametrize("way", ["simulate", "ode"])
+@pytest.mark.parametrize("case", WRONG_TORQUES)
+def test_wrong_torques_of_a_function_keep_the_motion(arm: phipsi.Scene, case: str, way: str) -> None:
+    tau, step, message = WRONG_TORQUES[case]
+    start = np.full(6, 0.3), np.zeros(6)
+    with pytest.raises(SimulationError, match=message) as found:
+        if way == "simulate":
+            arm.simulate(*start, dt=1e-3, steps=10, tau=tau)
+        else:
+            arm.ode(tau=tau).solve(*start, (0.0, 0.01), max_step=1e-3)
+    error = found.value
+    assert error.step >= step if way == "ode" else error.step == step
+    assert len(error.trajectory) == error.step + 1 and np.isfinite(error.trajectory.q).all()
+
+
+def test_torques_of_steps_for_one_state_are_no_batch(arm: phipsi.Scene) -> None:
+    """They would be one robot for each step."""
+    start, torques = (np.full(6, 0.3), np.zeros(6)), np.zeros((10, 6))
+    with pytest.raises(ArgumentError, match="tau: found one row for each of 10 steps, of one state; expected tau_steps="):
+        arm.simulate(*start, dt=1e-3, steps=10, tau=torques)
+    assert arm.simulate(*start, dt=1e-3, steps=10, tau_steps=torques).q.shape == (11, 6)
+    assert arm.simulate(*start, dt=1e-3, steps=9, tau=torques).q.shape == (10, 10, 6)
+    assert arm.simulate(np.full((10, 6), 0.3), start[1], dt=1e-3, steps=10, tau=torques).q.shape == (10, 11, 6)
+    assert arm.simulate(*start, dt=1e-3, steps=10, tau=torques[None]).q.shape == (1, 10, 11, 6)
+    law = phipsi.PD(1.0, 1.0, np.zeros((10, 6)))
+    assert arm.simulate(*start, dt=1e-3, steps=10, tau=torques, pd=law).q.shape == (10, 11, 6)
+
+
+def test_a_step_of_seconds_warns(arm: phipsi.Scene) -> None:
+    start = np.full(6, 0.3), np.zeros(6)
+    with pytest.warns(UnitsWarning, match="dt: found steps of 1 s, which do not resolve .* expected a step in s, for instance 1e-3"):
+        arm.simulate(*start, dt=1, steps=0)
+    with pytest.warns(UnitsWarning, match="dt: found steps of 2 s"):
+        arm.simulator(*start, dt=2)
+    arm.simulate(*start, dt=0.5, steps=0)
+    arm.simulate(*start, dt=1.0, steps=0, accuracy=1e-6)
+
+
+def test_an_error_that_was_not_computed_is_nan(arm: phipsi.Scene) -> None:
+    start = np.full(6, 0.3), np.zeros(6)
+    assert np.isnan(arm.simulate(*start, dt=1e-3, steps=3).estimated_error)
+    assert np.isnan(arm.simulate(np.full((2, 6), 0.3), start[1], dt=1e-3, steps=3, method="dormand-prince-5").estimated_error).all()
+    assert np.isnan(arm.ode().solve(*start, (0.0, 0.01)).estimated_error)
+    assert 0.0 < arm.simulate(*start, dt=1e-3, steps=3, accuracy=1e-6).estimated_error < 1e-4
+
+
+def test_properties_are_read_only(floating: phipsi.Scene) -> None:
+    """A change of a copy would have no effect."""
+    joint, link = floating.joints["joint2"], floating.links["link2"]
+    arrays = [getattr(floating, name) for name in ("damping", "friction", "stiffness", "rest", "armature", "gravity")]
+    arrays += [*floating.limits, joint.xyz, joint.rotation, joint.axis, joint.rest, link.com, link.inertia]
+    for array in arrays:
+        assert isinstance(array, np.ndarray)
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 5.0
+    own = floating.damping.copy()[6:]
+    own[0] = 5.0
+    assert floating.with_properties(damping=dict(zip(floating.joint_names[1:], own))).damping[6] == 5.0

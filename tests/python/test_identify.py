@@ -394,3 +394,21 @@ def test_a_body_without_mass() -> None:
     with pytest.raises(ArgumentError, match="scene: found no mass of the body 'link2'.*keep"):
         scene.identify(q, qd, qdd, np.zeros((10, 6)), noise=0.1)
     assert scene.identify(q, qd, qdd, np.zeros((10, 6)), noise=10.0, keep=["link2"]).deviations.shape == (6, 10)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e75, 1e120, 1e160, 1e300])
+@pytest.mark.parametrize("name", ["q", "qd", "qdd", "tau", "noise", "acceleration_noise", "trust", "friction_speed", "stribeck_speed"])
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_huge_and_tiny_numbers_are_identified_or_refused(name: str, size: float, capfd: pytest.CaptureFixture[str]) -> None:
+    """Errors are those of phipsi, and LAPACK writes nothing."""
+    scene = arm(15)
+    q, qd, qdd = states(scene, 60)
+    given: dict[str, Any] = {"q": q, "qd": qd, "qdd": qdd, "tau": scene.inverse_dynamics(q, qd, qdd), "fit": ("friction", "stribeck")}
+    given[name] = given[name] * size if name in given else size
+    try:
+        found = scene.identify(**given)
+    except PhipsiError:
+        pass
+    else:
+        assert np.isfinite(found.parameters).all() and np.isfinite(found.covariance).all()
+    assert capfd.readouterr() == ("", "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import signal
@@ -120,3 +121,66 @@ def test_other_threads_are_not_interrupted() -> None:
         signal.signal(signal.SIGINT, before)
     other.join()
     assert len(found) == 1 and np.isfinite(found[0].mass_matrix).all()
+
+
+class Method:
+    """A handler that is a method, and one that is an object with __call__."""
+
+    def handle(self, number: int, frame: object) -> None:
+        raise Alarm
+
+    __call__ = handle
+
+
+def slow(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+    """Torques whose computation is interrupted by a handler in most cases."""
+    for _ in range(2000):
+        qd = -qd
+    return np.zeros(7)
+
+
+HANDLERS: dict[str, object] = {
+    "function": None,
+    "method": Method().handle,
+    "object": Method(),
+    "partial": functools.partial(Method.handle, None),
+}
+MOVING = {
+    "simulate": lambda scene: scene.simulate(np.full(7, 0.3), np.zeros(7), dt=1e-5, steps=10**9, record_every=10**8),
+    "tau": lambda scene: scene.simulate(np.full(7, 0.3), np.zeros(7), dt=1e-5, steps=10**9, record_every=10**8, tau=slow),
+    "progress": lambda scene: scene.simulate(
+        np.full(7, 0.3), np.zeros(7), dt=1e-5, steps=10**9, record_every=10**8, progress=lambda done, steps: time.sleep(0.2)
+    ),
+    "simulator": lambda scene: scene.simulator(np.full(7, 0.3), dt=1e-5).step(steps=10**9),
+    "ode": lambda scene: scene.ode(tau=slow).solve(np.full(7, 0.3), np.zeros(7), (0.0, 1e6), max_steps=10**9),
+    "argument": lambda scene: [scene.bias_torque(Slow(), np.zeros(7)) for _ in range(10**6)],
+}
+
+
+class Slow:
+    """An array whose conversion is interrupted in most cases."""
+
+    def __array__(self, dtype: object = None, copy: object = None) -> np.ndarray:
+        time.sleep(1e-3)
+        return np.zeros(7)
+
+
+@pytest.mark.parametrize("handler", HANDLERS)
+@pytest.mark.parametrize("name", MOVING)
+def test_what_a_handler_raises_in_a_motion_is_raised_unchanged(alarm: None, name: str, handler: str) -> None:
+    """It is no error of the motion, of the function for tau, or of an argument."""
+    if HANDLERS[handler] is not None:
+        signal.signal(signal.SIGALRM, HANDLERS[handler])  # type: ignore[arg-type]
+    scene = phipsi.scenes.chain(7)
+    signal.setitimer(signal.ITIMER_REAL, 0.1)
+    with pytest.raises(Alarm):
+        MOVING[name](scene)
+
+
+def test_the_same_exception_of_a_function_is_an_error_of_the_motion(alarm: None) -> None:
+    def broken(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        raise Alarm
+
+    with pytest.raises(phipsi.errors.SimulationError, match="step 0 .*Alarm") as found:
+        phipsi.scenes.chain(7).simulate(np.full(7, 0.3), np.zeros(7), dt=1e-3, steps=10, tau=broken)
+    assert isinstance(found.value.__cause__, Alarm)

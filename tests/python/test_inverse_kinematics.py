@@ -156,6 +156,7 @@ POSITION = tasks.Position(HAND, (0.5, 0.1, 0.3))
     ("given", "kind", "message"),
     [
         ({"tasks": 3}, TypeError, "int"),
+        ({"tasks": []}, ArgumentError, "tasks: found no task; expected at least one task of phipsi.tasks"),
         ({"tasks": [3]}, ArgumentError, "tasks: found int at 0; expected Pose, Position"),
         ({"tasks": POSITION._replace(link="foot")}, ArgumentError, r"tasks\[0\].link: found \"foot\""),
         ({"tasks": tasks.JointPosition("knee", 0.0)}, ArgumentError, r"tasks\[0\].joint: found \"knee\""),
@@ -448,3 +449,44 @@ def test_a_hinge_with_an_opposite_direction_moves() -> None:
     axis = (0.8, 0.0, -0.6)
     rates = scene.inverse_kinematics_rates(tasks.Direction("arm", np.negative(axis), axis=axis), [0.0], dt=0.1, gain=0.1)
     assert_near(np.abs(rates), [np.pi], 1e-4)
+
+
+@pytest.mark.parametrize("size", [1e155, 1e160, 1e300])
+@pytest.mark.parametrize("kind", ["Position", "Pose", "CenterOfMass", "LookAt"])
+@pytest.mark.filterwarnings("ignore::phipsi.errors.UnitsWarning")
+def test_errors_that_overflow_are_errors(kind: str, size: float) -> None:
+    place = phipsi.pose((size, -size, size))
+    task = {
+        "Position": tasks.Position(HAND, place[:3, 3]),
+        "Pose": tasks.Pose(HAND, place),
+        "CenterOfMass": tasks.CenterOfMass(place[:3, 3]),
+        "LookAt": tasks.LookAt(HAND, place[:3, 3]),
+    }[kind]
+    try:
+        found = ARM.inverse_kinematics(task)
+    except NotFiniteError as error:
+        assert "the arguments overflow" in str(error)
+    else:
+        assert np.isfinite([found.position_error, found.rotation_error]).all() and np.isfinite(found.q).all()
+
+
+def test_an_overflow_of_one_state_concerns_it_alone() -> None:
+    targets = np.array([[0.5, 0.1, 0.3], [1e160, 0.0, 0.0]])
+    with pytest.warns(BadStateWarning, match="overflow"), pytest.warns(phipsi.errors.UnitsWarning):
+        found = ARM.inverse_kinematics(tasks.Position(HAND, targets), errors="nan")
+    assert np.array_equal(found.reached, [True, False]) and np.isnan(found.q[1]).all()
+    with pytest.raises(NotFiniteError, match="errors of the tasks .*overflow"):
+        ARM.inverse_kinematics(tasks.Position(HAND, targets[1]))
+
+
+def test_targets_in_millimeters_warn() -> None:
+    target = np.array([0.5, 0.1, 0.3])
+    for task in (tasks.Position(HAND, 1e3 * target), tasks.Pose(HAND, phipsi.pose(1e3 * target)), tasks.Position(HAND, [target, 1e3 * target])):
+        with pytest.warns(phipsi.errors.UnitsWarning, match=r"tasks\[0\].target: found a position 5.9e2 m away, .*; expected a position in m"):
+            ARM.inverse_kinematics(task)
+        with pytest.warns(phipsi.errors.UnitsWarning, match="expected a position in m"):
+            ARM.inverse_kinematics_rates(task, np.zeros(6), dt=0.01)
+    # Targets out of reach, and targets of robots that drive, have no warning.
+    assert not ARM.inverse_kinematics(tasks.Position(HAND, 10.0 * target)).reached
+    mobile = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
+    mobile.inverse_kinematics(tasks.Position(HAND, 1e3 * target))

@@ -514,6 +514,16 @@ class TestArguments:
         with pytest.raises(ShapeError, match=r"noise of 'encoder'.*\(1, 2\)"):
             self.observer(sensors=[Encoder(noise=[[1.0, 1.0]])])
 
+    @pytest.mark.parametrize("delay", [10**11, 10_001, -1, 0.5, np.nan, np.inf, True, "1"])
+    def test_delays(self, delay: object) -> None:
+        with pytest.raises(ArgumentError, match="delay of 'encoder': found .*; expected (a whole number of steps, zero or more|at most 10000 steps)"):
+            self.observer(sensors=[Encoder(noise=1.0, delay=delay)])
+
+    @pytest.mark.parametrize("history", [-1, 0.5, np.nan, np.inf, 10**30, "1"])
+    def test_histories(self, history: object) -> None:
+        with pytest.raises(ArgumentError, match="history: found .*; expected a whole number of steps, zero or more"):
+            self.observer(history=history)
+
     def test_a_negative_step(self) -> None:
         with pytest.raises(ArgumentError, match="dt"):
             self.observer(dt=-1.0)

@@ -327,7 +327,7 @@ def test_a_torque_that_is_a_function(arm: phipsi.Scene) -> None:
 
 
 def test_where_a_simulator_went(arm: phipsi.Scene) -> None:
-    simulator = arm.simulator(np.zeros(arm.nq), dt=1.0, limits="report")
+    simulator = arm.simulator(np.zeros(arm.nq), dt=0.5, limits="report")
     with pytest.raises(SimulationError) as caught:
         simulator.step(np.full(arm.nv, 1e300), 1000)
     with pytest.raises(ArgumentError, match="trajectory: found the trajectory of a Simulator"):

@@ -89,6 +89,14 @@ def test_bad_values_are_refused_by_name(argument: str, call: object) -> None:
     assert caught.value.argument == argument
 
 
+@pytest.mark.parametrize("value", [1e39, 1e160, 1e300])
+def test_a_state_that_overflows_is_refused(value: float) -> None:
+    """States are exact in float32."""
+    with pytest.raises(phipsi.errors.NotFiniteError, match=r"qd \(result; the arguments overflow\)"):
+        scenes.extreme("spin", value)
+    assert np.isfinite(scenes.extreme("spin", 1e38).qd).all()
+
+
 def tree_of(scene: phipsi.Scene) -> Tree:
     """The oracle's tree for a scene, from its constants."""
     _, gravity, floating, _, links, joints, *_ = scene.__reduce__()[1][0]

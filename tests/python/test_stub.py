@@ -20,7 +20,7 @@ CALLS: dict[str, Any] = {
     "_Frame": lambda name: BUILDER.build().jacobian([0.0], "a", frame=name),
     "_Kind": lambda name: BUILDER.build().acceleration([0.0], [0.0], [0.0], "a", kind=name),
     "_JointType": lambda name: phipsi.SceneBuilder().joint("turn", name, "base", "a"),
-    "_Method": lambda name: BUILDER.build().simulate([0.0], [0.0], dt=1.0, steps=1, method=name),
+    "_Method": lambda name: BUILDER.build().simulate([0.0], [0.0], dt=0.5, steps=1, method=name),
     "_Switch": lambda name: BUILDER.build(leave_out=[name]),
 }
 

@@ -226,12 +226,15 @@ class Accumulator:
             self._add_noise(q[::every], qd[::every], qdd[::every], float(every))
         for begin in range(0, count, chunk):
             part = slice(begin, begin + chunk)
-            parts = columns.parts(q[part], qd[part], qdd[part])
+            with np.errstate(over="ignore", invalid="ignore"):
+                parts = columns.parts(q[part], qd[part], qdd[part])
+            _check_size("q, qd, qdd", parts.of_bodies, *parts.of_motors, parts.known)
             of_reference = (
                 None
                 if reference is None
                 else columns.rows(reference[0][part], reference[1][part], reference[2][part])[0]
             )
+            _check_size("instruments", *(of_reference or ()), np.zeros(0))
             seen = np.isfinite(tau[part])
             torque = tau[part] - parts.known
             last = [np.column_stack([own, torque[:, motor]]) for motor, own in enumerate(parts.of_motors)]
@@ -421,10 +424,10 @@ class Accumulator:
         """Accumulate the change of the columns and of the known torques by acceleration noise."""
         assert self.acceleration_noise is not None
         for joint, deviation in enumerate(self.acceleration_noise):
-            changed = self.columns.sensitivity(q, qd, qdd, joint)
+            changed = [np.sqrt(weight) * deviation * more for more in self.columns.sensitivity(q, qd, qdd, joint)]
+            _check_size("acceleration_noise", *changed)
             self._noise = [
-                _triangle(np.concatenate([had, np.sqrt(weight) * deviation * more]))
-                for had, more in zip(self._noise, changed, strict=True)
+                _triangle(np.concatenate([had, more])) for had, more in zip(self._noise, changed, strict=True)
             ]
 
 
@@ -458,6 +461,14 @@ def _log(
     if largest > LARGEST:
         raise of_argument(ArgumentError, "tau", f"found {largest:g}; expected torques below {LARGEST:g}, in N m or N")
     return q, qd, qdd, tau
+
+
+def _check_size(name: str, *arrays: _Array) -> None:
+    """Refuse columns of torques whose products overflow."""
+    largest = max(float(np.abs(array).max(initial=0.0)) for array in arrays)
+    if not largest <= LARGEST:
+        found = f"found a motion with columns of torques up to {largest:g}"
+        raise of_argument(ArgumentError, name, f"{found}; expected below {LARGEST:g}, with motion in rad, m and s")
 
 
 def _deviations(scene: Scene, noise: ArrayLike) -> _Array:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from .._arguments import names_of
 from ..errors import ArgumentError, ShapeError, of_argument
 from ._bodies import own_parameters
 
@@ -69,6 +70,7 @@ class Columns:
         transmission: ArrayLike | None = None,
         load: Scene | None = None,
     ) -> None:
+        fit, keep = names_of(fit), names_of(keep)
         for name in fit:
             if name not in KINDS:
                 raise of_argument(ArgumentError, "fit", f"found {name!r}; expected names of {', '.join(KINDS)}")
@@ -76,8 +78,9 @@ class Columns:
             if name not in scene.body_names:
                 raise of_argument(ArgumentError, "keep", f"found {name!r}; expected names of scene.body_names")
         for argument, value in (("friction_speed", friction_speed), ("stribeck_speed", stribeck_speed)):
-            if not (np.isfinite(value) and value > 0.0):
-                raise of_argument(ArgumentError, argument, f"found {value}; expected a finite number above zero")
+            # The square of the speed is used.
+            if not (value > 0.0 and 0.0 < value * value < np.inf):
+                raise of_argument(ArgumentError, argument, f"found {value}; expected a finite speed above zero")
         self.scene, self.fit, self.keep, self.load = scene, tuple(dict.fromkeys(fit)), tuple(keep), load
         self.slow, self.stribeck = float(friction_speed), float(stribeck_speed)
         self.own = own_parameters(scene)

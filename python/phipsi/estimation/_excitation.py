@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from .._arguments import check_tree
+from .._arguments import check_tree, names_of, numbers
 from ..errors import ArgumentError, ShapeError, of_argument
 from ._base import combinations
 from ._columns import Columns
@@ -30,6 +30,8 @@ USED, SEARCHED = 0.9, 120
 STEP = (0.5, 0.02)
 #: Minimum share of the range that the motion covers.
 LEAST = 1e-3
+#: Largest number of samples of a trajectory, and smallest and largest noise whose square does not overflow or vanish.
+MOST, NOISES = 10**8, (1e-100, 1e100)
 #: Default noise of the torques, relative to the largest torque.
 NOISE = 0.01
 
@@ -80,6 +82,8 @@ def excitation(
     for name, count in (("harmonics", harmonics), ("iterations", iterations)):
         if not (isinstance(count, (int, np.integer)) and count >= 1):
             raise of_argument(ArgumentError, name, f"found {count!r}; expected a whole number, at least 1")
+    if duration * rate > MOST:
+        raise of_argument(ArgumentError, "rate", f"found {duration * rate:.3g} samples in all; expected at most {MOST:g}")
     if 2 * harmonics > duration * rate:
         raise of_argument(
             ArgumentError,
@@ -93,7 +97,7 @@ def excitation(
             "excitation",
             "found joints that are not of one axis; expected joints of one axis only (Scene.lock removes others)",
         )
-    search = _Search(scene, float(duration), limits, int(harmonics), tuple(fit))
+    search = _Search(scene, float(duration), limits, int(harmonics), names_of(fit))
     best, gain = search.run(int(iterations), np.random.default_rng(seed))
     time = np.arange(round(duration * rate)) / rate
     q, qd, qdd = search.motion(best, time)
@@ -115,6 +119,8 @@ def excitation(
         raise of_argument(
             ShapeError, "noise", f"found shape {deviation.shape}; expected () or ({scene.nv},), above zero"
         )
+    if not np.all((deviation >= NOISES[0]) & (deviation <= NOISES[1])):
+        raise of_argument(ArgumentError, "noise", f"found {deviation}; expected from {NOISES[0]:g} to {NOISES[1]:g}")
     matrix = search.matrix(q, qd, qdd, np.broadcast_to(deviation, (scene.nv,)))
     scale = np.linalg.norm(matrix, axis=0)
     singular, right = np.linalg.svd(matrix / scale, full_matrices=False)[1:]
@@ -147,7 +153,7 @@ class _Search:
         given = scene.limits if limits is None else limits
         try:
             lower, upper, velocity, effort = (
-                np.broadcast_to(np.asarray(getattr(given, name), float), (scene.nv,))
+                np.broadcast_to(numbers(f"limits.{name}", getattr(given, name)), (scene.nv,))
                 for name in ("lower", "upper", "velocity", "effort")
             )
         except (AttributeError, ValueError):

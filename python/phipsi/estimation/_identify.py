@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arguments import check_tree
+from .._arguments import check_tree, names_of
 from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, _log
 from ._checks import checked_time, clock_offset, shifted, warn_of_motion, warn_of_torques
@@ -79,7 +79,7 @@ def identify(
         )
         return accumulator.add(q, qd, qdd, tau, instruments=instruments)
 
-    kinds, load = tuple(fit), None
+    kinds, keep, load = names_of(fit), names_of(keep), None
     if "load" in kinds:
         # Friction depends on the model torque, because the measured torque contains noise.
         others = tuple(kind for kind in kinds if kind != "load")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from .._arguments import numbers
 from ..errors import ArgumentError, ShapeError, of_argument
 
 __all__ = ["each"]
@@ -12,11 +13,12 @@ __all__ = ["each"]
 _Array = NDArray[np.float64]
 
 
-def each(name: str, found: _Array, size: int, refused: str, *, positive: bool = False) -> _Array:
+def each(name: str, value: ArrayLike, size: int, refused: str, *, positive: bool = False) -> _Array:
     """Finite nonnegative values, (size,), from a scalar or (size,); with `positive` values above zero.
 
     `refused` is the message of the error for other values; "{least}" in it is replaced by the least value.
     """
+    found = numbers(name, value)
     if found.shape not in ((), (size,)):
         raise of_argument(ShapeError, name, f"found shape {found.shape}; expected () or ({size},)")
     if not np.all(np.isfinite(found) & ((found > 0.0) if positive else (found >= 0.0))):

@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arguments import check_result, numbers, whole
 from ..errors import ArgumentError, ShapeError, of_argument
 from ._chi_square import chi_square_quantile
 
 __all__ = ["consistency_bounds", "nees", "nis"]
+
+#: Largest number of degrees of freedom, for which a quantile takes about a second.
+MOST = 10**8
 
 
 def nees(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
@@ -27,12 +31,14 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     array (...)
-        e* P^-1 e.
+        e* P^-1 e; NaN for an error with NaN.
 
     Raises
     ------
     ShapeError
         Inconsistent shapes.
+    NotFiniteError
+        A result that overflows.
     ArgumentError
         A covariance that is not positive definite.
 
@@ -48,7 +54,7 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
     >>> bool(low < nees(errors, covariance).mean() < high)
     True
     """
-    e, p = np.asarray(error, float), np.asarray(covariance, float)
+    e, p = numbers("error", error), numbers("covariance", covariance)
     if e.ndim < 1 or p.ndim < 2 or p.shape[-2:] != (e.shape[-1], e.shape[-1]):
         raise of_argument(
             ShapeError,
@@ -57,12 +63,12 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
         )
     # Components have different units: normalize each by its standard deviation.
     scale = np.sqrt(np.maximum(np.diagonal(p, axis1=-2, axis2=-1), 0.0))
-    if not np.all(scale > 0.0):
+    if not np.all((scale > 0.0) & np.isfinite(scale)):
         raise of_argument(
             ArgumentError,
             "covariance",
-            "found a variance that is zero, negative or NaN; expected positive ones: omit components that are known"
-            " exactly",
+            "found a variance that is zero, negative or not finite; expected positive ones: omit components that are"
+            " known exactly",
         )
     try:
         root = np.linalg.cholesky(p / (scale[..., :, None] * scale[..., None, :]))
@@ -73,8 +79,11 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
             "found a matrix that is not positive definite; expected a positive definite one: omit components that"
             " depend on others",
         ) from None
-    white = np.linalg.solve(root, (e / scale)[..., None])[..., 0]
-    return np.asarray(np.sum(white**2, axis=-1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        white = np.linalg.solve(root, (e / scale)[..., None])[..., 0]
+        squares = np.asarray(np.sum(white**2, axis=-1))
+    check_result("normalized error squared", np.where(np.isnan(e).any(axis=-1), 0.0, squares))
+    return squares
 
 
 def nis(innovation: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
@@ -132,9 +141,10 @@ def consistency_bounds(size: int, count: int = 1, level: float = 0.95) -> tuple[
     >>> round(low, 2), round(high, 2)
     (5.34, 6.7)
     """
-    for name, value in (("size", size), ("count", count)):
-        if not (value == int(value) and value >= 1):
-            raise of_argument(ArgumentError, name, f"found {value}; expected a whole number, at least 1")
+    size, count = whole("size", size, 1), whole("count", count, 1)
+    if count * size > MOST:
+        found = f"found {count} values of {size} components"
+        raise of_argument(ArgumentError, "count", f"{found}; expected at most {MOST:g} degrees of freedom in all")
     if not 0.0 < level < 1.0:
         raise of_argument(ArgumentError, "level", f"found {level}; expected a probability between 0 and 1")
     tail = 0.5 * (1.0 - level)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from .._arguments import check_result, numbers, whole
 from ..errors import ArgumentError, ShapeError, SingularTaskError, of_argument
 from ._chi_square import chi_square_cdf
 from ._values import each
@@ -26,6 +27,12 @@ _Array = NDArray[np.float64]
 SAMPLING = 0.5826
 #: Quadrature points per standard deviation.
 POINTS = 40
+#: Largest threshold, standard deviations, and largest number of components: the mean time to an alarm does not overflow.
+LARGEST, LARGEST_SIZE = 32.0, 10**6
+#: Smallest variance whose inverse is finite.
+SMALLEST = 1.0 / float(np.finfo(float).max)
+#: Smallest and largest product of bandwidth and step of a MomentumObserver.
+FILTERED = (1e-9, 1e3)
 
 
 def mean_time_to_alarm(threshold: float, rate: float, size: int) -> float:
@@ -48,6 +55,11 @@ def mean_time_to_alarm(threshold: float, rate: float, size: int) -> float:
     float
         Mean time, s.
 
+    Raises
+    ------
+    ArgumentError
+        A rate that is not positive, a size below 1, or a threshold above 32.
+
     Examples
     --------
     >>> import phipsi
@@ -55,7 +67,10 @@ def mean_time_to_alarm(threshold: float, rate: float, size: int) -> float:
     >>> 3000 < mean_time_to_alarm(6.19, 10.0, 6) < 4000
     True
     """
-    if not threshold > 0.0:
+    rate, size = _positive("rate", rate), whole("size", size, 1, most=LARGEST_SIZE)
+    if not threshold <= LARGEST:
+        raise of_argument(ArgumentError, "threshold", f"found {threshold}; expected at most {LARGEST:g} standard deviations")
+    if threshold <= 0.0:
         return 0.0
     panels = max(1, math.ceil(threshold))
     nodes, weights = np.polynomial.legendre.leggauss(POINTS)
@@ -90,6 +105,11 @@ def alarm_threshold(false_alarms_per_hour: float, rate: float, dt: float, size: 
         Threshold. It is lower than the threshold in continuous time by 0.5826 sqrt(2 K dt), because an excursion
         between two samples is not detected.
 
+    Raises
+    ------
+    ArgumentError
+        A number that is not positive, or a rate of alarms that no threshold up to 32 gives.
+
     Examples
     --------
     >>> import phipsi
@@ -97,11 +117,12 @@ def alarm_threshold(false_alarms_per_hour: float, rate: float, dt: float, size: 
     >>> round(alarm_threshold(1.0, 10.0, 1e-3, 6), 2)
     6.11
     """
-    wanted = 3600.0 / false_alarms_per_hour
+    wanted = 3600.0 / _positive("false_alarms_per_hour", false_alarms_per_hour)
+    rate, dt = _positive("rate", rate), _positive("dt", dt)
     low, high = 0.0, 1.0
     while mean_time_to_alarm(high, rate, size) < wanted:
         high *= 2.0
-        if high > 32.0:
+        if high > LARGEST:
             raise of_argument(
                 ArgumentError,
                 "false_alarms_per_hour",
@@ -208,19 +229,24 @@ class MomentumObserver:
         load: tuple[str, ArrayLike] | None = None,
     ) -> None:
         for name, value in (("dt", dt), ("bandwidth", bandwidth), ("false_alarms_per_hour", false_alarms_per_hour)):
-            if not (np.isfinite(value) and value > 0.0):
-                raise of_argument(ArgumentError, name, f"found {value}; expected a finite number above zero")
+            _positive(name, value)
+        if not FILTERED[0] <= bandwidth * dt <= FILTERED[1]:
+            low, high = (f"{limit / dt:.3g}" for limit in FILTERED)
+            raise of_argument(ArgumentError, "bandwidth", f"found {bandwidth} with the step {dt} s; expected from {low} to {high} 1/s")
         refused = (
             "found a density that is not finite and positive; expected (N m)^2 s for all degrees of freedom,"
             " including a floating base"
         )
-        density = each("torque_noise", np.asarray(torque_noise, float), scene.nv, refused, positive=True)
+        density = each("torque_noise", torque_noise, scene.nv, refused, positive=True)
         self.scene, self.dt = scene, float(dt)
         ratio = (bandwidth * dt) ** 2
         steady = 0.5 * (math.sqrt(ratio * (ratio + 4.0)) - ratio)
         self._gain = steady / (1.0 - steady)
         # Stationary variance of r = (r + gain n) / (1 + gain); n has the variance density / dt.
-        self._variance = density * self._gain / (dt * (2.0 + self._gain))
+        with np.errstate(over="ignore"):
+            self._variance = density * (self._gain / (2.0 + self._gain) / dt)
+        if not np.all((self._variance > SMALLEST) & np.isfinite(self._variance)):
+            raise of_argument(ArgumentError, "torque_noise", f"found {density}; expected densities whose variances at this bandwidth are positive numbers")
         self._deviation = np.sqrt(density)
         self._parameters = ParameterCovariance(scene, parameters)
         self._load = None if load is None else _checked_load(scene, load)
@@ -268,7 +294,7 @@ class MomentumObserver:
         Raises
         ------
         ShapeError, NotFiniteError
-            As Scene.inverse_dynamics.
+            As Scene.inverse_dynamics, and results that overflow. The observer is then unchanged.
 
         Examples
         --------
@@ -277,6 +303,16 @@ class MomentumObserver:
         >>> observer.step([0.0, 0.0], [0.0, 0.0], [0.0, 0.0]).joint_torque
         array([0., 0.])
         """
+        before = dict(self.__dict__)
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                return self._step(q, qd, tau)
+        except BaseException:
+            # After an error the observer is unchanged.
+            self.__dict__.update(before)
+            raise
+
+    def _step(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> ObservedTorque:
         scene = self.scene
         q, qd, tau = (
             np.array(_core._numbers(*one)) for one in (("q", q, scene, True), ("qd", qd, scene), ("tau", tau, scene))
@@ -298,6 +334,7 @@ class MomentumObserver:
                 )
             moved = momentum - before - self.dt * (torque + 0.5 * (drift + flow))
             self.joint_torque = (self.joint_torque + self._gain / self.dt * moved) / (1.0 + self._gain)
+            check_result("external joint torque", self.joint_torque)
             if self._load is not None:
                 along = np.sum(_direction(self._weight) * moved / self._deviation, axis=-1)
                 self._of_load = (self._of_load + self._gain / self.dt * along) / (1.0 + self._gain)
@@ -328,7 +365,9 @@ class MomentumObserver:
         qdd, zero = self.scene.forward_dynamics(q, qd, tau + self.joint_torque), np.zeros(self.scene.nv)
         columns = columns.reshape(-1, *(1,) * (qdd.ndim - 1), *columns.shape[1:])
         torques = self.scene.inverse_dynamics_jvp(q, qd, qdd, zero, zero, zero, dparameters=columns)
-        return np.asarray(noise + np.einsum("s...i,s...j->...ij", torques, torques))
+        covariance = np.asarray(noise + np.einsum("s...i,s...j->...ij", torques, torques))
+        check_result("covariance of the external joint torque", covariance)
+        return covariance
 
     def _exceeds(self) -> NDArray[np.bool_] | bool:
         r, square = self.joint_torque, np.zeros(())
@@ -343,11 +382,15 @@ class MomentumObserver:
             with np.errstate(divide="ignore", invalid="ignore"):
                 self.mass = np.where(size > 0.0, self._of_load / size, np.nan)
                 self.mass_deviation = np.sqrt(variance) / size
+            check_result("torque of the load", size)
+            check_result("mass of the load", np.where(size > 0.0, self.mass, self._of_load))
             square = self._of_load**2 / variance
         elif exact:
             square = np.sum(r**2 / self._variance, axis=-1)
         else:
             square = np.einsum("...i,...i->...", r, np.linalg.solve(self.covariance, r[..., None])[..., 0])
+        # An infinite square is above every threshold, and NaN would be no alarm.
+        check_result("alarm", np.where(np.isinf(square), 0.0, square))
         alarm = square > self.threshold**2
         return bool(alarm) if np.ndim(alarm) == 0 else alarm
 
@@ -403,12 +446,18 @@ class MomentumObserver:
         return np.asarray(scaled[..., 0] / size[..., 0, :])
 
 
+def _positive(name: str, value: float) -> float:
+    if not (np.isfinite(value) and value > 0.0):
+        raise of_argument(ArgumentError, name, f"found {value}; expected a finite number above zero")
+    return float(value)
+
+
 def _checked_load(scene: Scene, load: Any) -> tuple[str, _Array]:
     """Link and point of a load that can act on the joints."""
     expected = "expected a link and a point in its frame, for instance (scene.link_names[-1], (0.0, 0.0, 0.1))"
     if not (isinstance(load, tuple) and len(load) == 2 and isinstance(load[0], str)):
         raise of_argument(ArgumentError, "load", f"found {load!r}; {expected}")
-    link, point = load[0], np.asarray(load[1], float)
+    link, point = load[0], numbers("load", load[1])
     if point.shape != (3,) or not np.isfinite(point).all():
         raise of_argument(ArgumentError, "load", f"found {load!r}; {expected}")
     if not np.any(scene.jacobian(scene.neutral(), link)):

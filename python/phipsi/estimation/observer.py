@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from .._arguments import numbers, whole
 from ..errors import ArgumentError, DivergenceWarning, NotFiniteError, ShapeError, of_argument
 from ._manifold import joint_groups
 from ._records import Record, State, innovation_ratios
@@ -113,17 +114,14 @@ class Observer:
         initial: Any = (0.1, 0.1),
         history: int = 1000,
     ) -> None:
-        if not (history == int(history) and history >= 0):
-            raise of_argument(
-                ArgumentError, "history", f"found {history}; expected a whole number of steps, zero or more"
-            )
+        history = whole("history", history, 0, "a whole number of steps, zero or more")
         self.scene, self.dt, self.sensors, self.wrenches = scene, float(dt), tuple(sensors), tuple(wrenches)
         start_q = np.asarray(_core._numbers("q", q, scene, True))
         start_qd = np.asarray(_core._numbers("qd", np.zeros(scene.nv) if qd is None else qd, scene))
         self._batch = np.broadcast_shapes(start_q.shape[:-1], start_qd.shape[:-1])
         robots, nv = math.prod(self._batch), scene.nv
         refused = "found a number that is negative or not finite; expected zero or positive ones"
-        density = each("torque_noise", np.asarray(torque_noise, float), nv, refused)
+        density = each("torque_noise", torque_noise, nv, refused)
         self._filter = _core._Observer(
             scene,
             self.dt,
@@ -131,7 +129,7 @@ class Observer:
             density.tolist(),
             [self._process_of(wrench) for wrench in self.wrenches],
             self._initial(initial),
-            int(history),
+            history,
             (
                 np.ascontiguousarray(np.broadcast_to(start_q, (*self._batch, scene.nq))).reshape(robots, scene.nq),
                 np.ascontiguousarray(np.broadcast_to(start_qd, (*self._batch, nv))).reshape(robots, nv),
@@ -178,7 +176,7 @@ class Observer:
         refused = "found a number that is negative or not finite; expected zero or positive ones"
 
         def six(name: str, given: ArrayLike) -> list[float]:
-            found = each(f"{name} of the wrench on {wrench.link!r}", np.asarray(given, float), 6, refused)
+            found = each(f"{name} of the wrench on {wrench.link!r}", given, 6, refused)
             return [float(number) for number in found]
 
         deviation = None if wrench.deviation is None else six("deviation", wrench.deviation)
@@ -186,7 +184,7 @@ class Observer:
 
     def _initial(self, initial: Any) -> list[float]:
         nv = self.scene.nv
-        given = np.asarray(initial, float)
+        given = numbers("initial", initial)
         if given.shape == (2,) and nv != 1:
             given = np.repeat(given, nv)
         if given.shape != (2 * nv,):
@@ -221,7 +219,10 @@ class Observer:
                     )
                 value = np.where(value[..., None], np.zeros(size), np.nan)
             else:
-                value = np.asarray(given, float)
+                # None stands for a missing component too.
+                if isinstance(given, (list, tuple)):
+                    given = [np.nan if one is None else one for one in given]
+                value = numbers(f"readings[{name!r}]", given)
             if value.shape[-1:] != (size,):
                 raise of_argument(
                     ShapeError, f"readings[{name!r}]", f"found shape {value.shape}; expected (..., {size})"

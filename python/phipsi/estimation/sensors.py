@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arguments import numbers, whole
 from ..errors import ArgumentError, ShapeError, of_argument
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class Sensor:
     name : str
         Key of the readings in Observer.step.
     delay : int
-        Number of steps between the time of a reading and the step that receives it.
+        Number of steps between the time of a reading and the step that receives it, at most 10,000.
 
     Examples
     --------
@@ -124,7 +125,8 @@ class Sensor:
         array([0.1, 0.2])
         """
         qdd = np.full(scene.nv, np.nan) if state[2] is None else state[2]
-        given = [np.asarray(array, float) for array in (state[0], state[1], qdd, tau)]
+        named = zip(("q", "qd", "qdd", "tau"), (state[0], state[1], qdd, tau), strict=True)
+        given = [numbers(name, array) for name, array in named]
         batch = np.broadcast_shapes(*(array.shape[:-1] for array in given))
         flat = [
             np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1]))).reshape(-1, array.shape[-1])
@@ -136,20 +138,15 @@ class Sensor:
 
     def _compiled(self, scene: Scene) -> tuple[Any, ...]:
         """Arguments of the sensor in compiled code: kind, name, joints, mount, noise, delay, bias with its growth."""
-        size, noise = self.size(scene), np.asarray(self.noise, float)
+        size, noise = self.size(scene), numbers(f"noise of {self.name!r}", self.noise)
         if noise.ndim > 1:
             raise of_argument(
                 ShapeError, f"noise of {self.name!r}", f"found shape {noise.shape}; expected () or ({size},)"
             )
-        if not (self.delay == int(self.delay) and self.delay >= 0):
-            raise of_argument(
-                ArgumentError,
-                f"delay of {self.name!r}",
-                f"found {self.delay}; expected a whole number of steps, zero or more",
-            )
+        delay = whole(f"delay of {self.name!r}", self.delay, 0, "a whole number of steps, zero or more")
         joints, mount = self._source()
         bias = float(getattr(self, "bias", 0.0)), float(getattr(self, "bias_walk", 0.0))
-        return self._kind, self.name, joints, mount, noise.reshape(-1).tolist(), int(self.delay), bias
+        return self._kind, self.name, joints, mount, noise.reshape(-1).tolist(), delay, bias
 
     def _source(self) -> tuple[list[str] | None, tuple[Any, ...] | None]:
         """Names of the joints, and link with position and axes."""
@@ -279,7 +276,7 @@ class _OnLink(Sensor):
 
     def size(self, scene: Scene) -> int:
         scene.link(self.link)
-        turn = np.asarray(self.rotation, float)
+        turn = numbers(f"rotation of {self.name!r}", self.rotation)
         if turn.shape != (3, 3) or not np.abs(turn.T @ turn - np.eye(3)).max() <= 1e-9:
             raise of_argument(
                 ArgumentError,
@@ -289,10 +286,10 @@ class _OnLink(Sensor):
         return 3
 
     def _source(self) -> tuple[list[str] | None, tuple[Any, ...] | None]:
-        position = np.asarray(self.xyz, float)
+        position = numbers(f"xyz of {self.name!r}", self.xyz)
         if position.shape != (3,):
             raise of_argument(ShapeError, f"xyz of {self.name!r}", f"found shape {position.shape}; expected (3,)")
-        return None, (self.link, position.tolist(), np.asarray(self.rotation, float).tolist())
+        return None, (self.link, position.tolist(), numbers(f"rotation of {self.name!r}", self.rotation).tolist())
 
 
 @dataclass(frozen=True, kw_only=True)

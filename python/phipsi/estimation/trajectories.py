@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arguments import numbers
 from ..errors import ArgumentError, InertiaWarning, ShapeError, UncertaintyWarning, of_argument
 from ._manifold import lower_root
 from .uncertainty import JOINT_PARAMETERS, ParameterCovariance, _joint_covariance, _per_joint, covariance_root
@@ -155,7 +156,7 @@ class _Propagation:
         nv = self.scene.nv
         self.parameters = ParameterCovariance(self.scene, uncertainty.parameters)
         self.noise = _per_joint(self.scene, "torque_noise", uncertainty.torque_noise)
-        initial = np.zeros(2 * nv) if uncertainty.initial is None else np.asarray(uncertainty.initial, float)
+        initial = np.zeros(2 * nv) if uncertainty.initial is None else numbers("initial", uncertainty.initial)
         if initial.shape == (2 * nv,):
             initial = np.diag(initial)
         if initial.shape != (2 * nv, 2 * nv):

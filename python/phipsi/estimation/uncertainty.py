@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arguments import numbers
 from ..errors import ArgumentError, NotFiniteError, ShapeError, of_argument
 from ._values import each
 
@@ -54,7 +55,7 @@ class ParameterCovariance:
         self._columns: _Array | None = None
         if parameters is None:
             return
-        given = np.asarray(getattr(parameters, "covariance", parameters), float)
+        given = numbers("parameters", getattr(parameters, "covariance", parameters))
         full = (10 * bodies, 10 * bodies)
         if given.shape not in ((bodies, 10, 10), full):
             raise of_argument(
@@ -136,7 +137,7 @@ def covariance_roots(name: str, covariances: _Array, single: bool = False) -> _A
 def _per_joint(scene: Scene, name: str, value: ArrayLike) -> _Array:
     """Variances of the degrees of freedom, (nv,), from a scalar or (nv,)."""
     refused = "found a variance that is negative or not finite; expected zero or positive ones"
-    return each(name, np.asarray(value, float), scene.nv, refused)
+    return each(name, value, scene.nv, refused)
 
 
 def _joint_covariance(scene: Scene, joints: Any) -> _Array | None:
@@ -144,7 +145,7 @@ def _joint_covariance(scene: Scene, joints: Any) -> _Array | None:
     if joints is None:
         return None
     if not isinstance(joints, Mapping):
-        given = np.asarray(joints, float)
+        given = numbers("joints", joints)
         if given.shape != (scene.nv, 4, 4):
             raise of_argument(
                 ShapeError,

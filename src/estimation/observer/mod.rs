@@ -57,6 +57,7 @@ use crate::batch::instruction_set::with_widest;
 use crate::batch::{Batch, Pool};
 use crate::error::{Error, Fault, check_length};
 use crate::interrupt;
+use crate::memory;
 use crate::scene::Scene;
 use filter::Scratch;
 use robot::{Record, Robot, add_innovations};
@@ -91,7 +92,8 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
     /// # Errors
     ///
     /// [`Error::Argument`] for an invalid setting, an unknown link or joint, two sensors with the same name, and for
-    /// scenes with connections, contacts or joints that follow others; [`Error::Shape`] and [`Error::NotFinite`].
+    /// scenes with connections, contacts or joints that follow others; [`Error::Shape`] and [`Error::NotFinite`];
+    /// [`Error::Memory`] if the covariances do not fit in memory.
     pub fn new(scene: S, settings: &ObserverSettings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let own = scene.borrow();
         let plan = Plan::new(own, settings)?;
@@ -101,7 +103,8 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         let count = q.len() / plan.nq;
         check_length("q", q.len(), count.max(1) * plan.nq)?;
         check_length("qd", qd.len(), count * plan.nv)?;
-        let mut robots = Vec::with_capacity(count);
+        plan.check_room(count, crate::batch::threads().min(count))?;
+        let mut robots = memory::with_capacity("q", count)?;
         for (q, qd) in q.chunks_exact(plan.nq).zip(qd.chunks_exact(plan.nv)) {
             own.check_configuration("q", q)?;
             own.check_rates("qd", qd)?;
@@ -155,7 +158,7 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
     /// # Errors
     ///
     /// [`Error::Shape`]; [`Error::NotFinite`] for tau, for an infinite reading, and for an estimate that overflows;
-    /// [`Error::SingularJoint`]. The observer is then unchanged.
+    /// [`Error::SingularJoint`]; [`Error::Memory`] if the history does not fit in memory. The observer is then unchanged.
     pub fn step(&mut self, tau: &[f64], readings: &[f64]) -> Result<(), Fault> {
         let Self { scene, plan, robots, pool } = self;
         let (scene, plan) = ((*scene).borrow(), &*plan);
@@ -167,8 +170,11 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
             scene.check_rates("tau", tau).map_err(|error| Fault { state, error })?;
             check_readings(plan, of_robot(state)).map_err(|error| Fault { state, error })?;
         }
-        for (i, (robot, tau)) in robots.iter_mut().zip(tau.chunks_exact(plan.nv)).enumerate() {
-            robot.begin(plan, tau, of_robot(i));
+        for (state, tau) in tau.chunks_exact(plan.nv).enumerate() {
+            if let Err(error) = robots[state].begin(plan, tau, of_robot(state)) {
+                robots[..state].iter_mut().for_each(|robot| robot.undo(plan));
+                return Err(Fault { state, error });
+            }
         }
         let batch = Batch { states: robots.len(), cost: cost(plan), pool, make: || Scratch::new(plan, scene) };
         let outcome = batch.run_pieces(1, robots, |scratch, range, robots| {
@@ -231,7 +237,7 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         };
         let own = self.robots.get(robot).ok_or_else(|| index("robot", robot, self.robots.len()))?;
         let left_out = plan.sensors.get(sensor).ok_or_else(|| index("sensor", sensor, plan.sensors.len()))?;
-        let (mut belief, mut record) = (own.window.prior.clone(), Record::new(plan));
+        let (mut belief, mut record) = (own.window.prior.clone(), Record::new(plan)?);
         let mut sums = vec![(0.0, 0); plan.sensors.len()];
         let inputs = own.window.inputs.chunks_exact(plan.nv + plan.readings).take(own.window.steps);
         self.pool.with(

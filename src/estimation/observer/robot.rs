@@ -2,6 +2,8 @@
 
 use super::WINDOW;
 use super::settings::Plan;
+use crate::error::Error;
+use crate::memory;
 use std::collections::VecDeque;
 
 /// An estimate before the readings of its time, and the lower triangular root of its covariance, column by column.
@@ -71,25 +73,28 @@ pub(crate) struct Record {
 }
 
 impl Record {
-    pub fn new(plan: &Plan) -> Self {
-        let nan = |length| vec![f64::NAN; length];
+    pub fn new(plan: &Plan) -> Result<Self, Error> {
+        // Records accumulate over the steps of the history, and over those of the largest delay.
+        let argument = if plan.history > 0 { "history" } else { "sensors" };
+        let filled = |length, value: f64| memory::filled(argument, length, value);
+        let nan = |length| filled(length, f64::NAN);
         let [_, column] = plan.strides();
-        Self {
-            tau: nan(plan.nv),
-            readings: nan(plan.readings),
-            q: nan(plan.nq),
-            qd: nan(plan.nv),
-            rest: nan(plan.rest),
-            noise: nan(plan.nv),
-            root: vec![0.0; plan.width * column],
-            flow: vec![0.0; plan.width * plan.flow_stride()],
-            next_q: nan(plan.nq),
-            next_qd: nan(plan.nv),
-            next_rest: nan(plan.rest),
+        Ok(Self {
+            tau: nan(plan.nv)?,
+            readings: nan(plan.readings)?,
+            q: nan(plan.nq)?,
+            qd: nan(plan.nv)?,
+            rest: nan(plan.rest)?,
+            noise: nan(plan.nv)?,
+            root: filled(plan.width * column, 0.0)?,
+            flow: filled(plan.width * plan.flow_stride(), 0.0)?,
+            next_q: nan(plan.nq)?,
+            next_qd: nan(plan.nv)?,
+            next_rest: nan(plan.rest)?,
             nis: f64::NAN,
             count: 0,
-            by_sensor: vec![(0.0, 0); plan.sensors.len()],
-        }
+            by_sensor: memory::filled(argument, plan.sensors.len(), (0.0, 0))?,
+        })
     }
 }
 
@@ -134,14 +139,17 @@ impl Robot {
             inputs: vec![0.0; WINDOW * (plan.nv + plan.readings)],
         };
         let (running, next) = (prior.clone(), prior.clone());
-        let (pending, history) = (VecDeque::with_capacity(plan.lag + 1), VecDeque::new());
+        let (pending, history) = (VecDeque::new(), VecDeque::new());
         Self { prior, running, next, pending, history, last: None, spare: None, steps: 0, window }
     }
 
     /// Adds a time with its torques. Readings with a delay belong to the time that many steps ago; those of times before
     /// the first step are dropped.
-    pub(super) fn begin(&mut self, plan: &Plan, tau: &[f64], readings: &[f64]) {
-        let mut record = self.spare.take().unwrap_or_else(|| Box::new(Record::new(plan)));
+    pub(super) fn begin(&mut self, plan: &Plan, tau: &[f64], readings: &[f64]) -> Result<(), Error> {
+        let mut record = match self.spare.take() {
+            Some(spare) => spare,
+            None => Box::new(Record::new(plan)?),
+        };
         record.tau.copy_from_slice(tau);
         record.readings.fill(f64::NAN);
         self.pending.push_back(record);
@@ -151,6 +159,7 @@ impl Robot {
                 self.pending[at].readings[range.clone()].copy_from_slice(&readings[range]);
             }
         }
+        Ok(())
     }
 
     /// Removes the time that was added, after an error.

@@ -1,12 +1,17 @@
 //! Settings of an observer, and the checked form that its steps read.
 
+use super::WINDOW;
 use super::link_motion::LinkPath;
 use crate::error::{Error, check_length};
 use crate::joints::Motion;
 use crate::kinematics::Frame;
+use crate::memory::{bytes_of, room};
 use crate::scene::{Joint, Scene};
 use crate::spatial::RigidShift;
 use std::ops::Range;
+
+/// Largest delay of a sensor, in steps: each step filters all times again whose readings may be incomplete.
+const LONGEST_DELAY: usize = 10_000;
 
 /// Numbers in a register of the widest instruction set: columns of matrices are padded to multiples of it.
 pub(super) const LANES: usize = 8;
@@ -52,7 +57,7 @@ pub struct Sensor {
     pub quantity: Quantity,
     /// Standard deviation of a reading: one number, or one per component.
     pub noise: Vec<f64>,
-    /// Number of steps between the time of a reading and the step that receives it.
+    /// Number of steps between the time of a reading and the step that receives it, at most 10,000.
     pub delay: usize,
     /// Initial standard deviation of the bias of a gyro or accelerometer, rad/s or m/s^2.
     pub bias: f64,
@@ -316,11 +321,31 @@ impl Plan {
             self.walk.extend([bias_walk * self.dt.sqrt(); 3]);
             self.initial.extend([bias; 3]);
         }
+        if sensor.delay > LONGEST_DELAY {
+            let expected = format!("at most {LONGEST_DELAY} steps, because each step filters all of them again");
+            return Err(Error::argument(format!("delay of '{name}'"), sensor.delay.to_string(), expected));
+        }
         reader.range = self.readings..self.readings + size;
         self.readings += size;
         self.lag = self.lag.max(sensor.delay);
         self.sensors.push(reader);
         Ok(())
+    }
+
+    /// Checks the memory of the first step of `robots` robots on `threads` threads: of a robot four estimates, a record
+    /// and its window, and the scratch of a thread.
+    pub(super) fn check_room(&self, robots: usize, threads: usize) -> Result<(), Error> {
+        let ([column, wide], stride) = (self.strides(), self.flow_stride());
+        let all = |count: usize, matrices: &[[usize; 3]]| {
+            let bytes = matrices.iter().map(|[of, rows, columns]| bytes_of::<f64>(&[count, *of, *rows, *columns]));
+            bytes.fold(0, u128::saturating_add)
+        };
+        let window = [1, WINDOW, self.nv + self.readings];
+        let robot = [[4, self.states, column], [1, self.width, wide], [1, self.width, stride], window];
+        let predicted = [1, self.width + self.walks.len(), column];
+        let thread = [[3, self.nv, self.nv], [1, self.width, stride], [2, self.width, self.reading_stride()], predicted];
+        let bytes = all(robots, &robot).saturating_add(all(threads, &thread));
+        room(if robots > 1 { "q" } else { "scene" }, bytes)
     }
 
     /// Number of wrenches.

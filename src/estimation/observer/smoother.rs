@@ -9,6 +9,7 @@ use super::manifold::step_jacobians;
 use super::robot::Record;
 use super::settings::Plan;
 use crate::error::Error;
+use crate::memory;
 use crate::scene::Scene;
 use nalgebra::{DMatrix, DVector};
 
@@ -45,14 +46,13 @@ pub(super) fn smooth(
     scratch: &mut Scratch,
     (first, records): (usize, &[&Record]),
 ) -> Result<SmoothedMotion, Error> {
+    /// Matrices of n times width numbers that exist at once in a step.
+    const AT_ONCE: usize = 10;
     let (steps, n) = (records.len(), plan.states);
-    let mut out = SmoothedMotion {
-        first,
-        q: vec![f64::NAN; steps * plan.nq],
-        qd: vec![f64::NAN; steps * plan.nv],
-        rest: vec![f64::NAN; steps * plan.rest],
-        covariance: vec![f64::NAN; steps * n * n],
-    };
+    memory::room("history", memory::bytes_of::<f64>(&[AT_ONCE, n, plan.width]))?;
+    let nan = |width: usize| memory::filled("history", steps * width, f64::NAN);
+    let (q, qd, rest, covariance) = (nan(plan.nq)?, nan(plan.nv)?, nan(plan.rest)?, nan(n * n)?);
+    let mut out = SmoothedMotion { first, q, qd, rest, covariance };
     let mut later: Option<Smoothed> = None;
     for (at, record) in records.iter().enumerate().rev() {
         let now = match &later {
