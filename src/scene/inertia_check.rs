@@ -45,6 +45,17 @@ pub(super) fn unphysical(inertial: &Inertial) -> Option<String> {
     None
 }
 
+/// Largest radius of gyration of a moving link, relative to the size of the scene. Inertias in kg mm^2 give 1,000 times
+/// the radius of those in kg m^2, which is at most 2.5 times the size in the files of example-robot-data.
+const LARGEST_GYRATION: f64 = 30.0;
+
+/// The radius of gyration of a link with mass, m, if it is far beyond the size of the scene, m.
+pub(super) fn far_gyration(inertial: &Inertial, size: f64) -> Option<f64> {
+    let [.., high] = principal(&inertial.central);
+    let radius = (high / inertial.mass).sqrt();
+    (inertial.mass > 0.0 && size > 0.0 && radius > LARGEST_GYRATION * size).then_some(radius)
+}
+
 /// Principal inertias in ascending order.
 fn principal(inertia: &Symmetric3<f64>) -> [f64; 3] {
     let mut values: [f64; 3] = inertia.to_matrix().symmetric_eigenvalues().into();
