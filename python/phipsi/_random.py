@@ -41,8 +41,8 @@ def ranges(scene: Scene) -> tuple[_Array, _Array]:
         if len(reach) == 1:
             lower, upper = float(limits.lower[at][0]), float(limits.upper[at][0])
             has_lower, has_upper = abs(lower) <= LARGEST_LIMIT, abs(upper) <= LARGEST_LIMIT
-            low[at] = lower if has_lower else np.minimum(-reach, upper - 2.0 * reach) if has_upper else -reach
-            high[at] = upper if has_upper else np.maximum(reach, lower + 2.0 * reach) if has_lower else reach
+            low[at] = lower if has_lower else upper - 2.0 * reach if has_upper else -reach
+            high[at] = upper if has_upper else low[at] + 2.0 * reach
     return low, high
 
 

@@ -196,7 +196,7 @@ pub enum SceneWarning {
     LargeInertia {
         /// Name of the link.
         link: String,
-        /// Radius of gyration, m.
+        /// Radius of gyration: root mean square distance of the mass from its center, m.
         radius: f64,
         /// Largest distance of a center of mass from the root link, along the links, m.
         size: f64,

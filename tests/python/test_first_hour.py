@@ -123,7 +123,7 @@ def test_a_broken_pose(arguments: dict[str, object], error: type[Exception], mat
 
 @pytest.mark.parametrize(
     ("lower", "upper", "low", "high"),
-    [(0.3, 0.3, 0.3, 0.3), (-1.0, None, -1.0, np.pi), (4.0, None, 4.0, 4.0 + 2.0 * np.pi), (None, -5.0, -5.0 - 2.0 * np.pi, -5.0), (-1e9, 0.5, -np.pi, 0.5)],
+    [(0.3, 0.3, 0.3, 0.3), (-1.0, None, -1.0, 2.0 * np.pi - 1.0), (None, -5.0, -5.0 - 2.0 * np.pi, -5.0), (-1e9, 0.5, 0.5 - 2.0 * np.pi, 0.5), (-1e9, 1e9, -np.pi, np.pi)],
 )
 def test_random_configurations_within_limits(lower: float | None, upper: float | None, low: float, high: float) -> None:
     """Equal and one-sided limits too; limits beyond 20 rad mean that there is none."""
