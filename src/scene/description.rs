@@ -155,7 +155,7 @@ impl Limits {
 
     /// True if position, speed and torque are limited to zero, as exporters write limits that were not entered.
     pub(super) fn are_all_zero(&self) -> bool {
-        [self.lower, self.upper, self.velocity, self.effort] == [0.0; 4]
+        [self.lower, self.upper, self.velocity, self.effort].iter().all(|&limit| limit == 0.0)
     }
 }
 
