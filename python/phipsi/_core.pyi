@@ -439,11 +439,11 @@ class Scene:
 
     @property
     def limits(self) -> Limits:
-        """Joint limits per degree of freedom as Limits(lower, upper, velocity, effort), each (nv,) and read-only; infinite for
-        none.
+        """Joint limits per degree of freedom, as phipsi.Limits with fields of shape (nv,), read-only; infinite for none.
 
-        Units are rad or m, rad/s or m/s, and N m or N. A joint of several degrees of freedom repeats its limits.
-        Position limits are stops in simulations, unless limits="report"; velocity and effort limits are reported only.
+        The fields are lower, upper (rad or m), velocity, effort (N m or N), acceleration, deceleration and jerk. A joint
+        of several degrees of freedom repeats its limits. Position limits are stops in simulations, unless
+        limits="report"; the other limits are reported only.
         """
 
     def q_index(self, joint: str, /, part: Literal["position", "quaternion"] | None = None) -> slice[int, int, int]:
@@ -4589,7 +4589,7 @@ class SceneBuilder:
         self,
         name: str,
         mass: float = 0.0,
-        com: ArrayLike = (0, 0, 0),
+        com: ArrayLike | None = None,
         inertia: ArrayLike | None = None,
         *,
         shape: Shape | Sequence[Shape] | None = None,
@@ -4602,13 +4602,14 @@ class SceneBuilder:
             Name of the link.
         mass : float, default 0
             Mass, kg. A link without mass and inertia is a frame.
-        com : (3,) array_like, default (0, 0, 0)
-            Center of mass in the link frame, m.
+        com : (3,) array_like, optional
+            Center of mass in the link frame, m. None: the center of the shapes if the inertia is theirs, otherwise
+            (0, 0, 0).
         inertia : (3, 3) array_like, optional
-            Inertia about the center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
+            Inertia about the center of mass, with axes parallel to the link frame, kg m^2. None: that of a uniform body
+            of these shapes about its center; without shapes a point mass.
         shape : phipsi.shapes.Box, Sphere, Cylinder, Capsule or Mesh, or a sequence of them, optional
-            Shapes with which `show` draws the link. They do not change mass and inertia: shape.inertia(mass) is the
-            inertia of a uniform body of this shape.
+            Shapes with which `show` draws the link. Volumes of several shapes are added, also where they overlap.
 
         Returns
         -------
@@ -4620,11 +4621,16 @@ class SceneBuilder:
         ShapeError, ArgumentError
             Invalid com, inertia or shape. The message names the link; build() checks the rest.
 
+        Warns
+        -----
+        InertiaWarning
+            The inertia is that of the shapes, and com is not their center: the uniform body is moved to com. Or a shape
+            is a Mesh, and the link is a point mass.
+
         Examples
         --------
-        >>> ball = phipsi.shapes.Sphere(0.1)
         >>> builder = phipsi.SceneBuilder().link("base")
-        >>> builder = builder.link("ball", mass=2.0, inertia=ball.inertia(2.0), shape=ball)
+        >>> builder = builder.link("ball", mass=2.0, shape=phipsi.shapes.Sphere(0.1))
         >>> builder.joint("free", "floating", "base", "ball").build().total_mass
         2.0
         """
@@ -4650,6 +4656,9 @@ class SceneBuilder:
         upper: float | None = None,
         velocity: float | None = None,
         effort: float | None = None,
+        acceleration: float | None = None,
+        deceleration: float | None = None,
+        jerk: float | None = None,
         mimic: str | None = None,
         mimic_multiplier: float = 1.0,
         mimic_offset: float = 0.0,
@@ -4694,6 +4703,9 @@ class SceneBuilder:
             Velocity limit, rad/s or m/s; reported only.
         effort : float, optional
             Effort limit, N m or N; reported only.
+        acceleration, deceleration, jerk : float, optional
+            Limits of the acceleration, of the deceleration, rad/s^2 or m/s^2, and of the jerk, rad/s^3 or m/s^3; reported
+            only.
         mimic : str, optional
             Name of a joint to follow, with build(mimic="couple").
         mimic_multiplier : float, default 1

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 __all__ = ["Joint", "Limits", "Link", "Mimic", "Simplification", "Plan", "joint_of"]
 
 
+UNLIMITED = np.array(np.inf)
+UNLIMITED.flags.writeable = False
+
+
 class Limits(NamedTuple):
     """Limits of each degree of freedom, (nv,) each; infinite if there is no limit.
 
@@ -32,6 +36,12 @@ class Limits(NamedTuple):
     """Limit of the speed, rad/s or m/s."""
     effort: NDArray[np.float64]
     """Limit of the torque or force, N m or N."""
+    acceleration: NDArray[np.float64] = UNLIMITED
+    """Limit of an acceleration that increases the speed, rad/s^2 or m/s^2."""
+    deceleration: NDArray[np.float64] = UNLIMITED
+    """Limit of an acceleration that decreases the speed, rad/s^2 or m/s^2."""
+    jerk: NDArray[np.float64] = UNLIMITED
+    """Limit of the rate of the acceleration, rad/s^3 or m/s^3."""
 
 
 class Link(NamedTuple):
@@ -129,6 +139,12 @@ class Joint(NamedTuple):
     """Limit of the speed, rad/s or m/s; inf if there is none."""
     effort: float
     """Limit of the torque or force, N m or N; inf if there is none."""
+    acceleration: float
+    """Limit of an acceleration that increases the speed, rad/s^2 or m/s^2; inf if there is none."""
+    deceleration: float
+    """Limit of an acceleration that decreases the speed, rad/s^2 or m/s^2; inf if there is none."""
+    jerk: float
+    """Limit of the rate of the acceleration, rad/s^3 or m/s^3; inf if there is none."""
     mimic: Mimic | None
     """Relation to another joint that the joint should follow; None if there is none."""
 

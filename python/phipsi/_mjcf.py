@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ._install import command
 from .errors import ArgumentError, MeshWarning, SceneError
 
@@ -270,6 +272,19 @@ def is_soft(solref: Any, solimp: Any) -> bool:
     else:
         stiffness = -solref[0] / max(solimp[1], 1e-6) ** 2
     return bool(solimp[1] < IMPEDANCE or stiffness < 0.99 * STIFFNESS)
+
+
+def along_world(model: mujoco.MjModel, joint: int) -> dict[str, str]:
+    """Properties of a free joint that MuJoCo applies along the axes of the world: names for the argument `ignore`, and
+    their description.
+    """
+    dofs = slice(model.jnt_dofadr[joint], model.jnt_dofadr[joint] + WIDTHS[FREE])
+    acting = {
+        "armature": ("armature", model.dof_armature[dofs], True),
+        "friction": ("friction", model.dof_frictionloss[dofs], has_constraints(model, "FRICTIONLOSS")),
+        "nonlinear": ("stiffness", model.jnt_stiffness[joint : joint + 1], not is_disabled(model, "SPRING")),
+    }
+    return {name: f"{what} {values.max():g}" for name, (what, values, acts) in acting.items() if acts and np.any(values)}
 
 
 def stops(model: mujoco.MjModel) -> tuple[Any, Any]:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ._mjcf import BALL, EQUALITY_CONNECT, EQUALITY_JOINT, EQUALITY_WELD, FREE, SLIDE, WIDTHS, Names
+from ._mjcf import BALL, EQUALITY_CONNECT, EQUALITY_JOINT, EQUALITY_WELD, FREE, SLIDE, Names
 from ._mjcf import (
+    along_world,
     connected,
     equalities,
     field,
@@ -182,20 +183,14 @@ def _of_joints(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
     for at in [] if plastic is None else _where(plastic >= 0):
         yield Gap("nonlinear", f"plasticity at the joint {names.joints[at]!r}", "springs are elastic")
     for at in _where(model.jnt_type == FREE):
-        name, dofs = names.joints[at], slice(model.jnt_dofadr[at], model.jnt_dofadr[at] + WIDTHS[FREE])
-        if model.jnt_stiffness[at] and not is_disabled(model, springs):
-            yield Gap("nonlinear", f"stiffness at the free joint {name!r}", "the spring model differs from that of phipsi")
-        # MuJoCo expresses the linear velocity in the world frame, phipsi in the body frame.
-        for kind, values, acts in (
-            ("armature", model.dof_armature, True),
-            ("friction", model.dof_frictionloss, has_constraints(model, "FRICTIONLOSS")),
-        ):
-            if acts and np.any(values[dofs]):
-                yield Gap(
-                    kind,
-                    f"{kind} {values[dofs][0]:g} at the free joint {name!r}",
-                    "MuJoCo applies it in the world frame, phipsi in the body frame",
-                )
+        for kind, what in along_world(model, at).items():
+            yield Gap(
+                kind,
+                f"{what} at the free joint {names.joints[at]!r}",
+                "MuJoCo applies it along the axes of the world; therefore the joint is read as three slides and a ball joint, whose "
+                "linear velocity is in the world frame; without it, it is read as a free joint",
+                False,
+            )
     if has_constraints(model, "LIMIT"):
         for at in _where((model.jnt_type == BALL) & (model.jnt_limited != 0)):
             yield Gap("limits", f"limits of the ball joint {names.joints[at]!r}", "ball joints have no limits", False)

@@ -40,8 +40,9 @@ def ranges(scene: Scene) -> tuple[_Array, _Array]:
         low[at], high[at] = -reach, reach
         if len(reach) == 1:
             lower, upper = float(limits.lower[at][0]), float(limits.upper[at][0])
-            if -LARGEST_LIMIT <= lower < upper <= LARGEST_LIMIT:
-                low[at], high[at] = lower, upper
+            has_lower, has_upper = abs(lower) <= LARGEST_LIMIT, abs(upper) <= LARGEST_LIMIT
+            low[at] = lower if has_lower else upper - 2.0 * reach if has_upper else -reach
+            high[at] = upper if has_upper else low[at] + 2.0 * reach
     return low, high
 
 

@@ -22,6 +22,8 @@ _Array = NDArray[np.float64]
 
 #: Joint types of URDF, and "spherical", which only phipsi reads.
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating", "spherical")
+#: Limits that URDF 1.2 added.
+ADDED = ("acceleration", "deceleration", "jerk")
 #: Properties of a free joint that URDF cannot store if floating_base=True creates the joint.
 LOSSES = ("armature", "damping", "friction", "stiffness")
 
@@ -47,11 +49,16 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
         _child(inertial, "mass", value=_text(link.mass))
         entries = {f"i{'xyz'[i]}{'xyz'[j]}": _text(link.inertia[i, j]) for i in range(3) for j in range(i, 3)}
         _child(inertial, "inertia", **entries)
+    is_new = any(np.isfinite(getattr(joint, what)) for joint in scene.joints.values() for what in ADDED)
     for joint in scene.joints.values():
         if joint.parent is None:
             _check_root(joint)
         else:
-            _joint(robot, joint)
+            _joint(robot, joint, is_new)
+    if is_new:
+        robot.set("version", "1.2")
+    elif any(True for _ in robot.iter("capsule")) or any("quat_xyzw" in origin.attrib for origin in robot.iter("origin")):
+        robot.set("version", "1.1")
     ElementTree.indent(robot)
     text = f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
     if path is not None:
@@ -94,7 +101,7 @@ def _check_root(joint: Joint) -> None:
             raise ArgumentError(f"scene: found {what} {value:g} at the free joint {joint.name!r} of the base; expected 0, because URDF cannot store it")
 
 
-def _joint(robot: ElementTree.Element, joint: Joint) -> None:
+def _joint(robot: ElementTree.Element, joint: Joint, is_new: bool) -> None:
     if joint.type not in KINDS:
         raise ArgumentError(f"scene: found joint {joint.name!r} of type {joint.type!r}, which URDF cannot represent; expected one of {', '.join(KINDS)}")
     is_bounded = bool(np.isfinite(joint.lower) or np.isfinite(joint.upper))
@@ -103,11 +110,15 @@ def _joint(robot: ElementTree.Element, joint: Joint) -> None:
     element = _child(robot, "joint", name=joint.name, type=kind)
     _child(element, "parent", link=str(joint.parent))
     _child(element, "child", link=joint.child)
-    _child(element, "origin", xyz=_text(joint.xyz), rpy=_text(_angles(joint.rotation)))
+    _child(element, "origin", xyz=_text(joint.xyz), rpy=_text(angles(joint.rotation)))
     if joint.axis is not None:
         _child(element, "axis", xyz=_text(joint.axis))
-    bounds = {"lower": joint.lower, "upper": joint.upper} if is_bounded else {}
-    bounds |= {what: value for what in ("effort", "velocity") if np.isfinite(value := getattr(joint, what))}
+    # URDF 1.2 requires both.
+    bounds = {"lower": joint.lower, "upper": joint.upper} if is_bounded or (is_new and kind == "prismatic") else {}
+    bounds |= {what: value for what in ("effort", "velocity", "acceleration", "jerk") if np.isfinite(value := getattr(joint, what))}
+    # The default is the limit of the acceleration.
+    if joint.deceleration != joint.acceleration:
+        bounds["deceleration"] = joint.deceleration
     if bounds:
         _child(element, "limit", **{what: _text(value) for what, value in bounds.items()})
     dynamics = {what: _text(value) for what in LOSSES if (value := getattr(joint, what)) != 0.0}
@@ -132,7 +143,7 @@ def _text(numbers: Any) -> str:
     return " ".join(repr(float(number)) for number in np.atleast_1d(numbers))
 
 
-def _angles(rotation: _Array) -> _Array:
+def angles(rotation: _Array) -> _Array:
     """Roll, pitch and yaw of Rz(yaw) Ry(pitch) Rx(roll), rad; the yaw is zero if the pitch is a right angle."""
     level = np.hypot(rotation[0, 0], rotation[1, 0])
     pitch = np.arctan2(-rotation[2, 0], level)

@@ -235,14 +235,15 @@ class IdentificationWarning(UserWarning):
 
 
 class InertiaWarning(UserWarning):
-    """The inertia of a link is physically impossible, or no moving link of a URDF has mass; the values are used
-    unchanged.
+    """The inertia of a link is physically impossible, its radius of gyration is far beyond the size of the scene, it is
+    that of a uniform shape whose center is not the center of mass, or no moving link of a URDF has mass; the values are
+    used unchanged.
     """
 
 
 class LimitWarning(UserWarning):
-    """Limits of a URDF are invalid (lower above upper, negative velocity or effort) and are ignored, or a joint starts
-    outside its limits.
+    """Limits of a URDF are invalid (lower above upper, negative velocity or effort, not of its version) and are ignored,
+    all limits of a joint are zero, which locks it, or a joint starts outside its limits.
     """
 
 

@@ -11,6 +11,7 @@ joints and free joints need no conversion.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ._arguments import leading, vectors
 from ._core import Scene, SceneBuilder
 from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, SLIDE, WIDTHS, Names
-from ._mjcf import compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, stops, ties_bodies
+from ._mjcf import along_world, compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, stops, ties_bodies
 from ._mjcf_actuators import Actuators, actuators
 from ._mjcf_contacts import pairs, points
 from ._mujoco_gaps import check
@@ -31,7 +32,9 @@ if TYPE_CHECKING:
 
     import mujoco
 
-__all__ = ["Actuators", "actuators", "from_accelerations", "from_forces", "from_state", "to_accelerations", "to_forces", "to_state"]
+__all__ = [
+    "Actuators", "actuators", "from_accelerations", "from_forces", "from_state", "joint_name", "link_name", "to_accelerations", "to_forces", "to_state",
+]  # fmt: skip
 
 _Array = NDArray[np.float64]
 
@@ -88,6 +91,21 @@ class _Frame(NamedTuple):
         return _Frame(self.rotation @ rotation, self.origin + self.rotation @ origin)
 
 
+class _Part(NamedTuple):
+    """A joint of a scene that represents a joint of MuJoCo, or a part of it."""
+
+    suffix: str
+    """Text after the name of MuJoCo's joint; empty for the outermost part."""
+    kind: int
+    """Type of the part, as MuJoCo numbers joints."""
+    dof: int
+    """Its first degree of freedom in qvel."""
+    at: int
+    """Its first coordinate in qpos."""
+    axis: _Array | None = None
+    """Axis; None: that of MuJoCo's joint."""
+
+
 class _Reader:
     """Adds the elements of a model to a builder, each in constant time."""
 
@@ -136,13 +154,15 @@ class _Reader:
                 place = place.then(np.eye(3), -zero * axis)
             else:
                 place = place.then(_turn(axis, -zero) if kind == HINGE else np.eye(3), anchor)
-            of_body = own and joint == first + count - 1
-            child = name if of_body else names.link(f"{name}/{names.joints[joint]}")
-            if not of_body:
-                self.scene.link(child)
-            where = {"xyz": place.origin, "rotation": place.rotation, "axis": axis}
-            self.scene.joint(names.joints[joint], self._kind(joint), parent, child, **where, **self._numbers(joint), **self.mimics.get(joint, {}))
-            parent, place = child, _Frame(np.eye(3), -anchor if kind in (HINGE, BALL) else np.zeros(3))
+            last = own and joint == first + count - 1
+            for part in self._parts(joint):
+                child = name if last and not part.suffix else names.link(f"{name}/{names.joints[joint]}{part.suffix}")
+                if child != name:
+                    self.scene.link(child)
+                called = names.joint(names.joints[joint] + part.suffix) if part.suffix else names.joints[joint]
+                where = {"xyz": place.origin, "rotation": place.rotation, "axis": axis if part.axis is None else part.axis}
+                self.scene.joint(called, self._kind(joint, part), parent, child, **where, **self._numbers(joint, part), **self.mimics.get(joint, {}))
+                parent, place = child, _Frame(np.eye(3), -anchor if kind in (HINGE, BALL) else np.zeros(3))
         inertia = rotation(model.body_iquat[body])
         moments = inertia @ np.diag(model.body_inertia[body]) @ inertia.T
         self.scene.link(name, mass=float(model.body_mass[body]), com=model.body_ipos[body], inertia=0.5 * (moments + moments.T))
@@ -161,19 +181,31 @@ class _Reader:
         is_possible = self.low[joint] <= self.high[joint] or "limits" not in self.ignore
         return bool(self.model.jnt_limited[joint]) and is_possible and has_constraints(self.model, "LIMIT")
 
-    def _kind(self, joint: int) -> Any:
-        kind = KINDS[int(self.model.jnt_type[joint])]
+    def _parts(self, joint: int) -> list[_Part]:
+        """The joints of the scene that represent a joint: one, except for a free joint with properties along the axes of
+        the world, which is three slides along these axes and a ball joint. Their coordinates and velocities are those
+        of MuJoCo.
+        """
+        model = self.model
+        kind, dof, at = int(model.jnt_type[joint]), int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
+        if kind == FREE and any(name not in self.ignore for name in along_world(model, joint)):
+            slides = [_Part(f"/{axis}", SLIDE, dof + i, at + i, np.eye(3)[i]) for i, axis in enumerate("xyz")]
+            return [*slides, _Part("", BALL, dof + 3, at + 3)]
+        return [_Part("", kind, dof, at)]
+
+    def _kind(self, joint: int, part: _Part) -> Any:
+        kind = KINDS[part.kind]
         return "continuous" if kind == "revolute" and not self._is_limited(joint) else kind
 
-    def _numbers(self, joint: int) -> dict[str, Any]:
+    def _numbers(self, joint: int, part: _Part) -> dict[str, Any]:
         """Armature, damping, friction, spring and limits of a joint, as keyword arguments of SceneBuilder.joint."""
         model = self.model
-        kind, dof, at = model.jnt_type[joint], model.jnt_dofadr[joint], model.jnt_qposadr[joint]
-        dofs = slice(dof, dof + WIDTHS[int(kind)])
+        kind, at, is_free = part.kind, part.at, model.jnt_type[joint] == FREE
+        dofs = slice(part.dof, part.dof + WIDTHS[kind])
         found: dict[str, Any] = {}
         for ours, theirs in (("armature", "dof_armature"), ("damping", "dof_damping"), ("friction", "dof_frictionloss")):
             values = getattr(model, theirs)[dofs]
-            if kind == FREE and ours in self.ignore:
+            if is_free and ours in self.ignore:
                 continue
             if np.any(values != values[0]):
                 of = self.names.joints[joint]
@@ -186,10 +218,11 @@ class _Reader:
             found["damping"] = 0.0
         if not has_constraints(model, "FRICTIONLOSS"):
             found["friction"] = 0.0
-        if kind != FREE and model.jnt_stiffness[joint] and not is_disabled(model, "SPRING"):
+        has_spring = kind != FREE and not (is_free and "nonlinear" in self.ignore)
+        if has_spring and model.jnt_stiffness[joint] and not is_disabled(model, "SPRING"):
             rest = model.qpos_spring[at : at + (4 if kind == BALL else 1)]
             found |= {"stiffness": float(model.jnt_stiffness[joint]), "rest": np.roll(rest, -1) if kind == BALL else rest}
-        if kind in (HINGE, SLIDE):
+        if kind in (HINGE, SLIDE) and not is_free:
             if self._is_limited(joint):
                 found |= {"lower": float(self.low[joint]), "upper": float(self.high[joint])}
             if (effort := self._effort(joint)) is not None:
@@ -280,6 +313,78 @@ def rotation(quaternion: ArrayLike) -> _Array:
 def _turn(axis: _Array, angle: float) -> _Array:
     """Rotation matrix for an angle, rad, about a unit axis."""
     return rotation(np.concatenate([[np.cos(0.5 * angle)], np.sin(0.5 * angle) * axis]))
+
+
+# Names
+
+
+def link_name(source: mujoco.MjModel | mujoco.MjSpec | str | os.PathLike[str], body: int) -> str:
+    """Name of the link of a body; a body without a name in the file gets one, such as "body3".
+
+    Parameters
+    ----------
+    source : mujoco.MjModel, mujoco.MjSpec, str or path
+        Model, as in Scene.from_mujoco.
+    body : int
+        Index of the body in MuJoCo; 0 is the world.
+
+    Returns
+    -------
+    name : str
+        Name of the link in the scene.
+
+    Raises
+    ------
+    ArgumentError
+        If the model has no body with this index.
+
+    Examples
+    --------
+    >>> import mujoco, phipsi.mujoco  # doctest: +SKIP
+    >>> phipsi.mujoco.link_name("humanoid.xml", 1)  # doctest: +SKIP
+    'torso'
+    """
+    return _at("body", Names(compiled(source)[0]).bodies, body)
+
+
+def joint_name(source: mujoco.MjModel | mujoco.MjSpec | str | os.PathLike[str], joint: int) -> str:
+    """Name of a joint; a joint without a name in the file gets one, such as "joint3".
+
+    Parameters
+    ----------
+    source : mujoco.MjModel, mujoco.MjSpec, str or path
+        Model, as in Scene.from_mujoco.
+    joint : int
+        Index of the joint in MuJoCo.
+
+    Returns
+    -------
+    name : str
+        Name of the joint in the scene. For a free joint that is read as three slides and a ball joint, the name of the
+        ball joint; the slides are called name + "/x", "/y" and "/z".
+
+    Raises
+    ------
+    ArgumentError
+        If the model has no joint with this index.
+
+    Examples
+    --------
+    >>> import mujoco, phipsi.mujoco  # doctest: +SKIP
+    >>> phipsi.mujoco.joint_name("humanoid.xml", 0)  # doctest: +SKIP
+    'root'
+    """
+    return _at("joint", Names(compiled(source)[0]).joints, joint)
+
+
+def _at(what: str, names: list[str], index: int) -> str:
+    try:
+        at = operator.index(index)
+    except TypeError:
+        at = -1
+    if not 0 <= at < len(names):
+        raise of_argument(ArgumentError, what, f"found {index!r}; expected an integer from 0 to {len(names) - 1}")
+    return names[at]
 
 
 # Conventions

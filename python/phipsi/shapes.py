@@ -5,12 +5,14 @@
 >>> plate.inertia(mass=2.0).diagonal().round(4).tolist()
 [0.0067, 0.0267, 0.0333]
 
+A link with a mass and shapes, and without an inertia, has the inertia of a uniform body.
 Each shape is centered at `xyz` in the link frame and rotated by `rpy`. Sizes are in meters.
 """
 
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -20,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._pose import from_rpy
-from .errors import ArgumentError
+from .errors import ArgumentError, InertiaWarning
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -30,6 +32,8 @@ __all__ = ["Box", "Capsule", "Color", "Cylinder", "Mesh", "Shape", "Sphere"]
 _Array = NDArray[np.float64]
 
 ORIGIN = (0.0, 0.0, 0.0)
+#: Largest distance of a given center of mass from the center of the shapes, relative to the radius of gyration.
+OFF_CENTER = 1e-3
 #: Colors by name: red, green, blue, from 0 to 1.
 COLORS = {
     "black": (0.1, 0.1, 0.12), "blue": (0.17, 0.33, 0.52), "gray": (0.72, 0.75, 0.78), "green": (0.2, 0.55, 0.33), "orange": (0.9, 0.45, 0.1),
@@ -272,6 +276,47 @@ def to_urdf(link: str, shape: Shape | Sequence[Shape]) -> str:
             error = ArgumentError(f"found {type(shape).__name__}; {EXPECTED}")
         raise ArgumentError(f"shape of link {link!r}: {error}") from None
     return ElementTree.tostring(robot, encoding="unicode")
+
+
+def uniform_body(
+    link: str, mass: float, com: tuple[float, float, float] | None, shape: Shape | Sequence[Shape]
+) -> tuple[list[float], list[float]] | None:
+    """Center of mass, (3,), and inertia about it (xx, xy, xz, yy, yz, zz) of a uniform body, for SceneBuilder.link;
+    None if the shapes do not determine them. The body is moved to `com`, if that is not None.
+    """
+    shapes = [shape] if isinstance(shape, Box | Sphere | Cylinder | Capsule | Mesh) else shape
+    bodies = [(one, _volume(one), _numbers(one, "xyz", one.xyz, 3)) for one in shapes if not isinstance(one, Mesh)]
+    if not bodies or len(bodies) < len(shapes):
+        if shapes:
+            text = f"link {link!r}: the inertia of a Mesh is not computed, and the link is a point mass; expected inertia="
+            warnings.warn(text, InertiaWarning, stacklevel=2)
+        return None
+    total = sum(volume for _, volume, _ in bodies)
+    center = np.asarray(sum(volume / total * xyz for _, volume, xyz in bodies))
+    inertia = np.zeros((3, 3))
+    for one, volume, xyz in bodies:
+        part, lever = mass * volume / total, xyz - center
+        inertia += one.inertia(part) + part * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+    if com is not None:
+        radius = np.sqrt(abs(np.trace(inertia) / mass))
+        if np.linalg.norm(center - com) > OFF_CENTER * radius:
+            text = (
+                f"link {link!r}: found com {np.asarray(com).tolist()}, and the center of its shapes is {center.tolist()}; the inertia is that of "
+                "a uniform body about its center, moved to com; expected inertia=, or no com"
+            )
+            warnings.warn(text, InertiaWarning, stacklevel=2)
+        center = np.asarray(com)
+    return center.tolist(), inertia[np.triu_indices(3)].tolist()
+
+
+def _volume(shape: Box | Sphere | Cylinder | Capsule) -> float:
+    """Volume of a shape, m^3."""
+    if isinstance(shape, Box):
+        return float(np.prod(_positive(shape, "size", shape.size, 3)))
+    (radius,) = _positive(shape, "radius", shape.radius, 1)
+    ball = 0.0 if isinstance(shape, Cylinder) else 4.0 / 3.0 * np.pi * radius**3
+    tube = 0.0 if isinstance(shape, Sphere) else np.pi * radius**2 * _lengths(shape)[1]
+    return float(ball + tube)
 
 
 def texts_of(scene: Scene) -> list[tuple[Path | None, str]]:

@@ -45,25 +45,29 @@ impl PySceneBuilder {
     ///     Name of the link.
     /// mass : float, default 0
     ///     Mass, kg. A link without mass and inertia is a frame.
-    /// com : (3,) array_like, default (0, 0, 0)
-    ///     Center of mass in the link frame, m.
+    /// com : (3,) array_like, optional
+    ///     Center of mass in the link frame, m. None: the center of the shapes if the inertia is theirs, otherwise
+    ///     (0, 0, 0).
     /// inertia : (3, 3) array_like, optional
-    ///     Inertia about the center of mass, with axes parallel to the link frame, kg m^2. None: a point mass.
+    ///     Inertia about the center of mass, with axes parallel to the link frame, kg m^2. None: that of a uniform body
+    ///     of these shapes about its center; without shapes a point mass.
     /// shape : phipsi.shapes.Box, Sphere, Cylinder, Capsule or Mesh, or a sequence of them, optional
-    ///     Shapes with which `show` draws the link. They do not change mass and inertia: shape.inertia(mass) is the
-    ///     inertia of a uniform body of this shape.
+    ///     Shapes with which `show` draws the link. Volumes of several shapes are added, also where they overlap.
     #[doc = returns!(builder)]
     #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
     ///     Invalid com, inertia or shape. The message names the link; build() checks the rest.
+    #[doc = section!(Warns)]
+    /// InertiaWarning
+    ///     The inertia is that of the shapes, and com is not their center: the uniform body is moved to com. Or a shape
+    ///     is a Mesh, and the link is a point mass.
     #[doc = section!(Examples)]
-    /// >>> ball = phipsi.shapes.Sphere(0.1)
     /// >>> builder = phipsi.SceneBuilder().link("base")
-    /// >>> builder = builder.link("ball", mass=2.0, inertia=ball.inertia(2.0), shape=ball)
+    /// >>> builder = builder.link("ball", mass=2.0, shape=phipsi.shapes.Sphere(0.1))
     /// >>> builder.joint("free", "floating", "base", "ball").build().total_mass
     /// 2.0
     #[pyo3(signature = (name, mass=0.0, com=None, inertia=None, *, shape=None),
-           text_signature = "($self, name, mass=0.0, com=(0, 0, 0), inertia=None, *, shape=None)")]
+           text_signature = "($self, name, mass=0.0, com=None, inertia=None, *, shape=None)")]
     fn link<'py>(
         mut slf: PyRefMut<'py, Self>,
         name: String,
@@ -73,10 +77,17 @@ impl PySceneBuilder {
         shape: Option<&Object<'py>>,
     ) -> PyResult<PyRefMut<'py, Self>> {
         let described = |shape| imported!(slf.py(), "phipsi.shapes", "to_urdf")?.call1((&name, shape))?.extract();
-        let shape: Option<String> = shape.map(described).transpose()?;
-        let inertial = inertial(&|argument| format!("{argument} of link {name:?}"), mass, com, inertia)?;
+        let drawn: Option<String> = shape.map(described).transpose()?;
+        let mut inertial = inertial(&|argument| format!("{argument} of link {name:?}"), mass, com, inertia)?;
+        if let (Some(shape), None, true) = (shape, inertia, mass != 0.0) {
+            let com: Option<[f64; 3]> = com.map(|_| inertial.center.into());
+            let uniform = imported!(slf.py(), "phipsi.shapes", "uniform_body")?.call1((&name, mass, com, shape))?;
+            if let Some((center, entries)) = uniform.extract::<Option<([f64; 3], [f64; 6])>>()? {
+                (inertial.center, inertial.central) = (center.into(), Symmetric3::new(entries));
+            }
+        }
         let inertial = (mass != 0.0 || inertia.is_some()).then_some(inertial);
-        slf.change(|builder| builder.link(LinkDescription { name, inertial }).with_shapes(shape));
+        slf.change(|builder| builder.link(LinkDescription { name, inertial }).with_shapes(drawn));
         Ok(slf)
     }
 
@@ -118,6 +129,9 @@ impl PySceneBuilder {
     ///     Velocity limit, rad/s or m/s; reported only.
     /// effort : float, optional
     ///     Effort limit, N m or N; reported only.
+    /// acceleration, deceleration, jerk : float, optional
+    ///     Limits of the acceleration, of the deceleration, rad/s^2 or m/s^2, and of the jerk, rad/s^3 or m/s^3; reported
+    ///     only.
     /// mimic : str, optional
     ///     Name of a joint to follow, with build(mimic="couple").
     /// mimic_multiplier : float, default 1
@@ -137,11 +151,11 @@ impl PySceneBuilder {
     /// array([0.5])
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
                         armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None,
-                        velocity=None, effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0),
+                        velocity=None, effort=None, acceleration=None, deceleration=None, jerk=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0),
            text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, axis=(0, \
                              0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
-                             lower=None, upper=None, velocity=None, effort=None, mimic=None, mimic_multiplier=1.0, \
-                             mimic_offset=0.0)")]
+                             lower=None, upper=None, velocity=None, effort=None, acceleration=None, deceleration=None, \
+                             jerk=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn joint<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -163,6 +177,9 @@ impl PySceneBuilder {
         upper: Option<f64>,
         velocity: Option<f64>,
         effort: Option<f64>,
+        acceleration: Option<f64>,
+        deceleration: Option<f64>,
+        jerk: Option<f64>,
         mimic: Option<String>,
         mimic_multiplier: f64,
         mimic_offset: f64,
@@ -190,6 +207,9 @@ impl PySceneBuilder {
                 upper: upper.unwrap_or(none.upper),
                 velocity: velocity.unwrap_or(none.velocity),
                 effort: effort.unwrap_or(none.effort),
+                acceleration: acceleration.unwrap_or(none.acceleration),
+                deceleration: deceleration.unwrap_or(none.deceleration),
+                jerk: jerk.unwrap_or(none.jerk),
             },
             mimic: mimic.map(|joint| Mimic { joint, multiplier: mimic_multiplier, offset: mimic_offset }),
             name,

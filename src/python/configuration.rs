@@ -68,11 +68,11 @@ impl PyScene {
         call.array(py, &[self.scene.nv()], |scene, _, [q0, q1], out| scene.difference(q0, q1, out))
     }
 
-    /// Joint limits per degree of freedom as Limits(lower, upper, velocity, effort), each (nv,) and read-only; infinite for
-    /// none.
+    /// Joint limits per degree of freedom, as phipsi.Limits with fields of shape (nv,), read-only; infinite for none.
     ///
-    /// Units are rad or m, rad/s or m/s, and N m or N. A joint of several degrees of freedom repeats its limits.
-    /// Position limits are stops in simulations, unless limits="report"; velocity and effort limits are reported only.
+    /// The fields are lower, upper (rad or m), velocity, effort (N m or N), acceleration, deceleration and jerk. A joint
+    /// of several degrees of freedom repeats its limits. Position limits are stops in simulations, unless
+    /// limits="report"; the other limits are reported only.
     #[getter]
     fn limits<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let column = |of: fn(&Limits) -> f64| {
@@ -81,8 +81,14 @@ impl PyScene {
                 joints.flat_map(|joint| std::iter::repeat_n(of(&joint.limits), joint.v.len())).collect();
             property(py, &numbers, &[self.scene.nv()])
         };
-        let (lower, upper) = (column(|limits| limits.lower)?, column(|limits| limits.upper)?);
-        let (velocity, effort) = (column(|limits| limits.velocity)?, column(|limits| limits.effort)?);
-        imported!(py, "phipsi._results", "Limits")?.call1((lower, upper, velocity, effort))
+        imported!(py, "phipsi._results", "Limits")?.call1((
+            column(|limits| limits.lower)?,
+            column(|limits| limits.upper)?,
+            column(|limits| limits.velocity)?,
+            column(|limits| limits.effort)?,
+            column(|limits| limits.acceleration)?,
+            column(|limits| limits.deceleration)?,
+            column(|limits| limits.jerk)?,
+        ))
     }
 }

@@ -16,13 +16,13 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Version of the tuples.
-const VERSION: u32 = 10;
+const VERSION: u32 = 11;
 
 /// Name, then mass, center of mass and inertia about it (xx, xy, xz, yy, yz, zz), if any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 
 /// Name, kind, pitch, parent, child, origin (rotation in row-major order, lever), axis, (armature, damping, friction),
-/// limits (lower, upper, velocity, effort), mimic (joint, multiplier, offset), spring (stiffness, rest).
+/// limits (lower, upper, velocity, effort, acceleration, deceleration, jerk), mimic (joint, multiplier, offset), spring (stiffness, rest).
 pub(super) type JointTuple = (
     String,
     String,
@@ -32,7 +32,7 @@ pub(super) type JointTuple = (
     ([f64; 9], [f64; 3]),
     [f64; 3],
     [f64; 3],
-    [f64; 4],
+    [f64; 7],
     Option<(String, f64, f64)>,
     (f64, Vec<f64>),
 );
@@ -174,7 +174,7 @@ pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
         limits,
         mimic,
     } = joint;
-    let Limits { lower, upper, velocity, effort } = *limits;
+    let Limits { lower, upper, velocity, effort, acceleration, deceleration, jerk } = *limits;
     let mut rotation = [0.0; 9];
     rotation.copy_from_slice(origin.rotation.transpose().as_slice());
     (
@@ -186,7 +186,7 @@ pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
         (rotation, origin.lever.into()),
         (*axis).into(),
         [*armature, *damping, *friction],
-        [lower, upper, velocity, effort],
+        [lower, upper, velocity, effort, acceleration, deceleration, jerk],
         mimic.as_ref().map(|Mimic { joint, multiplier, offset }| (joint.clone(), *multiplier, *offset)),
         (spring.stiffness, spring.rest.clone()),
     )
@@ -212,7 +212,7 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
         spring,
     ) = tuple;
     let (stiffness, rest) = spring;
-    let [lower, upper, velocity, effort] = limits;
+    let [lower, upper, velocity, effort, acceleration, deceleration, jerk] = limits;
     let kind = joint_kind(&name, &kind, pitch)?;
     Ok(JointDescription {
         name,
@@ -225,7 +225,7 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
         damping,
         friction,
         spring: Spring { stiffness, rest },
-        limits: Limits { lower, upper, velocity, effort },
+        limits: Limits { lower, upper, velocity, effort, acceleration, deceleration, jerk },
         mimic: mimic.map(|(joint, multiplier, offset)| Mimic { joint, multiplier, offset }),
     })
 }

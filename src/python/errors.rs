@@ -149,11 +149,13 @@ pub(super) fn warn(py: Python<'_>, scene: &Scene) -> PyResult<()> {
 pub(super) fn warn_beyond(py: Python<'_>, scene: &Scene, known: &[SceneWarning]) -> PyResult<()> {
     for warning in scene.warnings().iter().filter(|warning| !known.contains(warning)) {
         let class = match warning {
-            SceneWarning::Inertia { .. } | SceneWarning::NoMass { .. } => "InertiaWarning",
+            SceneWarning::Inertia { .. } | SceneWarning::LargeInertia { .. } | SceneWarning::NoMass { .. } => {
+                "InertiaWarning"
+            }
             SceneWarning::Mimic { .. } => "MimicWarning",
             SceneWarning::NotUnderstood { .. } => "UnknownTagWarning",
             SceneWarning::Degrees { .. } => "UnitsWarning",
-            SceneWarning::Limits { .. } => "LimitWarning",
+            SceneWarning::Limits { .. } | SceneWarning::Locked { .. } => "LimitWarning",
         };
         warn_as(py, class, &warning.to_string())?;
     }

@@ -39,11 +39,19 @@ pub struct Limits {
     pub velocity: f64,
     /// Largest torque or force, N m or N.
     pub effort: f64,
+    /// Largest acceleration that increases the speed, rad/s^2 or m/s^2.
+    pub acceleration: f64,
+    /// Largest acceleration that decreases the speed, rad/s^2 or m/s^2.
+    pub deceleration: f64,
+    /// Largest rate of the acceleration, rad/s^3 or m/s^3.
+    pub jerk: f64,
 }
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { lower: f64::NEG_INFINITY, upper: f64::INFINITY, velocity: f64::INFINITY, effort: f64::INFINITY }
+        let none = f64::INFINITY;
+        let (velocity, effort, acceleration, deceleration, jerk) = (none, none, none, none, none);
+        Self { lower: -none, upper: none, velocity, effort, acceleration, deceleration, jerk }
     }
 }
 
@@ -127,7 +135,29 @@ setters!(Limits {
     with_upper: upper: f64,
     with_velocity: velocity: f64,
     with_effort: effort: f64,
+    with_acceleration: acceleration: f64,
+    with_deceleration: deceleration: f64,
+    with_jerk: jerk: f64,
 });
+
+impl Limits {
+    /// The limits with one sign, by name: velocity, effort, acceleration, deceleration, jerk.
+    pub(super) fn of_one_sign(&mut self) -> [(&'static str, &mut f64); 5] {
+        let Self { lower: _, upper: _, velocity, effort, acceleration, deceleration, jerk } = self;
+        [
+            ("velocity", velocity),
+            ("effort", effort),
+            ("acceleration", acceleration),
+            ("deceleration", deceleration),
+            ("jerk", jerk),
+        ]
+    }
+
+    /// True if position, speed and torque are limited to zero, as exporters write limits that were not entered.
+    pub(super) fn are_all_zero(&self) -> bool {
+        [self.lower, self.upper, self.velocity, self.effort].iter().all(|&limit| limit == 0.0)
+    }
+}
 
 setters!(Mimic { with_joint: joint => String, with_multiplier: multiplier: f64, with_offset: offset: f64 });
 
@@ -161,6 +191,20 @@ pub enum SceneWarning {
         link: String,
         /// Description of the defect.
         found: String,
+    },
+    /// A moving link with an inertia that is too large for its mass and the size of the scene.
+    LargeInertia {
+        /// Name of the link.
+        link: String,
+        /// Radius of gyration: root mean square distance of the mass from its center, m.
+        radius: f64,
+        /// Largest distance of a center of mass from the root link, along the links, m.
+        size: f64,
+    },
+    /// Joints whose limits of position, velocity and effort are all zero.
+    Locked {
+        /// Names of the joints.
+        joints: Vec<String>,
     },
     /// A mimic joint that is treated as independent.
     Mimic {
@@ -202,6 +246,12 @@ impl SceneWarning {
             Self::Inertia { link, found } => {
                 (format!("link {link:?}"), found, "a physical inertia (strict)".to_owned())
             }
+            Self::LargeInertia { link, radius, size } => {
+                (format!("link {link:?}"), large_inertia(radius, size), format!("{LARGE_INERTIA} (strict)"))
+            }
+            Self::Locked { joints } => {
+                ("limits".to_owned(), locked(&joints), "joints that can move, or are of type fixed (strict)".to_owned())
+            }
             Self::Mimic { joint, source } => (
                 format!("joint {joint:?}"),
                 format!("a mimic of joint {source:?}, which does not exist"),
@@ -219,7 +269,7 @@ impl SceneWarning {
                 (format!("joint {joint:?}"), found, "limits in rad (strict)".to_owned())
             }
             Self::Limits { found } => {
-                let expected = "lower not above upper, velocity and effort zero or positive (strict)";
+                let expected = "lower not above upper, the others zero or positive (strict)";
                 ("limits".to_owned(), found, expected.to_owned())
             }
         };
@@ -229,16 +279,38 @@ impl SceneWarning {
 
 /// Text about moving links without mass.
 fn no_mass(links: &[String]) -> String {
-    let names: Vec<String> = links.iter().take(8).map(|link| format!("{link:?}")).collect();
-    let more = if links.len() > names.len() { ", ..." } else { "" };
     let (n, have) = (links.len(), if links.len() == 1 { "link has" } else { "links have" });
-    format!("{n} of {n} moving {have} no mass: {}{more}", names.join(", "))
+    format!("{n} of {n} moving {have} no mass: {}", first(links))
+}
+
+/// The first names of a list.
+fn first(names: &[String]) -> String {
+    let quoted: Vec<String> = names.iter().take(8).map(|name| format!("{name:?}")).collect();
+    quoted.join(", ") + if names.len() > quoted.len() { ", ..." } else { "" }
+}
+
+const LARGE_INERTIA: &str = "an inertia about the center of mass in kg m^2";
+
+fn large_inertia(radius: f64, size: f64) -> String {
+    format!("radius of gyration {radius:.3e} m, {:.0} times the size of the scene, {size:.3e} m", radius / size)
+}
+
+fn locked(joints: &[String]) -> String {
+    let (joint, limits) = if joints.len() == 1 { ("joint", "limits") } else { ("joints", "limits each") };
+    format!("{joint} {} with {limits} lower=0, upper=0, effort=0 and velocity=0", first(joints))
 }
 
 impl std::fmt::Display for SceneWarning {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Inertia { link, found } => write!(f, "link {link:?}: {found}; no body has such an inertia"),
+            Self::LargeInertia { link, radius, size } => {
+                write!(f, "link {link:?}: {}; expected {LARGE_INERTIA}", large_inertia(*radius, *size))
+            }
+            Self::Locked { joints } => {
+                let fix = "enter the limits, remove <limit>, or make the joint continuous";
+                write!(f, "{}: locked in simulations; if the limits were not entered: {fix}", locked(joints))
+            }
             Self::Mimic { joint, source } => {
                 let couple = "use mimic=\"couple\" to couple it";
                 write!(f, "joint {joint:?}: mimics {source:?}; it is treated as an independent coordinate; {couple}")

@@ -48,6 +48,18 @@ pub(super) fn unphysical(inertial: &Inertial) -> Option<String> {
     None
 }
 
+/// Largest radius of gyration of a moving link, relative to the size of the scene. Inertias in kg mm^2 give 1,000 times
+/// the radius of those in kg m^2, which is at most 2.5 times the size in the files of example-robot-data.
+const LARGEST_GYRATION: f64 = 30.0;
+
+/// The root mean square distance of the mass of a link from its center, m, if it is far beyond the size of the scene, m.
+pub(super) fn far_gyration(inertial: &Inertial, size: f64) -> Option<f64> {
+    // Half the trace is the integral of the squared distance from the center of mass.
+    let [xx, _, _, yy, _, zz] = inertial.central.entries;
+    let radius = (0.5 * (xx + yy + zz) / inertial.mass).sqrt();
+    (inertial.mass > 0.0 && size > 0.0 && radius > LARGEST_GYRATION * size).then_some(radius)
+}
+
 /// Principal inertias in ascending order; None if they are not finite.
 fn principal(inertia: &Symmetric3<f64>) -> Option<[f64; 3]> {
     let mut values: [f64; 3] = eigenvalues(inertia.to_matrix())?.eigenvalues.into();

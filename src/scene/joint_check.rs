@@ -40,16 +40,16 @@ pub(super) fn check_joint(joint: &JointDescription) -> Result<(), Error> {
         let found = format!("a mimic with multiplier {} and offset {}", mimic.multiplier, mimic.offset);
         return refuse(found, "finite numbers");
     }
-    let limits = &joint.limits;
+    let mut limits = joint.limits;
     if !(limits.lower <= limits.upper) {
         return refuse(
             format!("limits from {} to {}", number(limits.lower), number(limits.upper)),
             "a lower limit that is not above the upper one",
         );
     }
-    for (name, value) in [("velocity", limits.velocity), ("effort", limits.effort)] {
-        if !(value >= 0.0) {
-            return refuse(format!("{name} limit {}", number(value)), "a limit that is zero or positive");
+    for (name, value) in limits.of_one_sign() {
+        if !(*value >= 0.0) {
+            return refuse(format!("{name} limit {}", number(*value)), "a limit that is zero or positive");
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use super::assembly::Tree;
 use super::description::{Inertial, JointDescription, Mimic, MimicJoints, SceneWarning};
-use super::inertia_check::unphysical;
+use super::inertia_check::{far_gyration, unphysical};
 use super::{AT_A_TIME, SceneBuilder};
 use crate::error::{Error, in_language, number};
 use crate::interrupt;
@@ -74,6 +74,10 @@ impl SceneBuilder {
                 warnings.push(SceneWarning::Inertia { link: link.name.clone(), found });
             }
         }
+        warnings.extend(self.large_inertias(tree));
+        let locked = self.joints.iter().filter(|joint| joint.kind != JointKind::Fixed && joint.limits.are_all_zero());
+        let joints: Vec<String> = locked.map(|joint| joint.name.clone()).collect();
+        warnings.extend((!joints.is_empty()).then_some(SceneWarning::Locked { joints }));
         let names: HashSet<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
         // A fixed joint with a <mimic> has no coordinate.
         let free = |joint: &&JointDescription| joint.kind != JointKind::Fixed && self.mimic_joints == MimicJoints::Free;
@@ -102,6 +106,26 @@ impl SceneBuilder {
             }
         }
         Ok(warnings)
+    }
+
+    /// Moving links whose radius of gyration is far beyond the size of the scene.
+    fn large_inertias(&self, tree: &Tree) -> Vec<SceneWarning> {
+        let mut moving = Vec::new();
+        let (mut size, mut stack) = (0.0_f64, vec![(tree.root, self.floating_base, 0.0)]);
+        while let Some((link, moves, distance)) = stack.pop() {
+            if let Some(inertial) = &self.links[link].inertial {
+                size = size.max(distance + inertial.center.norm());
+                moving.extend(moves.then_some((&self.links[link].name, inertial)));
+            }
+            stack.extend(tree.children[link].iter().map(|&(joint, child)| {
+                let joint = &self.joints[joint];
+                (child, moves || joint.kind != JointKind::Fixed, distance + joint.origin.lever.norm())
+            }));
+        }
+        let large = moving.into_iter().filter_map(|(link, inertial)| {
+            far_gyration(inertial, size).map(|radius| SceneWarning::LargeInertia { link: link.clone(), radius, size })
+        });
+        large.collect()
     }
 
     /// The moving links of a file, if there are some and none has mass. A scene with locked joints was checked before

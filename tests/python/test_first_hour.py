@@ -121,6 +121,17 @@ def test_a_broken_pose(arguments: dict[str, object], error: type[Exception], mat
         phipsi.pose(**arguments)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("lower", "upper", "low", "high"),
+    [(0.3, 0.3, 0.3, 0.3), (-1.0, None, -1.0, 2.0 * np.pi - 1.0), (None, -5.0, -5.0 - 2.0 * np.pi, -5.0), (-1e9, 0.5, 0.5 - 2.0 * np.pi, 0.5), (-1e9, 1e9, -np.pi, np.pi)],
+)
+def test_random_configurations_within_limits(lower: float | None, upper: float | None, low: float, high: float) -> None:
+    """Equal and one-sided limits too; limits beyond 20 rad mean that there is none."""
+    builder = phipsi.SceneBuilder().link("base").link("arm", 1.0, (0, 0, 1))
+    q = builder.joint("hinge", "revolute", "base", "arm", lower=lower, upper=upper).build().random_configuration(0, size=1000)
+    assert np.all((low <= q) & (q <= high)) and np.ptp(q) >= 0.98 * (high - low)
+
+
 def test_random_configurations(floating: phipsi.Scene) -> None:
     q = floating.random_configuration(3, size=(500, 2))
     assert q.shape == (500, 2, 13)

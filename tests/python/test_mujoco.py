@@ -18,10 +18,15 @@ from tolerances import assert_near, inverse, product, recursion, size
 
 import phipsi
 import phipsi.mujoco
-from phipsi.errors import ArgumentError, MeshWarning, MimicWarning, SceneError, ShapeError
+from phipsi.errors import ArgumentError, MeshWarning, MimicWarning, ModelWarning, SceneError, ShapeError
 
 MODELS = {"arm": ARM, "floating": FLOATING} | {f"random-{seed}": random_model(seed) for seed in range(12)}
 MODELS |= {path.stem: str(path) for path in shipped()}
+#: Free joints with properties along the axes of the world, as the armature of unitree h1, h1_2 and r1.
+MODELS |= {
+    f"free-{name}": FLOATING.replace("<freejoint/>", f'<joint type="free" {text}/>')
+    for name, text in (("armature", 'armature="0.3"'), ("all", 'armature="0.7" damping="0.2" frictionloss="0.4" stiffness="2"'))
+}
 
 
 class There:
@@ -46,7 +51,9 @@ class There:
 @pytest.fixture(params=MODELS, scope="module")
 def pair(request: pytest.FixtureRequest) -> tuple[phipsi.Scene, There]:
     there = There(MODELS[request.param], 7)
-    return phipsi.Scene.from_mujoco(there.model), there
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "source: found .* at the free joint", ModelWarning)
+        return phipsi.Scene.from_mujoco(there.model), there
 
 
 def state(scene: phipsi.Scene, there: There) -> tuple[np.ndarray, np.ndarray]:
@@ -160,7 +167,7 @@ REFUSED = {
     ),
     "gravcomp": (FLOATING.replace('name="arm"', 'name="arm" gravcomp="0.5"'), "gravcomp 0.5 at the body 'arm'"),
     "fluid": (with_('<option density="1000"/>'), "medium of density 1000"),
-    "nonlinear": (FLOATING.replace("<freejoint/>", '<joint name="loose" type="free" stiffness="2"/>', 1), "stiffness at the free joint 'loose'"),
+    "nonlinear": (FLOATING.replace('<joint axis="0 1 0"/>', '<joint name="knee" axis="0 1 0" stiffness="2 1"/>'), "stiffnesspoly at the joint 'knee'"),
 }
 
 
@@ -205,6 +212,38 @@ def test_unequal_numbers_of_one_joint_are_refused() -> None:
     model.dof_armature[6] = 3.0
     with pytest.raises(SceneError, match=r"dof_armature \[3.0, .*\] at the joint 'joint1'"):
         phipsi.Scene.from_mujoco(model)
+
+
+def test_the_armature_of_a_free_joint_has_inertia_and_no_weight() -> None:
+    """Read as three slides and a ball joint, with a warning; a free joint without armature on request."""
+    text = FLOATING.replace("<freejoint/>", '<joint name="root" type="free" armature="0.3"/>', 1)
+    with pytest.warns(ModelWarning, match="armature 0.3 at the free joint 'root'.*three slides and a ball joint"):
+        scene = phipsi.Scene.from_mujoco(text)
+    assert scene.joint_names[:4] == ("root/x", "root/y", "root/z", "root")
+    assert [scene.joint(name).type for name in scene.joint_names[:4]] == ["prismatic"] * 3 + ["spherical"]
+    assert [scene.joint(name).armature for name in scene.joint_names[:4]] == [0.3] * 4
+    free = phipsi.Scene.from_mujoco(text, ignore=["armature"])
+    assert (free.joint("root").type, free.joint("root").armature) == ("floating", 0.0)
+    # The energies differ by that of the armature, and gravity does not act on it.
+    data = There(text, 3).data
+    energies = [of.energy(*phipsi.mujoco.to_state(of, data.qpos, data.qvel)) for of in (scene, free)]
+    assert_near(energies[0].kinetic - energies[1].kinetic, 0.15 * np.sum(data.qvel[:6] ** 2), product(scene.nv, size(energies[0].kinetic)))
+    assert_near(energies[0].potential, energies[1].potential, product(scene.nv, size(energies[1].potential)))
+
+
+def test_names_that_a_file_does_not_give() -> None:
+    model = mujoco.MjModel.from_xml_string(FLOATING)
+    scene = phipsi.Scene.from_mujoco(model)
+    assert [phipsi.mujoco.joint_name(model, joint) for joint in range(model.njnt)] == list(scene.joint_names)
+    assert "joint1" in scene.joint_names
+    places, data = scene.placements(scene.neutral()), mujoco.MjData(model)
+    data.qpos[:] = phipsi.mujoco.from_state(scene, scene.neutral())[0]
+    mujoco.mj_kinematics(model, data)
+    for body in range(model.nbody):
+        assert_near(places[phipsi.mujoco.link_name(FLOATING, np.int64(body))][:3, 3], data.xpos[body], recursion(scene.nv, size(data.xpos)))
+    for wrong in (-1, model.nbody, 1.5, "arm"):
+        with pytest.raises(ArgumentError, match=rf"body: found {wrong!r}; expected an integer from 0 to {model.nbody - 1}"):
+            phipsi.mujoco.link_name(model, wrong)
 
 
 @pytest.mark.parametrize(

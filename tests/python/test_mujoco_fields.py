@@ -268,9 +268,9 @@ PARTS = {
     "heavy tendon": ("tendons", False, with_(TENDON.format('armature="3"'))),
     "limited tendon": ("tendons", True, with_(TENDON.format('limited="true" range="0 0.1"'))),
     "limited ball": ("limits", True, joint("ball", 'limited="true" range="0 0.5"')),
-    "armature of a free joint": ("armature", False, joint("free", 'armature=".5"')),
-    "friction of a free joint": ("friction", False, joint("free", 'frictionloss=".5"')),
-    "stiffness of a free joint": ("nonlinear", False, joint("free", 'stiffness=".5"')),
+    "armature of a free joint": ("armature", True, joint("free", 'armature=".5"')),
+    "friction of a free joint": ("friction", True, joint("free", 'frictionloss=".5"')),
+    "stiffness of a free joint": ("nonlinear", True, joint("free", 'stiffness=".5"')),
     "actuator of a tendon": (
         "actuators",
         False,
@@ -318,8 +318,11 @@ def test_a_message_names_all_that_is_to_be_ignored() -> None:
     assert phipsi.load(text, ignore=("gravcomp", "fluid")).nv == phipsi.load(MODEL).nv
 
 
-def test_ignored_armature_of_a_free_joint_is_none() -> None:
-    assert phipsi.load(PARTS["armature of a free joint"][2], ignore=["armature"]).joints["free"].armature == 0.0
+@pytest.mark.parametrize("what", ["armature", "friction", "stiffness"])
+def test_an_ignored_property_of_a_free_joint_is_none(what: str) -> None:
+    name, _, text = PARTS[f"{what} of a free joint"]
+    free = phipsi.load(text, ignore=[name]).joints["free"]
+    assert (free.type, getattr(free, what)) == ("floating", 0.0)
 
 
 @pytest.mark.parametrize("flags", ['gravity="disable"', 'spring="disable" damper="disable"'])

@@ -14,7 +14,7 @@ from oracle_pinocchio import ROBOTS, Oracle, load, urdf_files
 from tolerances import EPS, inverse, recursion, solve
 
 import phipsi
-from phipsi.errors import InertiaWarning, MimicWarning, SceneError, SingularJointError, UnknownTagWarning
+from phipsi.errors import InertiaWarning, LimitWarning, MimicWarning, SceneError, SingularJointError, UnknownTagWarning
 
 STATES = 3
 FILES = urdf_files()
@@ -49,6 +49,9 @@ UNPHYSICAL = {
     "tiago_description/robots/tiago_no_hand.urdf",
 }
 """Robots with a link whose inertia is physically impossible."""
+
+#: Files whose joints are all locked by limits that were not entered.
+LOCKED = {f"double_pendulum_description/urdf/double_pendulum{name}.urdf" for name in ("", "_simple")}
 
 #: Files with unknown elements or attributes, and the first of them.
 NOT_UNDERSTOOD = {
@@ -255,7 +258,7 @@ def test_unphysical_inertias_warn_by_link_and_raise_when_strict(file: str) -> No
         with pytest.raises(SceneError, match="strict") as error:
             load(file, False, strict=True)
         assert f'link "{links[0]}"' in str(error.value)
-    elif file not in NOT_UNDERSTOOD:
+    elif file not in {*NOT_UNDERSTOOD, *LOCKED}:
         assert load(file, False, strict=True)[0].nv == scene.nv
 
 
@@ -303,7 +306,18 @@ def test_mimic_joints_warn_by_name(file: str) -> None:
     assert len(text) == len(expected)
     for joint, leader in expected.items():
         assert any(f'joint "{joint}": mimics "{leader}"' in message for message in text), joint
-    assert {warning.category for warning in caught} <= {InertiaWarning, MimicWarning, UnknownTagWarning}
+    assert {warning.category for warning in caught} <= {InertiaWarning, LimitWarning, MimicWarning, UnknownTagWarning}
+
+
+@pytest.mark.parametrize("file", REAL)
+def test_joints_whose_limits_are_all_zero_warn_by_name(file: str) -> None:
+    scene, caught = load(file, False)
+    texts = [str(warning.message) for warning in caught if warning.category is LimitWarning]
+    assert [text for text in texts if "locked in simulations" in text] == texts and len(texts) == (file in LOCKED)
+    for text in texts:
+        assert text.startswith('joints "joint1", "joint2" with limits each lower=0, upper=0, effort=0 and velocity=0')
+        with pytest.raises(SceneError, match="strict"):
+            load(file, False, strict=True)
 
 
 def test_summary(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import phipsi
 import pytest
-from phipsi.errors import ArgumentError
+from phipsi.errors import ArgumentError, InertiaWarning
 from phipsi.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from tolerances import assert_near, product, size
 
@@ -47,6 +47,69 @@ def test_inertias_are_those_of_fine_meshes(shape: Any) -> None:
         mesh.apply_transform(trimesh.transformations.euler_matrix(*shape.rpy))
     mesh.density = 3.0 / mesh.volume
     assert_near(shape.inertia(3.0), mesh.moment_inertia, 2e-3 * size(mesh.moment_inertia))
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
+def test_a_link_with_mass_and_shape_is_a_uniform_body(shape: Any) -> None:
+    link = link_of(3.0, shape=shape)
+    assert_near(link.inertia, shape.inertia(3.0), product(3, size(shape.inertia(3.0))))
+    assert_near(link.com, shape.xyz, product(1, size(np.array(shape.xyz))))
+    # An inertia that is given remains, and so does a point mass without shapes.
+    assert np.array_equal(link_of(3.0, inertia=np.eye(3), shape=shape).inertia, np.eye(3))
+    assert not np.any(link_of(3.0).inertia)
+    assert link_of(0.0, shape=shape).mass == 0.0
+
+
+def test_a_rod_on_a_hinge_at_its_end() -> None:
+    rod = Cylinder(0.01, 0.4, xyz=(0, 0, -0.2))
+    builder = phipsi.SceneBuilder().link("base").link("rod", mass=1.25, com=(0, 0, -0.2), shape=rod)
+    scene = builder.joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0)).build()
+    assert_near(scene.mass_matrix([0.3])[0, 0], 1.25 * (0.4**2 / 3.0 + 0.01**2 / 4.0), product(3, 1.0))
+
+
+def test_several_shapes_are_one_uniform_body() -> None:
+    """A box in two halves of unequal length."""
+    whole, short, long = Box((0.1, 0.2, 0.9), TURN), Box((0.1, 0.2, 0.3), (0.3, -0.4, 0.2)), Box((0.1, 0.2, 0.6), (0.3, -0.4, 0.65))
+    link = link_of(2.0, shape=[short, long])
+    assert_near(link.inertia, whole.inertia(2.0), product(9, size(whole.inertia(2.0))))
+    assert_near(link.com, (0.3, -0.4, 0.5), product(9, 1.0))
+
+
+def test_a_center_of_mass_that_is_not_that_of_the_shape() -> None:
+    shape = Box((0.1, 0.2, 0.3), xyz=(0, 0, 0.15))
+    with pytest.warns(InertiaWarning, match=r"link 'arm': found com \[0.0, 0.0, 0.1\], and the center of its shapes is \[0.0, 0.0, 0.15\]; .* moved to com"):
+        link = link_of(2.0, com=(0, 0, 0.1), shape=shape)
+    assert_near(link.inertia, shape.inertia(2.0), product(3, 1.0))
+    assert link.com.tolist() == [0.0, 0.0, 0.1]
+    assert link_of(2.0, com=(0, 0, 0.15), shape=shape).com.tolist() == [0.0, 0.0, 0.15]
+
+
+def test_a_mesh_is_a_point_mass_with_a_warning(tmp_path: Path) -> None:
+    file = tmp_path / "hand.stl"
+    file.write_text("solid\nendsolid\n")
+    with pytest.warns(InertiaWarning, match="link 'arm': the inertia of a Mesh is not computed, and the link is a point mass"):
+        assert not np.any(link_of(2.0, shape=[Mesh(file), Sphere(0.1)]).inertia)
+
+
+def link_of(mass: float, **arguments: Any) -> Any:
+    builder = phipsi.SceneBuilder().link("base").link("arm", mass, **arguments)
+    return builder.joint("free", "floating", "base", "arm").build().link("arm")
+
+
+def test_quaternions_of_urdf_are_drawn_and_exported() -> None:
+    pytest.importorskip("viser")
+    from phipsi.view.shapes import shapes_of
+
+    # Half a turn about (1, 1, 0) / sqrt(2).
+    text = """<robot name="r" version="1.1"><link name="base"><visual><origin xyz="1 2 3" quat_xyzw="0.7071 0.7071 0 0"/>
+        <geometry><capsule radius="0.1" length="0.5"/></geometry></visual></link></robot>"""
+    scene = phipsi.Scene.from_urdf(text)
+    for of in (scene, phipsi.Scene.from_urdf(scene.to_urdf())):
+        (shape,) = shapes_of(of, None)
+        assert_near(shape.place[:3, :3], np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), product(9, 1.0))
+        assert_near(shape.mesh.extents, [0.2, 0.2, 0.7], 1e-2)
+    assert '<robot name="robot" version="1.1">' in scene.to_urdf()
+    assert 'version="1.1"' in scene_of(Capsule(0.1, 0.5)).to_urdf() and "version" not in scene_of(Box((1, 1, 1))).to_urdf().split("?>")[1]
 
 
 def test_shapes_are_drawn_where_they_are() -> None:

@@ -44,7 +44,7 @@ def test_the_bundled_arm_comes_back_whole(tmp_path: Path) -> None:
     for name, joint in scene.joints.items():
         again = back.joints[name]
         assert (again.type, again.parent, again.child) == (joint.type, joint.parent, joint.child)
-        for field in ("lower", "upper", "velocity", "effort", "armature", "damping", "friction", "stiffness"):
+        for field in ("lower", "upper", "velocity", "effort", "acceleration", "deceleration", "jerk", "armature", "damping", "friction", "stiffness"):
             assert getattr(again, field) == getattr(joint, field)
         assert_near(again.rotation, joint.rotation, product(3, 1.0))
         assert_same_bits(again.xyz, joint.xyz)
@@ -62,6 +62,17 @@ def test_springs_and_mimics_come_back() -> None:
         back = phipsi.Scene.from_urdf(scene.to_urdf())
     assert (back.joints["j"].stiffness, back.joints["j"].rest.tolist()) == (3.0, [0.2])
     assert back.joints["k"].mimic == phipsi.Mimic("j", 2.0, 0.1)
+
+
+def test_limits_of_the_second_version_come_back() -> None:
+    """Also in a robot with a slide without bounds, which URDF 1.2 does not allow."""
+    builder = phipsi.SceneBuilder().link("base").link("a", 1.0, (0, 0, 0.1), np.eye(3)).link("b", 1.0, (0, 0, 0.1), np.eye(3))
+    builder.joint("j", "revolute", "base", "a", lower=-1.0, upper=2.0, acceleration=3.0, jerk=5.0).joint("k", "prismatic", "a", "b", deceleration=4.0)
+    scene = builder.build()
+    assert 'version="1.2"' in scene.to_urdf()
+    back = phipsi.Scene.from_urdf(scene.to_urdf(), strict=True)
+    assert all(np.array_equal(one, other) for one, other in zip(scene.limits, back.limits, strict=True))
+    assert (scene.limits.deceleration.tolist(), scene.limits.acceleration.tolist()) == ([np.inf, 4.0], [3.0, np.inf])
 
 
 def test_a_right_angle_of_pitch() -> None:

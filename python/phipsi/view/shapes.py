@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from .._core import Scene
 from .._load import root_of
 from .._mjcf import Names, compiled
+from .._urdf import angles
 from .._xacro import COMMENT, expanded_again
 from ..errors import ArgumentError, MeshWarning
 from ..mujoco import rotation
@@ -169,7 +170,7 @@ def extent(scene: Scene, shapes: Sequence[Shape], rows: _Array) -> Extent:
 
 def _of_urdf(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
     """Visual shapes of the links of the scene; one warning for meshes that cannot be found or read."""
-    text, capsules = _without_capsules(text)
+    text, capsules = _of_first_version(text)
     try:
         robot = yourdfpy.URDF.load(io.BytesIO(text.encode()), build_scene_graph=False, load_meshes=False).robot
     except Exception as error:  # the XML readers raise many types
@@ -195,16 +196,20 @@ def _of_urdf(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
         warnings.warn(text, MeshWarning, stacklevel=2)
 
 
-def _without_capsules(text: str) -> tuple[str, dict[tuple[str, int], list[trimesh.Trimesh]]]:
-    """Text in which spheres stand for capsules, an extension of URDF that yourdfpy refuses, and the capsules by link and
-    index of the visual element.
+def _of_first_version(text: str) -> tuple[str, dict[tuple[str, int], list[trimesh.Trimesh]]]:
+    """Text for yourdfpy, which reads URDF 1.0: angles stand for quaternions and spheres for capsules, of URDF 1.1; and
+    the capsules by link and index of the visual element.
     """
-    if "<capsule" not in text:
+    if "<capsule" not in text and "quat_xyzw" not in text:
         return text, {}
     try:
         robot = ElementTree.fromstring(text)
     except ElementTree.ParseError:
         return text, {}
+    for origin in robot.iter("origin"):
+        if quaternion := origin.attrib.pop("quat_xyzw", None):
+            x, y, z, w = map(float, quaternion.split())
+            origin.set("rpy", " ".join(map(repr, map(float, angles(rotation((w, x, y, z)))))))
     found = {}
     for link in robot.iter("link"):
         for at, geometry in enumerate(link.findall("visual/geometry")):

@@ -16,7 +16,7 @@ impl Known {
     }
 }
 
-/// `quat_xyzw` is listed because the reader rejects it with a message of its own.
+/// `quat_xyzw` is for URDF 1.1 and later.
 const ORIGIN: Known = Known::leaf("origin", &["xyz", "rpy", "quat_xyzw"]);
 
 const INERTIAL: Known = Known {
@@ -45,7 +45,7 @@ const JOINT: Known = Known {
         Known::leaf("parent", &["link"]),
         Known::leaf("child", &["link"]),
         Known::leaf("axis", &["xyz"]),
-        Known::leaf("limit", &["lower", "upper", "effort", "velocity"]),
+        Known::leaf("limit", &["lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk"]),
         Known::leaf("dynamics", &["damping", "friction", "armature", "stiffness", "rest"]),
         Known::leaf("mimic", &["joint", "multiplier", "offset"]),
     ],
@@ -55,8 +55,8 @@ const JOINT: Known = Known {
 /// The root element.
 pub(super) const ROBOT: Known = Known {
     tag: "robot",
-    attributes: &["name"],
-    passed_over: &["version", "verbose"],
+    attributes: &["name", "version"],
+    passed_over: &["verbose"],
     children: &[LINK, JOINT],
     many: false,
 };

@@ -2,7 +2,8 @@
 //!
 //! The reader reads names, `<inertial>`, and type, parent, child, origin, axis, limit, dynamics and mimic of joints. An
 //! extension is `<dynamics armature="..." stiffness="..." rest="...">`, in kg m^2 or kg, N m/rad or N/m, and rad or m
-//! (rest: only for joints of one coordinate). Rotor inertia in the notation of Drake is read as armature. Visual,
+//! (rest: only for joints of one coordinate). `<robot version="...">` is 1.0, which is the default, 1.1, which adds
+//! `quat_xyzw` of `<origin>`, or 1.2, which adds acceleration, deceleration and jerk of `<limit>`, as in urdfdom. Rotor inertia in the notation of Drake is read as armature. Visual,
 //! collision, gazebo and similar elements, and elements and attributes with a foreign prefix, are ignored. All other
 //! content is reported by one [`SceneWarning::NotUnderstood`], or by an error in strict scenes. Invalid content of a
 //! link or joint is an error that names it. Invalid limits are ignored with a [`SceneWarning::Limits`], because they do
@@ -18,13 +19,14 @@ use super::description::{Inertial, JointDescription, Limits, LinkDescription, Mi
 use super::{AT_A_TIME, SceneBuilder, Spring};
 use crate::error::{Error, number};
 use crate::joints::JointKind;
+use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::spatial::{RigidShift, Symmetric3};
 use crate::{interrupt, memory};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use rotor::read_rotors;
 use std::path::Path;
 use survey::Findings;
-use xml::{Element, Source};
+use xml::{Element, Source, VERSIONS, plain_attribute, quoted};
 
 /// The joint types of URDF, and "spherical", which is unambiguous although it is not in the specification.
 const KINDS: [JointKind; 7] = [
@@ -91,6 +93,10 @@ fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
     }
     let mut findings = Findings::new(&source, &document);
     findings.survey()?;
+    if let Some(version) = plain_attribute(&robot, "version").filter(|version| !VERSIONS.contains(version)) {
+        let expected = format!("one of the versions {}, or no version", VERSIONS.join(", "));
+        return Err(source.refuse(format!("version {} of <robot>", quoted(version)), expected));
+    }
     let mut builder = SceneBuilder { from_file: true, ..SceneBuilder::new() };
     let mut limits = Vec::new();
     let mut decimals = None;
@@ -213,20 +219,31 @@ fn limits(element: &Element, kind: JointKind) -> Result<(Limits, Vec<String>), E
     let none = Limits::default();
     let (mut limits, mut found) = (none, Vec::new());
     let (lower, upper) = (element.limit("lower")?, element.limit("upper")?);
-    if matches!(kind, JointKind::Revolute | JointKind::Prismatic) && (lower.is_some() || upper.is_some()) {
-        limits.lower = lower.unwrap_or(0.0);
-        limits.upper = upper.unwrap_or(0.0);
+    let (is_new, is_bounded) = (element.has_version("1.2"), matches!(kind, JointKind::Revolute | JointKind::Prismatic));
+    for (name, limit) in [("lower", lower), ("upper", upper)] {
+        found.extend((is_new && is_bounded && limit.is_none()).then(|| format!("no {name}, which URDF 1.2 requires")));
+    }
+    if is_bounded && (lower.is_some() || upper.is_some()) {
+        // URDF 1.2 has no default.
+        limits.lower = lower.unwrap_or(if is_new { none.lower } else { 0.0 });
+        limits.upper = upper.unwrap_or(if is_new { none.upper } else { 0.0 });
         if limits.lower > limits.upper {
             found.push(format!("lower {} above upper {}", number(limits.lower), number(limits.upper)));
             (limits.lower, limits.upper) = (none.lower, none.upper);
         }
     }
     if kind != JointKind::Fixed {
-        for (name, limit) in [("velocity", &mut limits.velocity), ("effort", &mut limits.effort)] {
+        for (i, (name, limit)) in limits.of_one_sign().into_iter().enumerate() {
             match element.limit(name)? {
+                Some(value) if i > 1 && !is_new => {
+                    found.push(format!("{name} {}, which requires <robot version=\"1.2\">", number(value)));
+                }
                 Some(value) if value < 0.0 => found.push(format!("{name} {} below zero", number(value))),
                 value => *limit = value.unwrap_or(*limit),
             }
+        }
+        if element.text("deceleration").is_none() {
+            limits.deceleration = limits.acceleration;
         }
     }
     Ok((limits, found))
@@ -234,7 +251,7 @@ fn limits(element: &Element, kind: JointKind) -> Result<(Limits, Vec<String>), E
 
 /// The largest number of decimals of the angles and axes of a joint; `None` if all are integers, which are exact.
 fn decimals_of_angles(joint: &Element) -> Option<usize> {
-    let texts = [("origin", "rpy"), ("axis", "xyz")];
+    let texts = [("origin", "rpy"), ("origin", "quat_xyzw"), ("axis", "xyz")];
     let texts = texts.into_iter().filter_map(|(tag, attribute)| joint.child(tag)?.text(attribute));
     let decimals = |word: &str| {
         let (mantissa, exponent) = word.split_once(['e', 'E']).unwrap_or((word, "0"));
@@ -257,21 +274,28 @@ fn tolerance_of(decimals: usize) -> Option<f64> {
     }
 }
 
-/// The `<origin xyz rpy>` of the element; the identity if there is none.
+/// The `<origin xyz rpy>` or `<origin xyz quat_xyzw>` of the element; the identity if there is none.
 fn origin(element: &Element) -> Result<RigidShift<f64>, Error> {
     let Some(origin) = element.child("origin") else {
         return Ok(RigidShift::identity());
     };
-    if let Some(quaternion) = origin.text("quat_xyzw") {
-        return Err(origin.refuse(
-            format!("quat_xyzw={} in <origin>", xml::quoted(quaternion)),
-            "the rotation as rpy: three angles in rad",
-        ));
-    }
-    Ok(RigidShift {
-        rotation: rotation(&origin.vector("rpy")?.unwrap_or_default()),
-        lever: origin.vector("xyz")?.unwrap_or_default(),
-    })
+    let lever = origin.vector("xyz")?.unwrap_or_default();
+    let rotation = match (origin.vector("rpy")?, origin.numbers::<4>("quat_xyzw", "four numbers")?) {
+        (rpy, None) => rotation(&rpy.unwrap_or_default()),
+        (_, Some(_)) if !origin.has_version("1.1") => {
+            let expected = "<robot version=\"1.1\">, or the rotation as rpy: three angles in rad";
+            return Err(origin.refuse("quat_xyzw in <origin> of a file of version 1.0", expected));
+        }
+        (Some(_), Some(_)) => return Err(origin.refuse("rpy and quat_xyzw in <origin>", "one of them")),
+        (None, Some([x, y, z, w])) => {
+            let quaternion = Quaternion::new(w, x, y, z);
+            if !((quaternion.norm() - 1.0).abs() <= QUATERNION_SLACK) {
+                return Err(origin.bad("quat_xyzw", "a quaternion x y z w of norm 1, to within 1e-3"));
+            }
+            UnitQuaternion::from_quaternion(quaternion).to_rotation_matrix().into_inner()
+        }
+    };
+    Ok(RigidShift { rotation, lever })
 }
 
 /// Rotation Rz(yaw) Ry(pitch) Rx(roll) from the axes of the element to the parent axes. Angles are used as written:

@@ -6,6 +6,9 @@ use crate::error::Error;
 use nalgebra::Vector3;
 use roxmltree::{Document, Node, ParsingOptions, TextPos};
 
+/// Versions of the format, in order; files that declare none have the first.
+pub(super) const VERSIONS: [&str; 3] = ["1.0", "1.1", "1.2"];
+
 /// The text of a URDF, and its name in messages.
 pub(super) struct Source<'a> {
     /// "URDF", or the path.
@@ -148,6 +151,11 @@ impl<'a> Element<'a> {
         plain_attribute(&self.owner, "name").unwrap_or_default()
     }
 
+    /// True if the file declares this version of the format, one of [`VERSIONS`], or a later one.
+    pub(super) fn has_version(&self, version: &str) -> bool {
+        plain_attribute(&self.node.document().root_element(), "version").unwrap_or(VERSIONS[0]) >= version
+    }
+
     /// The first child element named `name`.
     pub(super) fn child(&self, name: &str) -> Option<Self> {
         let namespace = self.node.tag_name().namespace();
@@ -202,7 +210,7 @@ impl<'a> Element<'a> {
     }
 
     /// An attribute as exactly N numbers separated by white space.
-    fn numbers<const N: usize>(&self, attribute: &str, expected: &str) -> Result<Option<[f64; N]>, Error> {
+    pub(super) fn numbers<const N: usize>(&self, attribute: &str, expected: &str) -> Result<Option<[f64; N]>, Error> {
         let Some(text) = self.text(attribute) else {
             return Ok(None);
         };
@@ -217,7 +225,7 @@ impl<'a> Element<'a> {
         Ok(Some(values))
     }
 
-    fn bad(&self, attribute: &str, expected: &str) -> Error {
+    pub(super) fn bad(&self, attribute: &str, expected: &str) -> Error {
         let text = quoted(self.text(attribute).unwrap_or_default());
         self.refuse(format!("{text} in {attribute} of <{}>", self.node.tag_name().name()), expected)
     }
