@@ -4512,12 +4512,13 @@ class Scene:
         title : str, optional
             Title of the page and of the panel. None: the name of the robot.
         browser : bool, optional
-            True: open a browser. None: open one, except in a notebook, which displays the viewer below the cell.
+            True: open a browser with a server. None: that at a prompt; in a notebook, the viewer is displayed below the
+            cell; in a script, a temporary self-contained page opens, which outlives the script, and its address is printed.
 
         Returns
         -------
         viewer : phipsi.view.Viewer or pathlib.Path
-            update(q) moves the robot, wait() keeps a script running, close() ends it. With `to`, the path of the page.
+            update(q) moves the robot, wait() serves it until Ctrl-C, close() ends it. With `to`, the path of the page.
 
         Raises
         ------
