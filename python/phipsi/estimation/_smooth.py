@@ -21,8 +21,10 @@ _Array = NDArray[np.float64]
 #: Number of samples for the estimation of noise and bandwidth, and number of pieces of the log that they are taken
 #: from.
 SAMPLED, PIECES = 8000, 4
-#: Initial standard deviations relative to the largest differences, large enough to have no weight.
+#: Initial standard deviations relative to the largest differences and to the noise, large enough to have no weight.
 WIDE = 1e3
+#: Smallest range of positions, relative to the largest one or to 1 rad or m: the scale of a joint at rest.
+REST = 1e-12
 #: Inverse of the largest number of encoder steps per change that counts as a multiple of the step.
 WHOLE = 1e-3
 #: Number of innovations per piece that depend on its initial state.
@@ -178,15 +180,21 @@ class _Joint:
         if self.quantum > 0.0:
             slow = np.append(changes, changes[-1:]) < 2.0 * self.quantum
             self.relative[np.flatnonzero(seen)[slow]] = 3.0
-        self.range = max(float(np.ptp(measured)), 1e-12 * float(np.max(np.abs(measured))), 1e-300)
-        self.prior = self._prior(time[seen], measured)
+        self.range = max(float(np.ptp(measured)), REST * max(1.0, float(np.max(np.abs(measured)))))
+        self.wide = self._wide(time[seen], measured)
         pieces = max(1, min(PIECES, len(position) // (SAMPLED // PIECES)))
         length = min(len(position), SAMPLED // pieces if len(position) > SAMPLED else len(position))
         begins = np.linspace(0, len(position) - length, pieces).astype(int) if length < len(position) else [0]
         self.pieces = [slice(int(begin), int(begin) + length) for begin in begins]
 
-    def _prior(self, time: _Array, measured: _Array) -> tuple[float, float, float]:
-        """Initial standard deviations of position, velocity and acceleration, above all finite differences."""
+    def _prior(self, noise: float) -> tuple[float, float, float]:
+        """Initial standard deviations of position, velocity and acceleration for a standard deviation of the noise."""
+        position, velocity, acceleration = self.wide
+        noise *= WIDE
+        return max(position, noise), max(velocity, noise / self.step), max(acceleration, noise / self.step**2)
+
+    def _wide(self, time: _Array, measured: _Array) -> tuple[float, float, float]:
+        """Standard deviations of position, velocity and acceleration above all finite differences."""
         moving = np.append(True, np.diff(time) > 0.0)
         time, measured = time[moving], measured[moving]
         rates = np.diff(measured) / np.diff(time)
@@ -204,7 +212,11 @@ class _Joint:
         density = (2.0 * np.pi * hertz) ** 6 * variance * self.step
         sums = [
             _core._log_likelihood(
-                self.time[part], self.position[part], variance * self.relative[part], density, self.prior
+                self.time[part],
+                self.position[part],
+                variance * self.relative[part],
+                density,
+                self._prior(float(np.sqrt(variance))),
             )
             for part in self.pieces
         ]
@@ -254,7 +266,7 @@ class _Joint:
         for part in self.pieces:
             own = _Part(self.time[part], self.position[part], self.relative[part])
             density = (2.0 * np.pi * hertz) ** 6 * self.step
-            found = _core._smooth_log(own.time, own.position, own.relative, density, self.prior)
+            found = _core._smooth_log(own.time, own.position, own.relative, density, self._prior(1.0))
             seen = np.isfinite(own.position)
             # The effective bandwidth is lower near the ends.
             inner = (own.time > own.time[0] + ENDS / hertz) & (own.time < own.time[-1] - ENDS / hertz)
@@ -269,7 +281,7 @@ class _Joint:
     def smooth(self, noise: float, hertz: float) -> _Array:
         """q, qd, qdd and their variances, (k, 6)."""
         density = (2.0 * np.pi * hertz) ** 6 * noise**2 * self.step
-        return _core._smooth_log(self.time, self.position, noise**2 * self.relative, density, self.prior)
+        return _core._smooth_log(self.time, self.position, noise**2 * self.relative, density, self._prior(noise))
 
 
 def _quantum(changes: _Array) -> float:
