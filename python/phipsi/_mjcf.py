@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ._install import command
-from .errors import ArgumentError, MeshWarning, SceneError
+from .errors import ArgumentError, MeshWarning, SceneError, warn
 
 if TYPE_CHECKING:
     import mujoco
@@ -95,7 +94,7 @@ def _report_lost_files(lost: list[str], strict: bool) -> None:
     text = f"source: found no file {lost[0]}{more}; expected the meshes and textures in the folders that the model names"
     if strict:
         raise SceneError(text)
-    warnings.warn(f"{text}; they are not drawn; no inertia depends on them", MeshWarning, stacklevel=2)
+    warn(f"{text}; they are not drawn; no inertia depends on them", MeshWarning)
 
 
 def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:

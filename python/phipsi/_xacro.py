@@ -7,13 +7,12 @@ import importlib
 import os
 import re
 import threading
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .errors import ArgumentError, MeshWarning, SceneError
+from .errors import ArgumentError, MeshWarning, SceneError, warn
 
 COMMENT = re.compile("<!--.*?-->", re.DOTALL)
 #: Name of a declared argument.
@@ -81,10 +80,9 @@ def expanded_again(file: Path, text: str) -> str | None:
             return expanded(file, arguments)
         except (SceneError, ArgumentError, ImportError) as error:
             reason = "it needs arguments" if isinstance(error, ArgumentError) else str(error).removeprefix("source: ")
-    warnings.warn(
+    warn(
         f"shapes of the xacro {file.name!r} are omitted, because it cannot be expanded again: {reason}",
         MeshWarning,
-        stacklevel=2,
     )
     return None
 

@@ -19,13 +19,6 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice, PyTuple};
 use std::path::{Path, PathBuf};
 
-/// Former and present names of attributes of `Scene`.
-const RENAMED: [(&str, &str); 3] = [
-    ("connection_names", "constraint_names"),
-    ("connection_rows", "constraint_rows"),
-    ("without_connections", "without_constraints"),
-];
-
 /// Articulated system of links and joints under gravity: immutable, and usable from any number of threads.
 ///
 /// Create it with phipsi.load, Scene.from_urdf, Scene.from_mujoco, Scene.from_pinocchio or SceneBuilder.build.
@@ -483,11 +476,10 @@ impl PyScene {
         description::summary(&self.scene)
     }
 
-    /// The error of an unknown attribute, with the new name of one that was renamed.
+    /// The error of an unknown attribute, with the name of what was probably meant.
     fn __getattr__<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Object<'py>> {
-        let new = RENAMED.iter().find(|(former, _)| *former == name);
-        let renamed = new.map_or_else(String::new, |(_, new)| format!("; it was renamed to '{new}'"));
-        let error = PyAttributeError::new_err(format!("'Scene' object has no attribute '{name}'{renamed}"));
+        let hint: String = imported!(slf.py(), "phipsi._glossary", "of_attribute")?.call1((name,))?.extract()?;
+        let error = PyAttributeError::new_err(format!("'Scene' object has no attribute '{name}'{hint}"));
         let value = error.value(slf.py());
         value.setattr("name", name)?;
         value.setattr("obj", slf)?;

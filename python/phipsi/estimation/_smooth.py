@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..errors import ArgumentError, LogWarning, ShapeError, of_argument
+from ..errors import ArgumentError, LogWarning, ShapeError, of_argument, warn
 from ._checks import checked_time
 from ._values import each
 
@@ -115,7 +114,7 @@ def smooth(
         raise of_argument(ShapeError, "q", f"found shape {values.shape}; expected (k, n): a row per time")
     if np.any(np.isinf(values)):
         raise of_argument(ArgumentError, "q", "found an infinity; expected finite positions, or NaN for missing ones")
-    times = checked_time(time, len(values), 3)
+    times = checked_time(time, len(values))
     deviation, bandwidth = _given("noise", noise, values.shape[1]), _given("cutoff", cutoff, values.shape[1])
     parts, deviations, cutoffs, passed = [], [], [], []
     for joint in range(values.shape[1]):
@@ -173,7 +172,7 @@ class _Joint:
                 f"q: found a jump of {changes[at]:.3g} in column {joint} at row {int(np.flatnonzero(seen)[at + 1])}, a"
                 " revolution; np.unwrap(q, axis=0) removes it"
             )
-            warnings.warn(text, LogWarning, stacklevel=3)
+            warn(text, LogWarning)
         self.quantum = _quantum(changes)
         #: Variances relative to white quantization noise: they are three times larger at low velocity.
         self.relative = np.ones(len(position))

@@ -8,7 +8,6 @@ arguments, names their results, and tests the innovations for divergence.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..errors import ArgumentError, DivergenceWarning, NotFiniteError, ShapeError, of_argument
+from ..errors import ArgumentError, DivergenceWarning, NotFiniteError, ShapeError, of_argument, warn
 from ._manifold import joint_groups
 from ._records import Record, State, innovation_ratios
 from ._values import each
@@ -356,7 +355,7 @@ class Observer:
             f" explains: {fix}"
         )
         warning.sensor, warning.state = best, state
-        warnings.warn(warning, stacklevel=4)
+        warn(warning)
 
     # The smoother
 
