@@ -18,10 +18,10 @@ METHODS = {
     for attribute, names in {
         "forward_dynamics": "aba mjforward fd articulatedbodyalgorithm calcforwarddynamics getacceleration",
         "inverse_dynamics": "rnea mjinverse id calcinversedynamics newtoneuler recursivenewtoneuler",
-        "mass_matrix": "crba mjfullm m massmatrix jointspaceinertia inertiamatrix getmassmatrix calcmassmatrix",
+        "mass_matrix": "crba mjfullm m jointspaceinertia inertiamatrix getmassmatrix calcmassmatrix",
         "mass_matrix_inverse": "minv minverse computeminverse inversemassmatrix invmassmatrix",
-        "bias_torque": "nle nonlineareffects qfrcbias biasforce biastorques biasforces h calcbiasterm",
-        "gravity_torque": "gravitycompensation computegeneralizedgravity gravitytorques gravityvector gravityforce gravityforces generalizedgravity gravload g",
+        "bias_torque": "nle nonlineareffects qfrcbias biasforce biasforces h calcbiasterm",
+        "gravity_torque": "gravitycompensation computegeneralizedgravity gravityvector gravityforce gravityforces generalizedgravity gravload g",
         "coriolis_matrix": "coriolis c computecoriolismatrix",
         "placement": "fk forwardkinematics fkine framesforwardkinematics omf omi xpos calcposeinworld transform linkpose framepose getpose getlinkpose",
         "placements": "framesplacements allposes linkposes transforms",
@@ -39,12 +39,12 @@ METHODS = {
         "operational_inertia": "operationalspaceinertia taskspaceinertia lambdamatrix",
         "regressor": "computejointtorqueregressor jointtorqueregressor",
         "show": "display view viewer visualize visualise render plot animate meshcat draw",
-        "total_mass": "mass totalmass computetotalmass bodymass",
-        "joint_names": "names jointnames actuatednames jointname actuatedjointnames joints_list",
-        "link_names": "bodies bodyname bodynames frames framenames linknames linkslist",
+        "total_mass": "mass computetotalmass bodymass",
+        "joint_names": "names actuatednames jointname actuatedjointnames",
+        "link_names": "bodies bodyname frames framenames",
         "limits": "jntrange jointlimits lowerpositionlimit upperpositionlimit poslimits",
         "neutral": "qpos0 q0 zero home neutralconfiguration defaultconfiguration",
-        "random_configuration": "randomconfiguration randq sample randomstate",
+        "random_configuration": "randq sample randomstate",
         "nv": "dof ndof dofs numdof njoints degreesoffreedom numvelocities",
         "nq": "numpositions",
         "armature": "rotorinertia reflectedinertia",
@@ -69,9 +69,12 @@ def of_attribute(name: str) -> str:
     """The end of the message about an unknown attribute of a scene: what was probably meant, or nothing."""
     if name in RENAMED:
         return f"; it was renamed to {RENAMED[name]!r}"
+    if name.startswith("_"):
+        return ""
     plain = name.replace("_", "").lower()
-    found = next((attribute for attribute, names in METHODS.items() if plain in names), None)
-    return "" if found is None or name.startswith("__") else f"; use {found!r}"
+    own = (attribute for attribute in dir(_core.Scene) if attribute.replace("_", "") == plain)
+    found = next(own, next((attribute for attribute, names in METHODS.items() if plain in names), None))
+    return "" if found is None else f"; use {found!r}"
 
 
 def of_keyword(method: str, name: str) -> str:

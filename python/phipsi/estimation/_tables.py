@@ -165,8 +165,8 @@ def _in_order(kind: str, by_index: dict[int, str], columns: Mapping[str, _Array 
         places = {scene.v_index(joint).start: index for index, joint in names.items() if joint in scene.joint_names}
         return {at: by_index[index] for at, index in places.items() if index in by_index}
     if len(by_index) > scene.nv:
-        found = f"found {len(by_index)} columns such as {first!r} without names of joints"
-        raise of_argument(ArgumentError, "log", f"{found}; expected {scene.nv}, those of {', '.join(scene.joint_names)}: name the columns JOINT.{kind}")
+        text = f"found {len(by_index)} columns such as {first!r} without names of joints"
+        raise of_argument(ArgumentError, "log", f"{text}; expected {scene.nv}, those of {', '.join(scene.joint_names)}: name the columns JOINT.{kind}")
     if begin == 0:
         order = ", ".join(scene.joint_names)
         warn(f"log: found columns such as {first!r} without names of joints; they are read in the order {order}: name the columns JOINT.{kind} if it is another", LogWarning)

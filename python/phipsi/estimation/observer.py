@@ -123,8 +123,8 @@ class Observer:
         robots, nv = math.prod(self._batch), scene.nv
         refused = "found a number that is negative or not finite; expected zero or positive ones"
         density = each("torque_noise", np.asarray(torque_noise, float), nv, refused)
-        self._filter = _core._Observer(
-            scene,
+        #: Arguments of the compiled filter.
+        self._settings = (
             self.dt,
             [self._checked(sensor) for sensor in self.sensors],
             density.tolist(),
@@ -137,6 +137,7 @@ class Observer:
             ),
             self._batch,
         )
+        self._filter = _core._Observer(scene, *self._settings)
         self._torque_deviation = np.sqrt(density / dt)
         self._decay, self._walk = self._filter.process()
         self._groups = joint_groups(scene)
@@ -151,6 +152,16 @@ class Observer:
             self._places[sensor.name] = sensor, slice(at, at + size)
             at += size
         self._none = np.full((*self._batch, at), np.nan)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Attributes, with the state of the filter as numbers."""
+        return self.__dict__ | {"_filter": self._filter.numbers()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Create the filter again, in its state."""
+        self.__dict__.update(state)
+        self._filter = _core._Observer(self.scene, *self._settings)
+        self._filter.resume(state["_filter"])
 
     # Arguments
 
