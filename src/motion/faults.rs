@@ -43,7 +43,10 @@ pub(super) fn fault_of(
     let error = Error::Argument {
         argument: format!("velocity of joint {joint:?}"),
         found: format!("{} after a step of {} s, from {}", s.v_next[row], settings.step, s.v[row]),
-        expected: format!("a velocity below {limit:.1e}: the motion has diverged; take a smaller dt{}", remedy(settings)),
+        expected: format!(
+            "a velocity below {limit:.1e}: the motion has diverged; take a smaller dt{}",
+            remedy(settings)
+        ),
     };
     Some((joint, error))
 }

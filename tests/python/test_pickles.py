@@ -145,6 +145,7 @@ def observed(observer: phipsi.estimation.Observer, steps: range) -> list[np.ndar
     return found
 
 
+@pytest.mark.filterwarnings("ignore::phipsi.errors.DivergenceWarning")
 @pytest.mark.parametrize(("history", "batch", "steps"), [(20, (), 30), (0, (2,), 5), (1000, (2, 1), 2), (20, (), 0), (0, (), 130)])
 def test_observers(remade: Remade, history: int, batch: tuple[int, ...], steps: int) -> None:
     """In their state: the next steps, the smoother and the tests of divergence have the same bits."""

@@ -287,7 +287,9 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         let mut found = Vec::new();
         for robot in &self.robots {
             robot.clone().visit(&self.plan, &mut |part| {
-                found.try_reserve(part.len()).map_err(|_| Error::memory("observer", size_of_val(part) as u128, None))?;
+                found
+                    .try_reserve(part.len())
+                    .map_err(|_| Error::memory("observer", size_of_val(part) as u128, None))?;
                 found.extend_from_slice(part);
                 Ok(())
             })?;

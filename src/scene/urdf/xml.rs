@@ -29,10 +29,8 @@ impl<'a> Source<'a> {
         }
         if !self.body.starts_with('<') {
             let found = format!("text that starts with {}", quoted(self.body));
-            let expected = in_language(
-                "XML with a <robot> element (a path is for from_urdf_file)",
-                "XML with a <robot> element",
-            );
+            let expected =
+                in_language("XML with a <robot> element (a path is for from_urdf_file)", "XML with a <robot> element");
             return Err(self.refuse(found, expected));
         }
         if let Some(at) = lenient::with_many_attributes(self.body) {
