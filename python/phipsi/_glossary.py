@@ -38,7 +38,7 @@ METHODS = {
         "inverse_kinematics_rates": "differentialik diffik resolvedrates",
         "operational_inertia": "operationalspaceinertia taskspaceinertia lambdamatrix",
         "regressor": "computejointtorqueregressor jointtorqueregressor",
-        "show": "display view viewer visualize visualise render plot animate meshcat draw",
+        "show": "display view viewer visualize render plot animate meshcat draw",
         "total_mass": "mass computetotalmass bodymass",
         "joint_names": "names actuatednames jointname actuatedjointnames",
         "link_names": "bodies bodyname frames framenames",

@@ -51,7 +51,7 @@ pub(super) fn fault_of(
     Some((joint, error))
 }
 
-/// What else could keep the motion from diverging, with settings that the run does not have.
+/// Another fix for a motion that diverges: settings that the run does not have.
 fn remedy(settings: &StepSettings) -> &'static str {
     let StepSettings { automatic, method, accuracy, coupling, roots, .. } = settings;
     let controls = settings.divides && accuracy.is_none() && coupling.is_none() && roots.is_empty();

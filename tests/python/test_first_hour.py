@@ -301,7 +301,7 @@ GLOSSARY = [line.split("|")[1:3] for line in (Path(__file__).parents[2] / "docs"
 
 
 def test_names_of_the_glossary_lead_to_those_of_a_scene(arm: phipsi.Scene) -> None:
-    """Those of other libraries, as docs/glossary.md lists them."""
+    """docs/glossary.md lists names of other libraries."""
     seen = 0
     for elsewhere, here in GLOSSARY:
         attribute = re.match(r" \[?`scene\.(\w+)", here)

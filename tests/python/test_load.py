@@ -230,7 +230,7 @@ MACROS = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:p
 
 @pytest.mark.parametrize("included", [True, False])
 def test_a_xacro_of_macros_names_them(tmp_path: Path, included: bool) -> None:
-    """Those that no other macro calls, with their parameters; also of an included file."""
+    """Macros that no other macro calls, with their parameters; also of an included file."""
     pytest.importorskip("xacro")
     file = tmp_path / "macros.xacro"
     file.write_text(MACROS, encoding="utf-8")
@@ -242,7 +242,7 @@ def test_a_xacro_of_macros_names_them(tmp_path: Path, included: bool) -> None:
     text = "a xacro that defines macros and no links; expected a file that includes it and calls one of them, as <xacro:arm .../>: "
     assert text + "arm(prefix, parent=..., hand=..., scale=..., *origin, **blocks); tool()" in str(found.value)
     assert "inertia" not in str(found.value) and "former" not in str(found.value)
-    # What the message says can be done.
+    # A call of the macro works.
     calling = file.read_text(encoding="utf-8").replace("</robot>", '<xacro:arm prefix="p"><origin/><extra/></xacro:arm></robot>')
     file.write_text(calling, encoding="utf-8")
     assert phipsi.load(file).link_names == ("p",)

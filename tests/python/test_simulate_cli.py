@@ -13,7 +13,7 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, simulate
+from phipsi.report import commands, simulate, view_robot  # noqa: F401  # the last registers its command
 from tolerances import assert_near, assert_same_bits
 
 

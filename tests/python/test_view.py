@@ -381,7 +381,7 @@ def test_a_page_plays_without_a_network(browser: Any, tmp_path: Path) -> None:
 
 
 def run_script(text: str, folder: Path) -> tuple[str, list[str]]:
-    """What a script prints, and the addresses that it opens in a browser."""
+    """The output of a script, and the addresses that it opens in a browser."""
     opened = folder / "opened.txt"
     (folder / "browser.sh").write_text(f'#!/bin/sh\necho "$1" >> {opened}\n', encoding="utf-8")
     (folder / "browser.sh").chmod(0o755)
