@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import warnings
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ._arguments import not_numbers
 from ._chart import skew
 from ._coordinates import Array, Coordinates, right_jacobian, rotation_vector
-from .errors import ArgumentError, BadStateWarning, PhipsiError, ShapeError, of_argument
+from .errors import ArgumentError, BadStateWarning, PhipsiError, ShapeError, of_argument, warn
 from .tasks import unit, unpacked
 
 if TYPE_CHECKING:
@@ -409,7 +408,7 @@ class Rollout:
         warning = BadStateWarning(text)
         warning.states = tuple(at[0] if len(at) == 1 else at for at in where)
         warning.reasons = tuple(reasons[state] for state in states)
-        warnings.warn(warning, stacklevel=2)
+        warn(warning)
 
     def _steps(self, tau: Array) -> dict[str, Any]:
         return {**self.options, "steps": tau.shape[-2], "record_every": self.record_every}

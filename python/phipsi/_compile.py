@@ -31,7 +31,7 @@ from ._batches import Batches, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
 from ._functions import ARGUMENTS, COMPILED, IN_FORM, THROUGH_CONNECTIONS, Function, Functions, functions_of, parts, rows_of, shapes, symbol
 from ._results import ConstrainedDynamics, by_connection
-from .errors import ArgumentError, CacheWarning, ConstraintError, LinkageWarning, LongCodeWarning, of_argument
+from .errors import ArgumentError, CacheWarning, ConstraintError, LinkageWarning, LongCodeWarning, of_argument, warn
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -310,7 +310,7 @@ def compile(  # noqa: A001  # phipsi.compile
         raise of_argument(ArgumentError, "functions", f"found {found}; expected other functions, or device='cpu'")
     if through and (dependent := _dependent(scene)):
         message = f"functions: found {dependent} in {through[0]}; expected independent rows: the scene computes all states, so that compiled code takes more time"
-        warnings.warn(message, LinkageWarning, stacklevel=2)
+        warn(message, LinkageWarning)
     if device == "cuda":
         for argument, value in (("compiler", compiler), ("flags", flags), ("cache", cache)):
             if value is not None:
@@ -334,7 +334,7 @@ def compile(  # noqa: A001  # phipsi.compile
     if made is None:
         if (operations := files["robot.c"].count("\n    const lanes ")) > LONG:
             message = f"functions: found {operations} operations in all, which a compiler takes about {operations * SECONDS_EACH:.0f} s for; expected fewer functions, or some patience"
-            warnings.warn(message, LongCodeWarning, stacklevel=2)
+            warn(message, LongCodeWarning)
         _build(files, [*command, *told], library)
         made = Compiled(scene, known, library, kept, dtype, tolerance)
     made._options |= {"compiler": compiler, "flags": None if flags is None else list(flags), "cache": cache}
@@ -388,7 +388,7 @@ def _writable(directory: Path) -> Path:
     except OSError as error:
         why = f"found {str(directory.parent)!r}, which cannot be written ({error.strerror})"
         message = f"cache: {why}; the library is built in a temporary directory of this process; expected a directory of your own"
-        warnings.warn(message, CacheWarning, stacklevel=3)
+        warn(message, CacheWarning)
         into = Path(_temporary().name) / directory.name
         into.mkdir(exist_ok=True)
         return into

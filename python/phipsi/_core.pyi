@@ -12,6 +12,7 @@ from ._functions import Function as _Function
 from ._motion import PD, ContactMotion, StopImpact, Trajectory
 from ._ode import Ode
 from ._results import (
+    _EstimateWithCovariance,
     Accuracy,
     ConstrainedDynamics,
     ConstrainedInverseDynamics,
@@ -43,7 +44,7 @@ from .estimation import (
 from .estimation._identification import Identification
 from .operators import Factor
 from .shapes import Shape
-from .tasks import InverseKinematics, Task
+from .tasks import InverseKinematics, Task, _InverseKinematicsWithCovariance
 from .view import Viewer
 
 __all__ = [
@@ -3535,6 +3536,7 @@ class Scene:
         array([0.5, 0.1, 0.4])
         """
 
+    @overload
     def inverse_kinematics(
         self,
         tasks: Task | Collection[Task],
@@ -3546,10 +3548,10 @@ class Scene:
         tolerance: float = 1e-9,
         iterations: int = 100,
         metric: Literal["coordinates", "mass"] = "coordinates",
-        covariance: bool = False,
+        covariance: Literal[True],
         seed: int = 0,
         errors: _Errors = "raise",
-    ) -> InverseKinematics:
+    ) -> _InverseKinematicsWithCovariance:
         """Most probable joint positions that reach tasks, within joint limits and with closed connections.
 
         Parameters
@@ -3612,6 +3614,22 @@ class Scene:
         >>> found.reached, np.allclose(scene.placement(found.q, "flange"), goal)
         (True, True)
         """
+    @overload
+    def inverse_kinematics(
+        self,
+        tasks: Task | Collection[Task],
+        q0: ArrayLike | None = None,
+        *,
+        starts: int = 20,
+        posture: float | None = None,
+        limits: bool = True,
+        tolerance: float = 1e-9,
+        iterations: int = 100,
+        metric: Literal["coordinates", "mass"] = "coordinates",
+        covariance: bool = False,
+        seed: int = 0,
+        errors: _Errors = "raise",
+    ) -> InverseKinematics: ...
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, errors: _Errors = "raise") -> NDArray[np.float64]:
         """Joint torque regressor Y: inverse_dynamics(q, qd, qdd) = Y parameters + armature qdd.
 
@@ -4080,6 +4098,7 @@ class Scene:
         (3, 4)
         """
 
+    @overload
     def estimate(
         self,
         q: ArrayLike,
@@ -4091,10 +4110,10 @@ class Scene:
         prior_acceleration: ArrayLike | None = None,
         acceleration_variance: float = 1.0,
         wrenches: Mapping[str, ArrayLike] | None = None,
-        covariance: bool = False,
+        covariance: Literal[True],
         method: Literal["sequential", "batch"] = "sequential",
         errors: _Errors = "raise",
-    ) -> Estimate:
+    ) -> _EstimateWithCovariance:
         """Conditional means of forces, accelerations and torques, given joint torques with noise (2.1, 2.7), in O(N).
 
         Parameters
@@ -4153,6 +4172,22 @@ class Scene:
         >>> scene.estimate(q, qd, tau, measured=["j0"], covariance=True).acceleration_variance.shape
         (3,)
         """
+    @overload
+    def estimate(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        noise: ArrayLike = 0.0,
+        measured: Iterable[str] | ArrayLike | None = None,
+        prior_acceleration: ArrayLike | None = None,
+        acceleration_variance: float = 1.0,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        covariance: bool = False,
+        method: Literal["sequential", "batch"] = "sequential",
+        errors: _Errors = "raise",
+    ) -> Estimate: ...
 
     def factor(self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None) -> Factor:
         """Factorization M = (1 + K) D (1 + K*) at q in one sweep (3.1, 3.6), and its operators phi, Psi, K, L, D, P.
@@ -4524,12 +4559,13 @@ class Scene:
         title : str, optional
             Title of the page and of the panel. None: the name of the robot.
         browser : bool, optional
-            True: open a browser. None: open one, except in a notebook, which displays the viewer below the cell.
+            True: open a browser with a server. None: that at a prompt; in a notebook, the viewer is displayed below the
+            cell; in a script, a temporary self-contained page opens, which outlives the script, and its address is printed.
 
         Returns
         -------
         viewer : phipsi.view.Viewer or pathlib.Path
-            update(q) moves the robot, wait() keeps a script running, close() ends it. With `to`, the path of the page.
+            update(q) moves the robot, wait() serves it until Ctrl-C, close() ends it. With `to`, the path of the page.
 
         Raises
         ------
@@ -5037,8 +5073,8 @@ class _Observer:
     def window(self) -> list[list[tuple[float, int]]]: ...
     def window_without(self, robot: int, sensor: int) -> list[tuple[float, int]]: ...
     def transition(self, q: _Array, qd: _Array, rest: _Array, tau: _Array) -> list[_Array]: ...
-    def __copy__(self) -> _Observer: ...
-    def __deepcopy__(self, memo: Any, /) -> _Observer: ...
+    def numbers(self) -> _Array: ...
+    def resume(self, numbers: _Array) -> None: ...
 
 @final
 class Simulator:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: The root element of a file.
 ROOT = re.compile(r"<\s*([A-Za-z_][\w:.-]*)")
+#: Suffixes of meshes.
+MESHES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf", ".off", ".3mf", ".step", ".stp")
 EXPECTED = "a path or text of URDF, xacro or MJCF, a module name of robot_descriptions, or a model of MuJoCo or Pinocchio"
 
 
@@ -110,6 +112,9 @@ def load(
         source = described(source)
     text, file = read(source)
     root = root_of(text)
+    if file is not None and file.suffix.lower() in MESHES and root not in ("robot", "mujoco"):
+        hint = "a mesh is the shape of a link: SceneBuilder.link(shape=phipsi.shapes.Mesh(path))"
+        raise SceneError(f"source: found {file.name!r}, a mesh; expected {EXPECTED}; {hint}")
     if root == "mujoco" or (file is not None and file.suffix == ".mjb"):
         _has_no_use(floating_base, "floating_base", source)
         _has_no_use(xacro_arguments, "xacro_arguments", source)

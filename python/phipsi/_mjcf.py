@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._install import command
-from .errors import ArgumentError, MeshWarning, SceneError
+from .errors import ArgumentError, MeshWarning, SceneError, warn
 
 if TYPE_CHECKING:
     import mujoco
@@ -97,7 +96,7 @@ def _report_lost_files(lost: list[str], strict: bool) -> None:
     text = f"source: found no file {lost[0]}{more}; expected the meshes and textures in the folders that the model names"
     if strict:
         raise SceneError(text)
-    warnings.warn(f"{text}; they are not drawn; no inertia depends on them", MeshWarning, stacklevel=2)
+    warn(f"{text}; they are not drawn; no inertia depends on them", MeshWarning)
 
 
 def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:

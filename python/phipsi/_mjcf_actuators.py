@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from ._mjcf import Names, compiled, is_disabled, joint_actuators
-from .errors import ArgumentError, ModelWarning, NotFiniteError, SceneError, ShapeError, known_names, of_argument
+from .errors import ArgumentError, ModelWarning, NotFiniteError, SceneError, ShapeError, known_names, of_argument, warn
 
 if TYPE_CHECKING:
     import mujoco
@@ -226,7 +225,7 @@ def actuators(scene: Scene, source: mujoco.MjModel | mujoco.MjSpec | str | os.Pa
         text = f"source: found {lost[0]}" + (f" and {len(lost) - 1} more" if len(lost) > 1 else "")
         if strict:
             raise SceneError(f"{text}; expected motors and servos of hinge and slide joints")
-        warnings.warn(f"{text}; they are not in the map", ModelWarning, stacklevel=2)
+        warn(f"{text}; they are not in the map", ModelWarning)
     if is_disabled(model, "ACTUATION"):
         read = []
     return Actuators(scene, model, read)

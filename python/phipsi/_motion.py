@@ -28,7 +28,7 @@ from ._motion_parts import (
 from ._recorded import Recorded
 from ._signals import by_handler
 from ._trajectory_files import TrajectoryFiles
-from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument, place_in_time
+from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument, place_in_time, warn
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -545,7 +545,7 @@ def _outcome(about: dict[str, Any]) -> dict[str, Any]:
             f"found no solution for the torques of friction and joint stops in {int(np.sum(unsettled))} steps, because the inertia of a link is not physical and the mass matrix is indefinite; a joint was locked"
             " there: load with strict=True to find the link"
         )
-        warnings.warn(message, InertiaWarning, stacklevel=2)
+        warn(message, InertiaWarning)
     counts = (np.asarray(count).astype(np.int_) for count in (most, events))
     return about | dict(zip(("substeps", "events"), counts)) | {"estimated_error": np.asarray(error)}
 

@@ -4,7 +4,6 @@ kind.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,7 +23,7 @@ from ._mjcf import (
     stops,
 )
 from ._mjcf_contacts import unsupported
-from .errors import ArgumentError, ModelWarning, SceneError, known_names
+from .errors import ArgumentError, ModelWarning, SceneError, known_names, warn
 
 if TYPE_CHECKING:
     import mujoco
@@ -78,7 +77,7 @@ def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: 
         )
     for name, of in found.items():
         text = f"source: found {_text(of)}; use ignore={(name,)!r} to suppress this warning, or strict=True to raise an error"
-        warnings.warn(text, ModelWarning, stacklevel=3)
+        warn(text, ModelWarning)
 
 
 def _text(of: list[Gap]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,6 +205,17 @@ class Estimate(NamedTuple):
     """Covariance blocks of the forces, (..., nv, 6, 6) (2.6)."""
     process_covariance: NDArray[np.float64] | None = None
     """Covariance blocks of W, (..., nv, 6, 6) (2.11)."""
+
+
+if TYPE_CHECKING:
+
+    class _EstimateWithCovariance(Estimate):
+        """The result with covariance=True, for type checkers."""
+
+        acceleration_variance: NDArray[np.float64]
+        torque_variance: NDArray[np.float64]
+        force_covariance: NDArray[np.float64]
+        process_covariance: NDArray[np.float64]
 
 
 class InverseDynamicsDerivatives(NamedTuple):

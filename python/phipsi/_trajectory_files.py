@@ -54,6 +54,7 @@ class TrajectoryFiles:
     q: _Array
     qd: _Array
     given: dict[str, Any] | None
+    bands: Any
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the rows of one state as CSV: t, q, qd, and tau and drift if they are known.
@@ -166,9 +167,13 @@ class TrajectoryFiles:
         file = Path(path)
         if file.suffix != ".npz":
             raise of_argument(ArgumentError, "path", f"found {file.name!r}; expected a file with the suffix .npz")
-        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}  # type: ignore[attr-defined]
-        if fields["bands"] is not None:
+        if self.bands is not None:
             raise of_argument(ArgumentError, "path", "found a trajectory with bands; expected one without: pickle writes bands too")
+        np.savez(file, **self._archive())
+
+    def _archive(self, compact: bool = False) -> dict[str, Any]:
+        """Arrays that load reads, without bands. A compact archive omits gaps, which follow from q, and the arrays of contacts that never touch: thousands, with meshes."""
+        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}  # type: ignore[attr-defined]
         arrays: dict[str, Any] = {name: fields[name] for name in ARRAYS}
         about: dict[str, Any] = {"format": FORMAT, "joints": self.scene.joint_names, **{name: fields[name] for name in PLAIN}}
         about["stops"] = [one._asdict() for one in fields["stops"]]
@@ -180,10 +185,23 @@ class TrajectoryFiles:
         if self.has_torques:
             arrays["tau"] = self.torques()
         if fields["contacts"] is not None:
-            for name, value in fields["contacts"]._asdict().items():
-                arrays[f"contacts/{name}"] = np.stack(list(value.values())) if isinstance(value, Mapping) else value
+            arrays |= self._of_contacts(fields["contacts"], compact)
         about["given"] = None if self.given is None else self._written(self.given, arrays)
-        np.savez(file, about=np.array(json.dumps(about)), **arrays)
+        return {"about": np.array(json.dumps(about)), **arrays}
+
+    def _of_contacts(self, contacts: ContactMotion, compact: bool) -> dict[str, Any]:
+        """Arrays of the contacts by their keys in the archive."""
+        fields = contacts._asdict()
+        if not compact:
+            return {f"contacts/{name}": np.stack(list(value.values())) if isinstance(value, Mapping) else value for name, value in fields.items()}
+        touching = [at for at, name in enumerate(self.scene.contact_names) if any(np.any(fields[part][name]) for part in ("state", "force", "impulse"))]
+        arrays: dict[str, Any] = {"contacts/touching": np.array(touching, int)}
+        for name, value in fields.items():
+            if not isinstance(value, Mapping):
+                arrays[f"contacts/{name}"] = value
+            elif touching and name != "gap":
+                arrays[f"contacts/{name}"] = np.stack([value[self.scene.contact_names[at]] for at in touching])
+        return arrays
 
     def _written(self, given: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
         """Arguments of Scene.simulate as JSON; those that are arrays are added to `arrays`."""
@@ -201,7 +219,7 @@ class TrajectoryFiles:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], scene: Scene) -> Self:
-        """Read a trajectory that save has written.
+        """Read a trajectory that save or the command `phipsi simulate` has written.
 
         Parameters
         ----------
@@ -213,7 +231,8 @@ class TrajectoryFiles:
         Returns
         -------
         Trajectory
-            The trajectory, with bit-identical arrays.
+            The trajectory, with bit-identical arrays. That of trajectory.npz of `phipsi simulate` has no bands, and its
+            contacts that never touch have no slip (NaN).
 
         Raises
         ------
@@ -247,6 +266,8 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
         return tuple(arrays[f"{name}/{at}"] for at in range(sum(key.startswith(f"{name}/") for key in arrays)))
 
     contacts, end = None, several("end")
+    if "contacts/touching" in arrays:
+        arrays |= _all_contacts(arrays, scene)
     if "contacts/gap" in arrays:
         # Archives of versions without smoothing have no bias.
         exact = {f"contacts/{name}": np.zeros_like(arrays["contacts/depth"]) for name in ("bias", "hover", "creep")}
@@ -264,3 +285,14 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
         "applied": arrays.get("applied"),
         **{name: arrays[name] for name in ARRAYS}, **{name: about[name] for name in PLAIN},
     }  # fmt: skip
+
+
+def _all_contacts(arrays: dict[str, _Array], scene: Scene) -> dict[str, _Array]:
+    """Arrays of all contacts from those of a compact archive."""
+    gaps = np.moveaxis(scene.contact_gaps(arrays["q"]), -1, 0)
+    found: dict[str, Any] = {"contacts/gap": gaps}
+    for name, width, kind, missing in (("slip", (3,), float, np.nan), ("force", (3,), float, 0.0), ("impulse", (3,), float, 0.0), ("state", (), np.int8, 0)):
+        found[f"contacts/{name}"] = np.full((*gaps.shape, *width), missing, kind)
+        if len(arrays["contacts/touching"]):
+            found[f"contacts/{name}"][arrays["contacts/touching"]] = arrays[f"contacts/{name}"]
+    return found

@@ -7,17 +7,23 @@ import importlib
 import os
 import re
 import threading
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .errors import ArgumentError, MeshWarning, SceneError
+from .errors import ArgumentError, MeshWarning, SceneError, warn
 
 COMMENT = re.compile("<!--.*?-->", re.DOTALL)
 #: Name of a declared argument.
 DECLARED = re.compile(r"""<xacro:arg\b[^>]*?\bname\s*=\s*["']([^"']+)["']""")
+#: A macro: attributes, in which a value may contain ">", and body.
+MACRO = re.compile(r"""<xacro:macro\b((?:[^>"']|"[^"]*"|'[^']*')*)>(.*?)</xacro:macro>""", re.DOTALL)
+ATTRIBUTE = re.compile(r"""\b(name|params)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+#: Parameters of a macro: names, with an expression as default.
+PARAMETER = re.compile(r"""(\*{0,2}[\w.-]+)(?::?=(?:'[^']*'|"[^"]*"|\^\|?|\$\{[^}]*\}|\S)*)?""")
+#: Largest number of macros in a message.
+LISTED = 6
 #: The name of a package, in its package.xml.
 PACKAGE = re.compile(r"<name>\s*([^<]*?)\s*</name>")
 #: The environment variables that list folders of packages.
@@ -63,10 +69,40 @@ def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None
             raise ArgumentError(
                 f"xacro_arguments: found {name!r}, which the file does not have; {_closest(name, known)}"
             )
+    if not document.getElementsByTagName("link"):
+        _refuse_macros(texts)
     if file is not None:
         used = {name: str(value) for name, value in (arguments or {}).items()}
         _arguments[file.resolve()] = used if _arguments.setdefault(file.resolve(), used) == used else None
     return str(document.toxml())
+
+
+def _refuse_macros(texts: list[str]) -> None:
+    """Raise SceneError for a xacro without links if it defines macros: those of the file, which no other macro calls, come first."""
+    found: dict[str, str] = {}
+    bodies = ""
+    for text in texts:
+        for attributes, body in MACRO.findall(COMMENT.sub("", text)):
+            given = {name: one or other for name, one, other in ATTRIBUTE.findall(attributes)}
+            if "name" in given:
+                # Older files name a macro with its prefix.
+                found.setdefault(given["name"].removeprefix("xacro:"), given.get("params", ""))
+            bodies += body
+    if not found:
+        return
+    called = set(re.findall(r"<xacro:([\w.-]+)", bodies))
+    names = [name for name in found if name not in called] or list(found)
+    shown = [f"{name}({', '.join(_parameters(found[name]))})" for name in names[:LISTED]]
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    raise SceneError(
+        f"source: found a xacro that defines macros and no links; expected a file that includes it and calls one of them,"
+        f" as <xacro:{names[0]} .../>: {'; '.join(shown)}{more}"
+    )
+
+
+def _parameters(text: str) -> list[str]:
+    """Names of the parameters of a macro, with ... for those that have a default."""
+    return [f"{match[1]}=..." if "=" in match[0] else match[1] for match in PARAMETER.finditer(text)]
 
 
 def expanded_again(file: Path, text: str) -> str | None:
@@ -81,10 +117,9 @@ def expanded_again(file: Path, text: str) -> str | None:
             return expanded(file, arguments)
         except (SceneError, ArgumentError, ImportError) as error:
             reason = "it needs arguments" if isinstance(error, ArgumentError) else str(error).removeprefix("source: ")
-    warnings.warn(
+    warn(
         f"shapes of the xacro {file.name!r} are omitted, because it cannot be expanded again: {reason}",
         MeshWarning,
-        stacklevel=2,
     )
     return None
 

@@ -15,7 +15,10 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import sys
+import warnings
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -128,6 +131,18 @@ def of_argument(kind: type[_OfArgument], argument: str, message: str) -> _OfArgu
     error = kind(f"{argument}: {message}")
     error.argument = argument
     return error
+
+
+#: The folder of the package, whose frames are not code of the user.
+_PACKAGE = str(Path(__file__).parent / "_")[:-1]
+
+
+def warn(message: str | Warning, category: type[Warning] | None = None) -> None:
+    """Issue a warning at the line of the user's code that called the package."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)
 
 
 def known_names(name: str, known: Iterable[str]) -> str:

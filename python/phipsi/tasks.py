@@ -15,7 +15,7 @@ together. Tasks that can be met together are all met, independently of their dev
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -242,6 +242,14 @@ KINDS: dict[type, tuple[str, int]] = {
 SQUARE: dict[str, tuple[int, int]] = {"pose": (4, 4), "orientation": (3, 3)}
 
 _Unpacked = tuple[str, str, str, Sequence[float], Sequence[float], float, float, _Array, int, str | None]
+
+
+if TYPE_CHECKING:
+
+    class _InverseKinematicsWithCovariance(InverseKinematics):
+        """The result with covariance=True, for type checkers."""
+
+        covariance: _Array
 
 
 def unpacked(tasks: Any) -> list[_Unpacked]:

@@ -1,5 +1,6 @@
 //! Checks of a step.
 
+use super::method::Method;
 use super::properties::joint_of_row;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
@@ -33,9 +34,21 @@ pub(super) fn fault_of(
         argument: format!("velocity of joint {joint:?}"),
         found: format!("{} after a step of {} s, from {}", s.v_next[row], settings.step, s.v[row]),
         expected: format!(
-            "a velocity below {limit:.1e}: the motion has diverged; take a smaller dt, or {}",
-            in_language("Method::Auto", "method=\"auto\"")
+            "a velocity below {limit:.1e}: the motion has diverged; take a smaller dt{}",
+            remedy(settings)
         ),
     };
     Some((joint, error))
+}
+
+/// Another fix for a motion that diverges: settings that the run does not have.
+fn remedy(settings: &StepSettings) -> &'static str {
+    let StepSettings { automatic, method, accuracy, coupling, .. } = settings;
+    let controls = settings.divides && accuracy.is_none() && coupling.is_none();
+    match (automatic, method) {
+        (false, Method::Contact) => "",
+        (false, _) => in_language(", or Method::Auto", ", or method=\"auto\""),
+        (true, _) if controls => in_language(", or set Settings::accuracy", ", or set accuracy=1e-6"),
+        (true, _) => ", or smaller gains and torques",
+    }
 }

@@ -1,6 +1,6 @@
 //! The class `SceneBuilder`: creates scenes from code.
 
-use super::choice::{choose, read_mimic};
+use super::choice::{choose, read_mimic, refuse_unknown};
 use super::cost::WORTH_DETACHING;
 use super::description::{Description, joint_kind, left_out};
 use super::interrupts::detached_checked;
@@ -12,6 +12,7 @@ use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, Mimic, S
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Rotation3};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::path::PathBuf;
 
 /// Largest asymmetry of a 3x3 inertia matrix, relative to its largest entry.
@@ -66,7 +67,7 @@ impl PySceneBuilder {
     /// >>> builder = builder.link("ball", mass=2.0, shape=phipsi.shapes.Sphere(0.1))
     /// >>> builder.joint("free", "floating", "base", "ball").build().total_mass
     /// 2.0
-    #[pyo3(signature = (name, mass=0.0, com=None, inertia=None, *, shape=None),
+    #[pyo3(signature = (name, mass=0.0, com=None, inertia=None, *, shape=None, **unknown),
            text_signature = "($self, name, mass=0.0, com=None, inertia=None, *, shape=None)")]
     fn link<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -75,7 +76,9 @@ impl PySceneBuilder {
         com: Option<&Object<'py>>,
         inertia: Option<&Object<'py>>,
         shape: Option<&Object<'py>>,
+        unknown: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<PyRefMut<'py, Self>> {
+        refuse_unknown(slf.py(), "SceneBuilder.link", unknown)?;
         let described = |shape| imported!(slf.py(), "phipsi.shapes", "to_urdf")?.call1((&name, shape))?.extract();
         let drawn: Option<String> = shape.map(described).transpose()?;
         let mut inertial = inertial(&|argument| format!("{argument} of link {name:?}"), mass, com, inertia)?;
@@ -151,7 +154,8 @@ impl PySceneBuilder {
     /// array([0.5])
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
                         armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None,
-                        velocity=None, effort=None, acceleration=None, deceleration=None, jerk=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0),
+                        velocity=None, effort=None, acceleration=None, deceleration=None, jerk=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0,
+                        **unknown),
            text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, axis=(0, \
                              0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
                              lower=None, upper=None, velocity=None, effort=None, acceleration=None, deceleration=None, \
@@ -183,7 +187,9 @@ impl PySceneBuilder {
         mimic: Option<String>,
         mimic_multiplier: f64,
         mimic_offset: f64,
+        unknown: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<PyRefMut<'py, Self>> {
+        refuse_unknown(slf.py(), "SceneBuilder.joint", unknown)?;
         let of_joint = |argument: &str| format!("{argument} of joint {name:?}");
         let none = Limits::default();
         let kind = joint_kind(&name, r#type, pitch)?;

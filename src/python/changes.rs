@@ -2,14 +2,14 @@
 
 use super::axis::Axis;
 use super::builder::{PySceneBuilder, inertial};
-use super::choice::items;
+use super::choice::{items, refuse_unknown};
 use super::object::Object;
 use super::scene::PyScene;
 use super::{errors, input};
 use crate::error::Error;
 use crate::scene::{Inertial, Joint, Property, Scene};
 use pyo3::prelude::*;
-use pyo3::types::PyMapping;
+use pyo3::types::{PyDict, PyMapping};
 
 #[pymethods]
 impl PyScene {
@@ -86,7 +86,7 @@ impl PyScene {
     #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).with_payload("link2", 0.5, com=(0, 0, 0.3)).total_mass
     /// 3.5
-    #[pyo3(signature = (link, mass, com=None, inertia=None),
+    #[pyo3(signature = (link, mass, com=None, inertia=None, **unknown),
            text_signature = "($self, link, mass, com=(0, 0, 0), inertia=None)")]
     fn with_payload(
         &self,
@@ -95,7 +95,9 @@ impl PyScene {
         mass: f64,
         com: Option<&Object<'_>>,
         inertia: Option<&Object<'_>>,
+        unknown: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
+        refuse_unknown(py, "Scene.with_payload", unknown)?;
         let payload = inertial(&str::to_owned, mass, com, inertia)?;
         self.changed(py, self.scene.with_payload(link, &payload)?)
     }

@@ -2,14 +2,22 @@
 
 pub(super) use crate::error::choose;
 
-use super::object::Object;
+use super::object::{Object, imported};
 use crate::algorithm::Algorithm;
 use crate::error::{Error, name_in};
 use crate::filter::{FORMS, Form};
 use crate::scene::{MimicJoints, Scene};
 use numpy::{PyArrayDescr, PyArrayDescrMethods};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::{PyMapping, PyString};
+use pyo3::types::{PyDict, PyMapping, PyString};
+
+/// Refuses keywords that a method does not have, with the name of what was probably meant: PyO3 would not suggest one.
+pub(super) fn refuse_unknown(py: Python<'_>, method: &str, unknown: Option<&Bound<'_, PyDict>>) -> PyResult<()> {
+    let Some((name, _)) = unknown.and_then(|unknown| unknown.iter().next()) else { return Ok(()) };
+    let hint: String = imported!(py, "phipsi._glossary", "of_keyword")?.call1((method, &name))?.extract()?;
+    Err(PyTypeError::new_err(format!("{method}() got an unexpected keyword argument '{name}'{hint}")))
+}
 
 /// Reads the argument `form`.
 pub(super) fn read_form(form: &str) -> Result<Form, Error> {

@@ -4,11 +4,10 @@ use super::object::Object;
 use crate::batch::{Fault, shape_text};
 use crate::error::Error;
 use crate::scene::{Scene, SceneWarning};
-use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyUserWarning, PyValueError};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyDict, PyString, PyTuple, PyType};
-use std::ffi::CString;
+use pyo3::types::{PyDict, PyString, PyTuple};
 
 /// The module of the Python classes, imported once.
 pub(super) fn classes(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
@@ -162,11 +161,8 @@ pub(super) fn warn_beyond(py: Python<'_>, scene: &Scene, known: &[SceneWarning])
     Ok(())
 }
 
-/// Issues a warning of a class of phipsi.errors, at the line of the caller.
+/// Issues a warning of a class of phipsi.errors, at the line of the user's code.
 pub(super) fn warn_as(py: Python<'_>, class: &str, text: &str) -> PyResult<()> {
-    let text = CString::new(text.replace('\0', "\\0")).unwrap_or_default();
-    let class = classes(py)?.getattr(class)?;
-    let class = class.cast_into::<PyType>().unwrap_or_else(|_| py.get_type::<PyUserWarning>());
-    // Functions of a compiled module have no Python frame: level 1 is the line of the caller.
-    PyErr::warn(py, &class, &text, 1)
+    let classes = classes(py)?;
+    classes.getattr("warn")?.call1((text, classes.getattr(class)?)).map(drop)
 }

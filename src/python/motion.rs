@@ -1,5 +1,6 @@
 //! Methods of `Scene`: simulation.
 
+use super::choice::refuse_unknown;
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
@@ -129,7 +130,7 @@ impl PyScene {
                         pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None,
                         friction_speed=None, form="auto", tolerance=None, progress=None,
                         baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0,
-                        duration=None, covariance=None),
+                        duration=None, covariance=None, **unknown),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
@@ -164,7 +165,9 @@ impl PyScene {
         smoothing: f64,
         duration: Option<f64>,
         covariance: Option<&Object<'py>>,
+        unknown: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
+        refuse_unknown(slf.py(), "Scene.simulate", unknown)?;
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
         if covariance.is_some() {

@@ -44,7 +44,6 @@ fn sensor((kind, name, joints, mount, noise, delay, (bias, bias_walk)): SensorTu
 /// Filter of the robots of an observer, in the order of their batch.
 #[pyclass(frozen, name = "_Observer", module = "phipsi._core")]
 pub(crate) struct PyObserver {
-    scene: Py<PyScene>,
     batch: Vec<usize>,
     sizes: [usize; 4],
     filter: Mutex<Observer<Held>>,
@@ -56,7 +55,6 @@ impl PyObserver {
     #[new]
     #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)] // one caller, in Python; arrays by value
     fn new(
-        py: Python<'_>,
         scene: Py<PyScene>,
         dt: f64,
         sensors: Vec<SensorTuple>,
@@ -78,21 +76,21 @@ impl PyObserver {
         let settings = ObserverSettings { dt, sensors, torque_noise, wrenches, initial, history };
         let own = &scene.get().scene;
         let (nq, nv) = (own.nq(), own.nv());
-        let held = Held(scene.clone_ref(py));
-        let filter = Observer::new(held, &settings, state.0.as_slice()?, state.1.as_slice()?)?;
+        let filter = Observer::new(Held(scene), &settings, state.0.as_slice()?, state.1.as_slice()?)?;
         let (n, rest) = filter.sizes();
-        Ok(Self { scene, batch, sizes: [nq, nv, rest, n], filter: Mutex::new(filter) })
+        Ok(Self { batch, sizes: [nq, nv, rest, n], filter: Mutex::new(filter) })
     }
 
-    fn __copy__(&self, py: Python<'_>) -> PyResult<Self> {
-        let guard = self.filter()?;
-        let filter = guard.copied(Held(self.scene.clone_ref(py)));
-        let scene = self.scene.clone_ref(py);
-        Ok(Self { scene, batch: self.batch.clone(), sizes: self.sizes, filter: Mutex::new(filter) })
+    /// The state as numbers, which resume() of a filter with the same arguments reads.
+    fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        let numbers = self.filter()?.numbers()?;
+        from_numbers(py, &numbers, &[numbers.len()])
     }
 
-    fn __deepcopy__(&self, py: Python<'_>, _memo: &Object<'_>) -> PyResult<Self> {
-        self.__copy__(py)
+    /// Replace the state.
+    #[allow(clippy::needless_pass_by_value)] // PyO3 hands arrays over
+    fn resume(&self, numbers: PyReadonlyArray1<'_, f64>) -> PyResult<()> {
+        Ok(self.filter()?.resume(numbers.as_slice()?)?)
     }
 
     /// Factor of wrenches and biases per step, and standard deviation of their growth, (rest,) each.

@@ -19,13 +19,6 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice, PyTuple};
 use std::path::{Path, PathBuf};
 
-/// Former and present names of attributes of `Scene`.
-const RENAMED: [(&str, &str); 3] = [
-    ("connection_names", "constraint_names"),
-    ("connection_rows", "constraint_rows"),
-    ("without_connections", "without_constraints"),
-];
-
 /// Articulated system of links and joints under gravity: immutable, and usable from any number of threads.
 ///
 /// Create it with phipsi.load, Scene.from_urdf, Scene.from_mujoco, Scene.from_pinocchio or SceneBuilder.build.
@@ -452,10 +445,11 @@ impl PyScene {
     /// title : str, optional
     ///     Title of the page and of the panel. None: the name of the robot.
     /// browser : bool, optional
-    ///     True: open a browser. None: open one, except in a notebook, which displays the viewer below the cell.
+    ///     True: open a browser with a server. None: that at a prompt; in a notebook, the viewer is displayed below the
+    ///     cell; in a script, a temporary self-contained page opens, which outlives the script, and its address is printed.
     #[doc = section!(Returns)]
     /// viewer : phipsi.view.Viewer or pathlib.Path
-    ///     update(q) moves the robot, wait() keeps a script running, close() ends it. With `to`, the path of the page.
+    ///     update(q) moves the robot, wait() serves it until Ctrl-C, close() ends it. With `to`, the path of the page.
     #[doc = section!(Raises)]
     /// ImportError
     ///     The extra `view` is not installed.
@@ -482,11 +476,10 @@ impl PyScene {
         description::summary(&self.scene)
     }
 
-    /// The error of an unknown attribute, with the new name of one that was renamed.
+    /// The error of an unknown attribute, with the name of what was probably meant.
     fn __getattr__<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Object<'py>> {
-        let new = RENAMED.iter().find(|(former, _)| *former == name);
-        let renamed = new.map_or_else(String::new, |(_, new)| format!("; it was renamed to '{new}'"));
-        let error = PyAttributeError::new_err(format!("'Scene' object has no attribute '{name}'{renamed}"));
+        let hint: String = imported!(slf.py(), "phipsi._glossary", "of_attribute")?.call1((name,))?.extract()?;
+        let error = PyAttributeError::new_err(format!("'Scene' object has no attribute '{name}'{hint}"));
         let value = error.value(slf.py());
         value.setattr("name", name)?;
         value.setattr("obj", slf)?;

@@ -1,5 +1,6 @@
 //! The class `Simulator`: states that are advanced call by call, with their own workspaces.
 
+use super::choice::refuse_unknown;
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Pd, everyone};
 use super::cost::WORTH_RELEASING;
@@ -20,7 +21,7 @@ use crate::motion::{Method, Simulator, Torque};
 use crate::scene::{Coupling, Scene};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyDict, PyTuple};
 use std::borrow::Borrow;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Instant;
@@ -102,7 +103,7 @@ impl PyScene {
     #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None,
                         rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
                         baumgarte=None, compliance=None, limits=None, restitution=0.0,
-                        accuracy=None, smoothing=0.0),
+                        accuracy=None, smoothing=0.0, **unknown),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
                              tolerance=None, baumgarte=None, compliance=None, limits=None, \
@@ -129,7 +130,9 @@ impl PyScene {
         restitution: f64,
         accuracy: Option<f64>,
         smoothing: f64,
+        unknown: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<PySimulator> {
+        refuse_unknown(slf.py(), "Scene.simulator", unknown)?;
         let (py, own) = (slf.py(), slf.get());
         let dt = dt.ok_or_else(|| Error::argument("dt", "None", "a step in s, finite and positive"))?;
         let keywords = Keywords {

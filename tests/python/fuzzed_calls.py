@@ -119,7 +119,6 @@ def settings(scene: phipsi.Scene, random: np.random.Generator) -> dict[str, Any]
         "pd": some(0.1, (phipsi.PD(100.0, 1.0, scene.neutral()[0] if scene.nq else 0.0), phipsi.PD(size, size, 1.0))),
         "record_every": some(0.3, (2, 7)),
         "form": some(0.1, ("covariance",)),
-        "conserve_momentum": some(0.05, (True,)),
     }
     # With error control, a long time takes as many steps as the motion needs.
     dt = pick(random, 1e-4, 1e-3, 0.02, *((0.3, 1e3) if given["accuracy"] is None else ()))

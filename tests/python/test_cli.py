@@ -13,7 +13,7 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, completion, identify, ik, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
+from phipsi.report import auto_cost, commands, completion, identify, ik, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
 from phipsi.report.sections import residuals
 
 #: Two links in series, the second without mass: its joint moves no mass.
@@ -438,3 +438,24 @@ def test_arguments_of_a_xacro(tmp_path: Path) -> None:
     assert unknown.exit_code == 2 and "expected 'mass'?" in unknown.output
     wrong = run("info", str(robot), "--xacro-argument", "mass")
     assert wrong.exit_code == 2 and "expected NAME=VALUE" in wrong.output
+
+
+def test_bench_reads_every_format_of_a_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the options for reading it; the base of a MuJoCo model is that of its file."""
+    pytest.importorskip("mujoco")
+    file = tmp_path / "robot.xml"
+    # The option is needed.
+    file.write_text(
+        '<mujoco><worldbody><body name="b"><joint name="j" axis="0 1 0"/><geom type="sphere" size="0.1" pos="0 0 -0.5" />'
+        '<site name="s"/></body></worldbody><option density="1000"/></mujoco>',
+        encoding="utf-8",
+    )
+    seen = []
+    monkeypatch.setattr(commands, "DENSE_CAP", 0)
+    monkeypatch.setattr(auto_cost, "measured", lambda scene, drawn, quick: seen.append(scene.joint_names) or [])
+    monkeypatch.setattr(commands.growth, "growth", lambda *_: [])
+    monkeypatch.setattr(commands.terminal, "growth", lambda *_: None)
+    monkeypatch.setattr(commands.terminal, "auto_costs", lambda *_: None)
+    result = run("bench", "--strict", "--ignore", "fluid", str(file))
+    assert result.exit_code == 0, result.output
+    assert seen == [("j",)]

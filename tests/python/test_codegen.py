@@ -383,3 +383,15 @@ def test_long_programs_are_cut_in_pieces(cache: Path) -> None:
     q, qd, tau = states(scene, (20,))
     cond = float(np.max(np.linalg.cond(scene.mass_matrix(q))))
     assert_same(fast.forward_dynamics_derivatives(q, qd, tau), scene.forward_dynamics_derivatives(q, qd, tau), cond)
+
+
+@pytest.mark.parametrize(("method", "name"), [("to_c", "arm.c"), ("to_c", "arm.h"), ("to_cuda", "arm.cu"), ("to_rust", "arm.rs")])
+def test_a_directory_with_the_name_of_a_file_is_refused(tmp_path: Path, method: str, name: str) -> None:
+    """A directory of that name would be created."""
+    scene = phipsi.scenes.chain(2)
+    with pytest.raises(ArgumentError, match=f"directory: found '.*{name}', the name of a file; expected a directory for the files .* with name='arm'"):
+        getattr(scene, method)(tmp_path / name, functions=["mass_matrix"])
+    assert not (tmp_path / name).exists()
+    (tmp_path / name).mkdir()
+    getattr(scene, method)(tmp_path / name, functions=["mass_matrix"])
+    assert any((tmp_path / name).iterdir())

@@ -5,12 +5,15 @@ control functions, gains of floating robots.
 from __future__ import annotations
 
 import builtins
+import re
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import phipsi
 import pytest
+from phipsi import _glossary
 from phipsi.errors import ArgumentError, MimicWarning, NotFiniteError, ShapeError, SimulationError, UnitsWarning
 from tolerances import EPS, assert_near, central_difference, product, size
 
@@ -383,3 +386,81 @@ def test_properties_are_read_only(floating: phipsi.Scene) -> None:
     own = floating.damping.copy()[6:]
     own[0] = 5.0
     assert floating.with_properties(damping=dict(zip(floating.joint_names[1:], own))).damping[6] == 5.0
+
+
+GLOSSARY = [line.split("|")[1:3] for line in (Path(__file__).parents[2] / "docs" / "glossary.md").read_text(encoding="utf-8").splitlines() if line.startswith("| ") and "|---" not in line][1:]
+
+
+def test_names_of_the_glossary_lead_to_those_of_a_scene(arm: phipsi.Scene) -> None:
+    """docs/glossary.md lists names of other libraries."""
+    seen = 0
+    for elsewhere, here in GLOSSARY:
+        attribute = re.match(r" \[?`scene\.(\w+)", here)
+        for name in re.findall(r"`([A-Za-z_]\w*)`", elsewhere) if attribute else ():
+            if not hasattr(type(arm), name):
+                seen += 1
+                with pytest.raises(AttributeError, match=f"no attribute '{name}'; use '{attribute[1]}'"):
+                    getattr(arm, name)
+    assert seen > 20
+
+
+@pytest.mark.parametrize(("name", "attribute"), [("crba", "mass_matrix"), ("gravity_compensation", "gravity_torque"), ("forwardKinematics", "placement"), ("massMatrix", "mass_matrix"), ("ndof", "nv")])
+def test_names_of_other_libraries_lead_to_those_of_a_scene(arm: phipsi.Scene, name: str, attribute: str) -> None:
+    assert hasattr(arm, attribute)
+    with pytest.raises(AttributeError, match=f"no attribute '{name}'; use '{attribute}'"):
+        getattr(arm, name)
+
+
+def test_every_hint_names_what_exists() -> None:
+    assert all(hasattr(phipsi.Scene, name) for name in (*_glossary.METHODS, *_glossary.RENAMED.values()))
+    names = [name for names in _glossary.METHODS.values() for name in names]
+    assert len(set(names)) == len(names) and all(name == name.lower().replace("_", "") for name in names)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda arm: arm.simulate(np.zeros(6), np.zeros(6), T=1.0), r"Scene.simulate\(\) got an unexpected keyword argument 'T'; use 'duration' or 'steps'"),
+        (lambda arm: arm.simulate(np.zeros(6), np.zeros(6), dt=1e-3, dampin=1.0), "'dampin'; use 'damping'"),
+        (lambda arm: arm.simulator(np.zeros(6), dt=1e-3, integrator="rk4"), "'integrator'; use 'method'"),
+        (lambda arm: arm.with_payload("link6", 1.0, cog=(0, 0, 0)), "'cog'; use 'com'"),
+        (lambda arm: phipsi.SceneBuilder().link("a", 1.0, cog=(0, 0, 0)), "'cog'; use 'com'"),
+        (lambda arm: phipsi.SceneBuilder().joint("a", "revolute", "b", "c", origin=(0, 0, 0)), "'origin'; use 'xyz'"),
+        (lambda arm: arm.with_payload("link6", 1.0, xyzzy=1), "'xyzzy'$"),
+    ],
+)
+def test_unknown_keywords_lead_to_known_ones(arm: phipsi.Scene, call: Any, message: str) -> None:
+    with pytest.raises(TypeError, match=message):
+        call(arm)
+
+
+def test_a_diverged_simulation_does_not_recommend_the_method_in_use() -> None:
+    scene = phipsi.scenes.chain(3)
+    given = {"dt": 1e-2, "steps": 2000, "tau": lambda t, q, qd: 1e3 * qd}
+    for method, message in {"rk4": 'or method="auto"', "auto": "or set accuracy=1e-6"}.items():
+        with pytest.raises(phipsi.errors.SimulationError, match=f"the motion has diverged; take a smaller dt, {message}$"):
+            scene.simulate(np.zeros(3), np.full(3, 0.1), method=method, **given)
+    with pytest.raises(phipsi.errors.SimulationError, match="or smaller gains and torques$"):
+        scene.simulate(np.zeros(3), np.full(3, 0.1), accuracy=1e-6, **given)
+
+
+SQUARE = '<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="9" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="continuous"><parent link="a"/><child link="b"/><mimc/></joint></robot>'
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda arm: phipsi.load(SQUARE),
+        lambda arm: phipsi.load(SQUARE, mimic=True),
+        lambda arm: phipsi.Scene.from_urdf(SQUARE),
+        lambda arm: arm.simulate(np.full(6, 9.0), np.zeros(6), dt=1e-3, steps=0),
+        lambda arm: phipsi.smooth(np.r_[np.arange(0, 1, 0.01), 9.0], np.zeros(101), noise=1.0, cutoff=1.0),
+        lambda arm: arm.identify(*np.random.default_rng(0).normal(size=(4, 60, 6)), time=np.r_[np.arange(59) * 0.01, 9.0], noise=1.0),
+        lambda arm: arm.mass_matrix(np.full(6, np.nan), errors="nan"),
+    ],
+)
+def test_warnings_are_at_the_line_of_the_user(arm: phipsi.Scene, call: Any) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        call(arm)
+    assert caught and all(one.filename == __file__ for one in caught), [(one.filename, str(one.message)) for one in caught]

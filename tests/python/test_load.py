@@ -219,3 +219,50 @@ def test_a_package_that_is_not_found(xacro_file: Path) -> None:
 def test_parts_to_ignore_of_a_urdf(source: str) -> None:
     with pytest.raises(ArgumentError, match="ignore: found .* which does not apply to"):
         phipsi.load(source, ignore=["tendons"])
+
+
+MACROS = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="size" value="1"/>
+<!-- <xacro:macro name="former" params="x"></xacro:macro> -->
+<xacro:macro name="inertia" params="m"><inertial><mass value="${m}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></xacro:macro>
+<xacro:macro params="prefix parent:='a ${1 > 0}' hand:=^|true scale:=${1 + 2} *origin **blocks" name="arm"><link name="${prefix}"><xacro:inertia m="1"/></link></xacro:macro>
+<xacro:macro name='tool'><link name="tool"/></xacro:macro></robot>"""
+
+
+@pytest.mark.parametrize("included", [True, False])
+def test_a_xacro_of_macros_names_them(tmp_path: Path, included: bool) -> None:
+    """Macros that no other macro calls, with their parameters; also of an included file."""
+    pytest.importorskip("xacro")
+    file = tmp_path / "macros.xacro"
+    file.write_text(MACROS, encoding="utf-8")
+    if included:
+        file = tmp_path / "robot.xacro"
+        file.write_text('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="macros.xacro"/></robot>', encoding="utf-8")
+    with pytest.raises(SceneError) as found:
+        phipsi.load(file)
+    text = "a xacro that defines macros and no links; expected a file that includes it and calls one of them, as <xacro:arm .../>: "
+    assert text + "arm(prefix, parent=..., hand=..., scale=..., *origin, **blocks); tool()" in str(found.value)
+    assert "inertia" not in str(found.value) and "former" not in str(found.value)
+    # A call of the macro works.
+    calling = file.read_text(encoding="utf-8").replace("</robot>", '<xacro:arm prefix="p"><origin/><extra/></xacro:arm></robot>')
+    file.write_text(calling, encoding="utf-8")
+    assert phipsi.load(file).link_names == ("p",)
+
+
+def test_a_xacro_without_macros_and_links() -> None:
+    pytest.importorskip("xacro")
+    with pytest.raises(SceneError, match="without links"):
+        phipsi.load('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="size" value="1"/></robot>')
+
+
+@pytest.mark.parametrize(("name", "content"), [("part.stl", b"solid part\nendsolid"), ("PART.STL", bytes(84)), ("part.obj", b"v 0 0 0\n"), ("part.dae", b'<?xml version="1.0"?><COLLADA/>')])
+def test_a_mesh_is_no_robot(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(SceneError, match=rf"source: found '{name}', a mesh; expected a path .*SceneBuilder.link\(shape=phipsi.shapes.Mesh\(path\)\)"):
+        phipsi.load(tmp_path / name)
+
+
+def test_text_that_is_no_robot(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("hello", encoding="utf-8")
+    with pytest.raises(SceneError, match="expected XML with a <robot> element") as found:
+        phipsi.load(tmp_path / "notes.txt")
+    assert "from_urdf_file" not in str(found.value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,19 +69,26 @@ def test_dask(written: tuple[phipsi.Scene, list[Path], dict[str, np.ndarray]]) -
         same(accumulate_logs(scene, files, client=client), accumulate_logs(scene, files))
 
 
+def write_csv(file: Path, columns: dict[str, Any], separator: str = ",") -> None:
+    """Columns of numbers or texts."""
+    lines = [separator.join(columns), *(separator.join(map(str, row)) for row in zip(*(np.asarray(one).tolist() for one in columns.values()), strict=True))]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 @pytest.mark.parametrize("named", [True, False])
 def test_tables(kind: str, named: bool, written: tuple[phipsi.Scene, list[Path], dict[str, np.ndarray]], tmp_path: Path) -> None:
-    polars = pytest.importorskip("polars")
     scene, _, arrays = written
     columns = {"time": arrays["t"]}
     for name in ("q", "qd", "qdd", "tau"):
         for at, joint in enumerate(scene.joint_names):
             columns[f"{joint}.{name}" if named else f"{name}{at + 1}"] = arrays[name][:, at]
     # Columns in any order.
-    table = polars.DataFrame(dict(reversed(list(columns.items()))))
-    file = tmp_path / f"log.{kind}"
-    table.write_csv(file) if kind == "csv" else table.write_parquet(file)
+    columns, file = dict(reversed(list(columns.items()))), tmp_path / f"log.{kind}"
+    if kind == "csv":
+        write_csv(file, columns)
+    else:
+        pytest.importorskip("polars").DataFrame(columns).write_parquet(file)
     found = read_log(file, scene)
     for name, expected in arrays.items():
         np.testing.assert_array_equal(found["time" if name == "t" else name], expected)
@@ -137,3 +145,145 @@ def test_what_cannot_be_read(written: tuple[phipsi.Scene, list[Path], dict[str, 
         accumulate_logs(scene, ["a.npz"], workers=0)
     with pytest.raises(ArgumentError, match="fit: found 'x'"):
         accumulate_logs(scene, ["a.npz"], fit=["x"])
+
+
+Written = tuple[phipsi.Scene, list[Path], dict[str, np.ndarray]]
+FIELDS = {"q": "position", "qd": "velocity", "tau": "effort"}
+
+
+def check_read(file: Path, scene: phipsi.Scene, arrays: dict[str, np.ndarray], time: float = 1e-12) -> None:
+    found = read_log(file, scene)
+    for name in FIELDS:
+        np.testing.assert_array_equal(found[name], arrays[name])
+    assert np.max(np.abs(found["time"] - found["time"][0] - arrays["t"])) < time
+
+
+@pytest.mark.parametrize("pattern", ["/joint_states/{joint}/{field}", "/joint_states/{field}/{joint}", "{joint}_{field}", "{field}.{joint}", "{kind}:{joint}"])
+def test_tables_of_plotjuggler_and_of_ros(pattern: str, written: Written, tmp_path: Path) -> None:
+    scene, _, arrays = written
+    columns: dict[str, Any] = {"__time": arrays["t"]}
+    for at in (2, 0, 1):
+        for kind, field in FIELDS.items():
+            columns[pattern.format(joint=scene.joint_names[at], field=field, kind=kind)] = arrays[kind][:, at]
+    columns["/imu/angular_velocity/x"] = np.ones(900)
+    write_csv(tmp_path / "log.csv", columns)
+    check_read(tmp_path / "log.csv", scene, arrays)
+
+
+@pytest.mark.parametrize("pattern", ["/joint_states/{field}[{at}]", "field.{field}{at}", "/joint_states/{field}.{at}"])
+@pytest.mark.parametrize("labeled", [True, False])
+def test_columns_with_the_indices_of_a_message(pattern: str, labeled: bool, written: Written, tmp_path: Path) -> None:
+    """By the names of the joints in the message, which ROS sorts; without them in the order of the scene, with a warning."""
+    scene, _, arrays = written
+    columns: dict[str, Any] = {"%time": (1e9 * arrays["t"]).round().astype(int) + 1_700_000_000_000_000_000}
+    order = [1, 2, 0] if labeled else [0, 1, 2]
+    for at, joint in enumerate(order):
+        if labeled:
+            columns[pattern.format(field="name", at=at)] = [scene.joint_names[joint]] * 900
+        for kind, field in FIELDS.items():
+            columns[pattern.format(field=field, at=at)] = arrays[kind][:, joint]
+    write_csv(tmp_path / "log.csv", columns)
+    with pytest.warns(LogWarning) as caught:
+        check_read(tmp_path / "log.csv", scene, arrays, 1e-6)
+    texts = [str(one.message) for one in caught]
+    assert any("time: found a median step of 5e+06, which is 200 Hz in ns; expected s: read as ns" in text for text in texts)
+    assert labeled != any("without names of joints; they are read in the order joint1, joint2, joint3" in text for text in texts)
+    assert all(one.filename == __file__ for one in caught)
+
+
+def test_a_table_of_a_spreadsheet(written: Written, tmp_path: Path) -> None:
+    """Semicolons, decimal commas, a byte order mark, an empty cell, rows of other topics, times in ms by the name of the column."""
+    scene, _, arrays = written
+    head = ["Time [ms]", *(f"{joint}.{kind}" for kind in FIELDS for joint in scene.joint_names)]
+    rows = [[1e3 * arrays["t"][k], *arrays["q"][k], *arrays["qd"][k], *arrays["tau"][k]] for k in range(20)]
+    lines = [";".join(head), *(";".join(repr(float(one)).replace(".", ",") for one in row) for row in rows)]
+    lines.insert(3, "7,5" + ";" * 9)
+    lines[8] = ";".join(lines[8].split(";")[:-1] + [""])
+    (tmp_path / "log.csv").write_text("\ufeff" + "\r\n".join(lines), encoding="utf-8")
+    found = read_log(tmp_path / "log.csv", scene)
+    np.testing.assert_array_equal(found["q"], arrays["q"][:20])
+    assert np.isnan(found["tau"][6, 2]) and np.isnan(found["tau"]).sum() == 1
+    assert np.max(np.abs(found["time"] - arrays["t"][:20])) < 1e-12
+
+
+def test_a_stamp_in_two_columns(written: Written, tmp_path: Path) -> None:
+    scene, _, arrays = written
+    nanoseconds = (1e9 * arrays["t"]).round().astype(int) + 1_700_000_000_000_000_000
+    columns = {"header.stamp.sec": nanoseconds // 10**9, "header.stamp.nanosec": nanoseconds % 10**9}
+    columns |= {f"{joint}.{kind}": arrays[kind][:, at] for kind in FIELDS for at, joint in enumerate(scene.joint_names)}
+    write_csv(tmp_path / "log.csv", columns)
+    check_read(tmp_path / "log.csv", scene, arrays, 1e-6)
+
+
+def test_faults_of_tables(written: Written, tmp_path: Path) -> None:
+    """Each lists what the file has."""
+    scene, _, arrays = written
+    file = tmp_path / "log.csv"
+    columns: dict[str, Any] = {"time": arrays["t"]} | {f"{joint}.q": arrays["q"][:, at] for at, joint in enumerate(scene.joint_names)}
+    cases = {
+        "found no q, tau in .*, which has: a, b; expected q, tau": {"a": [1, 2], "b": [1, 2]},
+        "found no tau in .*, which has: time, joint1.q, joint2.q, joint3.q": columns,
+        "found no column q of joint 'joint3' in the columns joint1.q, joint2.q": {f"joint{at}.q": [1, 2] for at in (1, 2)},
+        "found the columns 'joint1.q' and '/goal/joint1/position'; expected one of them": columns | {"/goal/joint1/position": arrays["t"]},
+        "found 4 columns such as 'position.0.' without names of joints; expected 3": {f"position[{at}]": [1, 2] for at in range(4)},
+        "found 'off' in row 1 of column 'joint2.q'; expected numbers": columns | {"joint2.q": ["0", "off", *["1"] * 898]},
+        "found 'noon' in row 0 of column 'time'": columns | {"time": ["noon"] * 900} | {f"tau{at}": arrays["t"] for at in (1, 2, 3)},
+    }
+    for message, given in cases.items():
+        write_csv(file, given)
+        with pytest.raises(ArgumentError, match=message):
+            read_log(file, scene)
+    file.write_text("a,b\n1,2,3\n", encoding="utf-8")
+    with pytest.raises(ArgumentError, match="found 3 cells in row 1 of .*; expected 2"):
+        read_log(file, scene)
+
+
+def test_names_of_an_archive_order_its_columns(written: Written, tmp_path: Path) -> None:
+    """Joints of other robots in it are omitted."""
+    scene, _, arrays = written
+    order, more = [2, 0, 1], np.full((900, 1), np.nan)
+    file = tmp_path / "log.npz"
+    given = {name: np.hstack([arrays[name][:, order[:2]], more, arrays[name][:, order[2:]]]) for name in FIELDS}
+    names = [scene.joint_names[2], scene.joint_names[0], "gripper", scene.joint_names[1]]
+    np.savez(file, t=arrays["t"], joint_names=names, **given)
+    check_read(file, scene, arrays)
+    for changed, message in {
+        "wrist": "log: q: found no joint 'joint3' in the joint_names wrist, joint1, gripper, joint2; expected those of the scene: joint1, joint2, joint3",
+        "joint1": "found no joint 'joint3'",
+    }.items():
+        np.savez(file, t=arrays["t"], joint_names=[changed, *names[1:]], **given)
+        with pytest.raises(ArgumentError, match=message):
+            read_log(file, scene)
+    np.savez(file, t=arrays["t"], joint_names=[*names, "joint1"], **given)
+    with pytest.raises(ArgumentError, match="found a joint twice"):
+        read_log(file, scene)
+    np.savez(file, t=arrays["t"], joint_names=names[:2] + names[3:], **given)
+    with pytest.raises(ArgumentError, match=r"log: q: found shape \(900, 4\) for the joint_names joint3, joint1, joint2; expected \(..., 3\)"):
+        read_log(file, scene)
+    np.savez(file, motion=arrays["q"])
+    with pytest.raises(ArgumentError, match="found no q, tau in .*, which has: motion"):
+        read_log(file, scene)
+
+
+@pytest.mark.parametrize(("unit", "length"), [("ns", 1e-9), ("us", 1e-6), ("ms", 1e-3)])
+@pytest.mark.parametrize("origin", [0, 1_700_000_000])
+def test_times_in_other_units_are_converted_with_a_warning(unit: str, length: float, origin: int, written: Written) -> None:
+    """Of every function that takes times."""
+    scene, _, arrays = written
+    time = (arrays["t"] / length).round().astype(np.int64) + round(origin / length)
+    with pytest.warns(LogWarning, match=f"time: found .*; expected s: read as {unit}; .* avoids this warning"):
+        found = phipsi.smooth(time, arrays["q"], cutoff=5.0)
+    assert np.max(np.abs(found.time - origin - arrays["t"])) < 1e-6
+    assert np.max(np.abs(found.qd[50:-50] - arrays["qd"][50:-50])) < 0.1
+    offsets = []
+    for given in (time, arrays["t"]):
+        with pytest.warns(LogWarning) as caught:
+            offsets.append(scene.identify(*(arrays[name] for name in ("q", "qd", "qdd", "tau")), time=given).clock_offset)
+        assert any(f"read as {unit}" in str(one.message) for one in caught) == (given is time)
+    assert abs(offsets[0] - offsets[1]) < 0.1 * STEP
+
+
+def test_times_that_could_be_in_ms(written: Written) -> None:
+    with pytest.warns(LogWarning, match=r"time: found a median step of 5, which is 200 Hz in ms; expected s: 1e-3 \* time if it is in ms"):
+        found = phipsi.smooth(1e3 * written[2]["t"] + 1e-4, written[2]["q"], cutoff=5e-3)
+    assert found.time[-1] > 4e3

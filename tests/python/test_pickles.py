@@ -128,6 +128,59 @@ def test_other_results(arm: phipsi.Scene, remade: Remade) -> None:
     assert_same_bits(again.scene.forward_dynamics(*again[1:4]), case.scene.forward_dynamics(*case[1:4]))
 
 
+def gyro_and_encoder(scene: phipsi.Scene, history: int, batch: tuple[int, ...]) -> phipsi.estimation.Observer:
+    """With a delay, a bias and a wrench, and an uncertain state."""
+    sensors = [phipsi.estimation.Encoder(noise=1e-4), phipsi.estimation.Gyro(link="link6", noise=1e-3, delay=3, bias=0.1)]
+    wrench = phipsi.estimation.ExternalWrench("link6", density=1.0)
+    return scene.observer(2e-3, sensors, q=np.full((*batch, 6), 0.5), torque_noise=1e-3, wrenches=[wrench], history=history)
+
+
+def observed(observer: phipsi.estimation.Observer, steps: range) -> list[np.ndarray]:
+    """Results of steps with readings of the given indices."""
+    found: list[np.ndarray] = []
+    for k in steps:
+        gyro = None if k % 3 else np.full(3, 1e-3 * np.sin(k))
+        estimate = observer.step(np.full(6, 0.1 * np.cos(k)), {"encoder": 0.5 + 1e-4 * np.sin(k + np.arange(6)), "gyro": gyro})
+        found += [estimate.q, estimate.covariance, np.asarray(estimate.nis), estimate.wrenches["link6"], estimate.biases["gyro"]]
+    return found
+
+
+@pytest.mark.filterwarnings("ignore::phipsi.errors.DivergenceWarning")
+@pytest.mark.parametrize(("history", "batch", "steps"), [(20, (), 30), (0, (2,), 5), (1000, (2, 1), 2), (20, (), 0), (0, (), 130)])
+def test_observers(remade: Remade, history: int, batch: tuple[int, ...], steps: int) -> None:
+    """In their state: the next steps, the smoother and the tests of divergence have the same bits."""
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    observer = gyro_and_encoder(scene, history, batch)
+    observed(observer, range(steps))
+    again = remade(observer)
+    assert (again.names, again.dt) == (observer.names, observer.dt)
+    if history and steps:
+        assert_same_bits(again.smooth().covariance, observer.smooth().covariance)
+    for one, other in zip(observed(again, range(steps, steps + 4)), observed(observer, range(steps, steps + 4)), strict=True):
+        assert_same_bits(one, other)
+    assert again._filter.window() == observer._filter.window()
+    assert np.array_equal(again._filter.window_without(0, 0), observer._filter.window_without(0, 0), equal_nan=True)
+
+
+def test_observers_of_other_settings_are_refused() -> None:
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    observer, other = gyro_and_encoder(scene, 5, ()), gyro_and_encoder(scene, 2, ())
+    observed(observer, range(9))
+    state = observer._filter.numbers()
+    for numbers in (state, state[:-1], np.append(state, 0.0), np.full(len(state), -1.0), np.zeros(0)):
+        with pytest.raises(phipsi.errors.ArgumentError, match="pickled observer: found data of another observer; expected the data that pickle wrote"):
+            (other if numbers is state else gyro_and_encoder(scene, 5, ()))._filter.resume(numbers)
+
+
+def test_observers_of_momentum(arm: phipsi.Scene, remade: Remade) -> None:
+    observer = arm.momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0)
+    q, qd, tau = random_states(arm, 0)
+    for _ in range(3):
+        observer.step(q, qd, tau)
+    again = remade(observer)
+    assert_same_bits(again.step(q, qd, tau)[0], observer.step(q, qd, tau)[0])
+
+
 def test_errors_pickle(arm: phipsi.Scene) -> None:
     with pytest.raises(phipsi.errors.NotFiniteError) as found:
         arm.mass_matrix(np.full((3, 7), np.nan))

@@ -13,7 +13,7 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, simulate
+from phipsi.report import commands, simulate, view_robot  # noqa: F401  # the last registers its command
 from tolerances import assert_near, assert_same_bits
 
 
@@ -230,3 +230,66 @@ def test_connections_of_a_mujoco_model(tmp_path: Path) -> None:
     with np.load(tmp_path / "run" / "trajectory.npz") as found:
         assert found["drift"].max() < 1e-9
     assert (tmp_path / "run" / "trajectory.csv").read_text(encoding="utf-8").splitlines()[0].endswith(",drift")
+
+
+def test_the_trajectory_can_be_loaded_and_read_as_a_log(tmp_path: Path) -> None:
+    result = run("-o", tmp_path, "--time", 0.05, "--hold", "50", "5", "--record-every", 5)
+    assert result.exit_code == 0, result.output
+    scene, file = phipsi.load(phipsi.BUNDLED_ARM), tmp_path / "trajectory.npz"
+    path = phipsi.Trajectory.load(file, scene)
+    expected = scene.simulate(scene.neutral(), np.zeros(6), dt=1e-3, steps=50, record_every=5, pd=phipsi.PD(50.0, 5.0, scene.neutral()))
+    assert_same_bits(path.q, expected.q)
+    assert_same_bits(path.torques(), expected.torques())
+    assert_same_bits(path.vjp(path.qd).q, expected.vjp(expected.qd).q)
+    log = phipsi.estimation.read_log(file, scene)
+    assert_same_bits(log["tau"], expected.torques())
+
+
+def test_the_trajectory_with_bands_can_be_loaded_without_them(tmp_path: Path) -> None:
+    assert run("-o", tmp_path, "--time", 0.02, "--noise", 0.02).exit_code == 0
+    path = phipsi.Trajectory.load(tmp_path / "trajectory.npz", phipsi.load(phipsi.BUNDLED_ARM))
+    assert path.bands is None and len(path) == 21
+
+
+def test_contacts_that_never_touch_take_no_room(tmp_path: Path) -> None:
+    """A tower of 20 spheres, of which the lowest touch the ground."""
+    pytest.importorskip("mujoco")
+    file = tmp_path / "box.xml"
+    spheres = "".join(f'<geom type="sphere" size="0.01" pos="{x} {y} {z}"/>' for x in (0, 0.1) for y in (0, 0.1) for z in range(5))
+    file.write_text(f'<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 0.0101"><freejoint/>{spheres}</body></worldbody></mujoco>', encoding="utf-8")
+    result = run(file, "--contacts", "plane", "-o", tmp_path, "--time", 0.02)
+    assert result.exit_code == 0, result.output
+    scene = phipsi.load(file, contacts="plane")
+    path = phipsi.Trajectory.load(tmp_path / "trajectory.npz", scene)
+    expected = scene.simulate(scene.neutral(), np.zeros(6), dt=1e-3, steps=20)
+    assert len(scene.contact_names) == 20 and path.contacts is not None and expected.contacts is not None
+    touching = [name for name in scene.contact_names if expected.contacts.state[name].any()]
+    assert 0 < len(touching) <= 4
+    for name in scene.contact_names:
+        for part in ("gap", "force", "impulse", "state"):
+            assert_same_bits(getattr(path.contacts, part)[name], getattr(expected.contacts, part)[name])
+        assert np.isnan(path.contacts.slip[name]).all() == (name not in touching)
+    with np.load(tmp_path / "trajectory.npz") as found:
+        assert sorted(found["force_names"]) == sorted(touching) and found["force_at"].shape == (21, len(touching), 3)
+    assert (tmp_path / "trajectory.npz").stat().st_size < 40_000
+    view = CliRunner().invoke(commands.group, ["view", str(file), "--contacts", "plane", "--motion", str(tmp_path / "trajectory.npz"), "-o", str(tmp_path / "page.html")])
+    assert view.exit_code == 0, view.output
+
+
+def test_files_name_their_joints(tmp_path: Path) -> None:
+    """States and motions are read in the order of joint_names."""
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    order = [3, 0, 5, 1, 2, 4]
+    q, names = np.linspace(0.1, 0.6, 6), [scene.joint_names[at] for at in order]
+    state = tmp_path / "state.npz"
+    np.savez(state, q=q[order], joint_names=names)
+    result = run("-o", tmp_path, "--time", 0.0, "--state", state)
+    assert result.exit_code == 0, result.output
+    with np.load(tmp_path / "trajectory.npz") as found:
+        assert_same_bits(found["q"][0], q)
+    np.savez(state, q=q[order], joint_names=["x", *names[1:]])
+    wrong = run("-o", tmp_path, "--state", state)
+    assert wrong.exit_code == 2 and "found no joint 'joint4' in the joint_names x, joint1" in " ".join(wrong.output.split())
+    np.savez(tmp_path / "motion.npz", t=[0.0, 0.1], q=np.stack([q[order]] * 2), joint_names=["x", *names[1:]])
+    view = CliRunner().invoke(commands.group, ["view", "--motion", str(tmp_path / "motion.npz"), "-o", str(tmp_path / "page.html")])
+    assert view.exit_code == 2 and "--motion: found no joint 'joint4'" in view.output

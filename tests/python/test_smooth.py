@@ -127,6 +127,28 @@ def test_the_prior_does_not_pull() -> None:
     assert_near(found.qdd[:, 0], np.full(100, -8.0), 1e-4)
 
 
+@pytest.mark.parametrize("at", [0.0, 0.3, 1e-200])
+@pytest.mark.parametrize("cutoff", [None, 5.0])
+def test_a_joint_at_rest(at: float, cutoff: float | None) -> None:
+    """Also one whose positions are all zero."""
+    time = np.arange(0.0, 1.0, 0.01)
+    found = phipsi.smooth(time, np.full(100, at), cutoff=cutoff)
+    assert_near(found.q, np.full((100, 1), at), 1e-15)
+    assert_near(found.qd, np.zeros((100, 1)), 1e-12)
+    assert_near(found.qdd, np.zeros((100, 1)), 1e-12)
+    assert np.all(found.noise > 0.0) and np.all(found.noise < 1e-15) and np.all(found.variances >= 0.0)
+
+
+@pytest.mark.parametrize("at", [0.0, 0.3])
+def test_the_noise_of_a_joint_at_rest_is_the_given_one(at: float) -> None:
+    """At the ends too: the prior is wide compared with the noise."""
+    time = np.cumsum(np.full(18, 0.01))
+    found = phipsi.smooth(time, np.full(18, at), noise=1e-3, cutoff=8.0)
+    _, variance = dense(time, np.full(18, at), 1e-3, (2 * np.pi * 8.0) ** 6 * 1e-6 * 0.01)
+    for row in range(3):
+        assert_near(found.variances[row, :, 0] / variance[:, row], np.ones(18), 1e-5)
+
+
 def test_repeated_times_are_one_update_each() -> None:
     time = np.array([0.0, 0.1, 0.1, 0.2, 0.3, 0.4])
     q = np.array([0.0, 0.11, 0.09, 0.2, 0.3, 0.4])
@@ -151,7 +173,7 @@ def test_a_jump_by_a_revolution_is_reported() -> None:
         phipsi.smooth(time, q, noise=1e-3, cutoff=3.0)
 
 
-GOOD: dict[str, Any] = {"time": np.arange(20.0), "q": np.sin(np.arange(20.0)), "noise": 0.1, "cutoff": 0.1}
+GOOD: dict[str, Any] = {"time": 0.1 * np.arange(20.0), "q": np.sin(np.arange(20.0)), "noise": 0.1, "cutoff": 1.0}
 
 
 @pytest.mark.parametrize(

@@ -37,3 +37,17 @@ def test_names_of_the_stub_are_those_of_the_module(alias: str) -> None:
         CALLS[alias]("none")
     known = re.sub(r'^.*expected (one of )?', "", str(found.value)).replace('"', "")
     assert named == set(re.split(r", | or ", known))
+
+
+@pytest.mark.parametrize("method", ["inverse_kinematics", "estimate"])
+def test_covariances_that_were_asked_for_are_not_optional(method: str) -> None:
+    """For type checkers."""
+    scene = next(node for node in ast.parse(STUB).body if isinstance(node, ast.ClassDef) and node.name == "Scene")
+    first, second = (node for node in scene.body if isinstance(node, ast.FunctionDef) and node.name == method)
+    arguments = {one.arg: ast.unparse(one.annotation) for one in first.args.kwonlyargs if one.annotation}
+    result = ast.unparse(first.returns) if first.returns else ""
+    assert arguments["covariance"] == "Literal[True]" and result == f"_{ast.unparse(second.returns)}WithCovariance"  # type: ignore[arg-type]
+    source = Path(phipsi.__file__).with_name("tasks.py" if method == "inverse_kinematics" else "_results.py").read_text(encoding="utf-8")
+    of_result = next(node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef) and node.name == result)
+    fields = [node for node in of_result.body if isinstance(node, ast.AnnAssign)]
+    assert fields and all("None" not in ast.unparse(node.annotation) for node in fields)

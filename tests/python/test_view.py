@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
 import socket
+import subprocess
+import sys
 import urllib.request
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import phipsi
@@ -374,6 +378,56 @@ def test_a_page_plays_without_a_network(browser: Any, tmp_path: Path) -> None:
     with Opened(browser, file, 600) as opened:
         check_player(opened, opened.page)
         opened.check(file)
+
+
+def run_script(text: str, folder: Path) -> tuple[str, list[str]]:
+    """The output of a script, and the addresses that it opens in a browser."""
+    opened = folder / "opened.txt"
+    (folder / "browser.sh").write_text(f'#!/bin/sh\necho "$1" >> {opened}\n', encoding="utf-8")
+    (folder / "browser.sh").chmod(0o755)
+    (folder / "script.py").write_text(text, encoding="utf-8")
+    environment = os.environ | {"BROWSER": f"{folder / 'browser.sh'} %s", "TMPDIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, str(folder / "script.py")], env=environment, capture_output=True, text=True, timeout=PATIENCE / 1e3, check=True)
+    return done.stdout, opened.read_text(encoding="utf-8").split() if opened.exists() else []
+
+
+FALL = """import phipsi
+scene = phipsi.scenes.chain(3)
+path = scene.simulate([0.5, 0.3, 0.2], [2.0, -1.0, 3.0], dt=1e-3, steps=3000, method="rk4", record_every=10)
+"""
+posix = pytest.mark.skipif(os.name != "posix", reason="the browser is a script of a shell")
+
+
+@posix
+@needs_browser
+def test_the_page_of_a_script_plays_after_its_end(browser: Any, tmp_path: Path) -> None:
+    printed, opened = run_script(FALL + "scene.show(path)", tmp_path)
+    assert printed.split() == opened and len(opened) == 1
+    file = Path(unquote(urlsplit(opened[0]).path))
+    assert file.is_relative_to(tmp_path)
+    with Opened(browser, file, 600) as shown:
+        check_player(shown, shown.page)
+        shown.check(file)
+
+
+@posix
+def test_a_script_that_asks_for_a_server_gets_one(tmp_path: Path) -> None:
+    """With browser=True or a port; or later by update(), which a page cannot follow."""
+    served = FALL + """
+viewer = scene.show(path, browser=True)
+assert viewer.url.startswith("http:")
+viewer.close()
+viewer = scene.show(path, port=8000, browser=False)
+viewer.close()
+viewer = scene.show()
+assert viewer.url.startswith("file:")
+viewer.update([0.1, 0.2, 0.3])
+assert viewer.url.startswith("http:")
+viewer.close()
+viewer.wait()
+"""
+    printed, opened = run_script(served, tmp_path)
+    assert [url.partition(":")[0] for url in opened] == ["http", "file", "http"] and printed.split() == opened[1:]
 
 
 def green(picture: np.ndarray) -> int:

@@ -391,7 +391,7 @@ class Accumulator:
         """
         from ._identification import solved
 
-        return solved(self, noise, trust, stacklevel=3)
+        return solved(self, noise, trust)
 
     def _like(self) -> Accumulator:
         """An empty accumulator of the same columns."""

@@ -8,14 +8,13 @@ positive definite.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArgumentError, InertiaWarning, of_argument
+from ..errors import ArgumentError, InertiaWarning, of_argument, warn
 from ._most_probable import BASIS
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ _Array = NDArray[np.float64]
 SLENDER, SMALL = 1e-3, 1e-2
 
 
-def prior_of_bodies(scene: Scene, free: Sequence[int], stacklevel: int) -> tuple[list[_Array], _Array]:
+def prior_of_bodies(scene: Scene, free: Sequence[int]) -> tuple[list[_Array], _Array]:
     """Prior of the bodies at `free` in body_names.
 
     Return for each body the matrix (10, 10) from the entries of Z to its parameters, where J = L Z L^T and the model
@@ -54,7 +53,7 @@ def prior_of_bodies(scene: Scene, free: Sequence[int], stacklevel: int) -> tuple
         text = (
             f"scene: {found}; identification starts from the nearest possible ones (keep=[...] leaves a body as it is)"
         )
-        warnings.warn(text, InertiaWarning, stacklevel=stacklevel)
+        warn(text, InertiaWarning)
     return matrices, np.concatenate([*model, np.zeros(0)])
 
 

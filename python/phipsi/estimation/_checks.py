@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..errors import ArgumentError, LogWarning, ShapeError, of_argument
+from ..errors import ArgumentError, LogWarning, ShapeError, of_argument, warn
 from ._columns import Columns
 
 if TYPE_CHECKING:
     from .._core import Scene
 
-__all__ = ["checked_time", "clock_offset", "shifted", "warn_of_motion", "warn_of_torques"]
+__all__ = ["checked_time", "clock_offset", "in_seconds", "shifted", "warn_of_motion", "warn_of_torques"]
 
 _Array = NDArray[np.float64]
 
+#: Units of times other than s: length, s; median steps, and times since 1970, from which times are in this unit. A log in
+#: s has smaller ones. Steps of ms are also those of a slow log in s, if they are not whole numbers.
+UNITS = (("ns", 1e-9, 5e4, 1e17), ("us", 1e-6, 50.0, 1e14), ("ms", 1e-3, 0.5, 1e11))
 #: Minimum length of a gap in time, in median steps.
 GAP = 10.0
 #: Ratio between measured and numerical derivatives beyond which units are inconsistent, and minimum correlation for it.
@@ -33,9 +35,27 @@ LAGS, SAMPLED, REDUCED = 40, 3000, 0.02
 ENTRIES = 5_000_000
 
 
-def checked_time(time: ArrayLike, count: int, stacklevel: int) -> _Array:
-    """Return the times, (k,), after a check that they do not decrease. Warn about gaps and repeated times."""
+def in_seconds(time: ArrayLike) -> _Array:
+    """Times in s. Those that are counts of ns, us or ms, by their size or their steps, are converted, with a warning."""
     found = np.asarray(_core._numbers("time", time))
+    if found.ndim != 1 or len(found) < 2 or not np.isfinite(found).all():
+        return found
+    step, whole = float(np.median(np.abs(np.diff(found)))), np.asarray(time).dtype.kind in "iu"
+    for unit, length, least, since_1970 in UNITS:
+        if abs(found[0]) < since_1970 and step < least:
+            continue
+        rate = f"a median step of {step:.3g}, which is {1.0 / (length * step):.3g} Hz in {unit}" if step > 0.0 else f"{found[0]:.3g}"
+        if unit == "ms" and abs(found[0]) < since_1970 and not whole:
+            warn(f"time: found {rate}; expected s: 1e-3 * time if it is in ms", LogWarning)
+            return found
+        warn(f"time: found {rate}; expected s: read as {unit}; {length:g} * time avoids this warning", LogWarning)
+        return length * found
+    return found
+
+
+def checked_time(time: ArrayLike, count: int) -> _Array:
+    """Return the times, (k,), s, after a check that they do not decrease. Warn about units, gaps and repeated times."""
+    found = in_seconds(time)
     if found.shape != (count,):
         raise of_argument(ShapeError, "time", f"found shape {found.shape}; expected ({count},), one time per row")
     if not np.isfinite(found).all():
@@ -51,11 +71,10 @@ def checked_time(time: ArrayLike, count: int, stacklevel: int) -> _Array:
         raise of_argument(ArgumentError, "time", message)
     if repeated := int(np.sum(steps == 0.0)):
         at = int(np.flatnonzero(steps == 0.0)[0])
-        warnings.warn(
+        warn(
             f"time: found {repeated} repeated times, the first {found[at]:g} at row {at + 1}; np.unique(time,"
             " return_index=True) gives rows without them",
             LogWarning,
-            stacklevel=stacklevel,
         )
     usual = float(np.median(steps)) if len(steps) else 0.0
     if usual > 0.0 and np.any(gaps := steps > GAP * usual):
@@ -64,10 +83,9 @@ def checked_time(time: ArrayLike, count: int, stacklevel: int) -> _Array:
             f"time: found {int(gaps.sum())} gaps, the longest of {steps[at]:.3g} s after {found[at]:g} s, with steps of"
             f" {usual:.3g} s elsewhere"
         )
-        warnings.warn(
+        warn(
             f"{text}; add the parts one by one to a phipsi.estimation.Accumulator if they are separate logs",
             LogWarning,
-            stacklevel=stacklevel,
         )
     return found
 
@@ -89,7 +107,7 @@ def _one_axis(scene: Scene) -> list[_Joint]:
     return found
 
 
-def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd: _Array, stacklevel: int) -> None:
+def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd: _Array) -> None:
     """Warn about positions in degrees or encoder counts, and about inconsistent derivatives."""
     limits = scene.limits
     for joint in _one_axis(scene):
@@ -104,10 +122,9 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
             found = f"{reach:.3g} at joint {joint.name!r} with limits of {low:.3g} and {high:.3g} rad"
             if whole:
                 found = f"whole numbers up to {reach:.3g} at joint {joint.name!r}, probably encoder counts"
-            warnings.warn(
+            warn(
                 f"q: found {found}; expected rad: multiply by 2 pi / counts per revolution",
                 LogWarning,
-                stacklevel=stacklevel,
             )
         elif limited:
             beyond = max(low - float(values.min()), float(values.max()) - high)
@@ -121,7 +138,7 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
                     f"q: found {reach:.3g} at joint {joint.name!r}, outside its limits of {low:.3g} and {high:.3g} rad,"
                     " but within them if q is in degrees; expected rad: np.deg2rad(q)"
                 )
-                warnings.warn(text, LogWarning, stacklevel=stacklevel)
+                warn(text, LogWarning)
     if time is None or len(time) < 10:
         return
     steps = np.diff(time)
@@ -149,7 +166,7 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
                     f"{name}: found a numerical derivative of {of} that is {ratio:.3g} times {name} at joint"
                     f" {joint.name!r}: {hint}; expected rad, s and their derivatives"
                 )
-                warnings.warn(text, LogWarning, stacklevel=stacklevel)
+                warn(text, LogWarning)
 
 
 def _ratio(found: _Array, expected: _Array) -> float | None:
@@ -160,7 +177,7 @@ def _ratio(found: _Array, expected: _Array) -> float | None:
     return both / others
 
 
-def warn_of_torques(columns: Columns, q: _Array, qd: _Array, qdd: _Array, tau: _Array, stacklevel: int) -> None:
+def warn_of_torques(columns: Columns, q: _Array, qd: _Array, qdd: _Array, tau: _Array) -> None:
     """Warn about torques proportional to the model torques: currents, or torques of the other side of a gear."""
     some = slice(None, None, max(1, len(q) // SAMPLED))
     q, qd, qdd, tau = q[some], qd[some], qdd[some], tau[some]
@@ -182,7 +199,7 @@ def warn_of_torques(columns: Columns, q: _Array, qd: _Array, qdd: _Array, tau: _
             f"tau: found torques proportional to those of the model with the factors {', '.join(found)}, probably motor"
             " currents; expected N m or N: multiply by torque constant and gear ratio"
         )
-        warnings.warn(text, LogWarning, stacklevel=stacklevel)
+        warn(text, LogWarning)
 
 
 def shifted(tau: _Array, time: _Array, delay: float) -> _Array:
@@ -199,7 +216,6 @@ def clock_offset(
     time: _Array,
     arrays: tuple[_Array, _Array, _Array, _Array],
     weights: _Array,
-    stacklevel: int,
 ) -> float:
     """Estimate the delay of the torques relative to q, s.
 
@@ -244,5 +260,5 @@ def clock_offset(
             f"tau: found torques that {'lag' if offset > 0.0 else 'lead'} q by {abs(1e3 * offset):.3g} ms: this delay"
             f" reduces the variance of the residuals by {100 * (1 - here / values[LAGS]):.2g} %; expected one clock"
         )
-        warnings.warn(f"{text} for q and tau: tau_delay={offset:.3g} corrects it", LogWarning, stacklevel=stacklevel)
+        warn(f"{text} for q and tau: tau_delay={offset:.3g} corrects it", LogWarning)
     return float(offset)

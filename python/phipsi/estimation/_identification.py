@@ -18,7 +18,6 @@ H^-1 P H^-1 with the part P of H from the prior. For independent residuals this 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -27,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..errors import ArgumentError, IdentificationWarning, ShapeError, of_argument
+from ..errors import ArgumentError, IdentificationWarning, ShapeError, of_argument, warn
 from ._accumulator import Accumulator, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
 from ._bodies import with_parameters
@@ -264,13 +263,12 @@ def solved(
     noise: ArrayLike | None,
     trust: float,
     *,
-    stacklevel: int,
     clock_offset: float = float("nan"),
 ) -> Identification:
     """Identify the parameters from all states of an accumulator."""
     if not (np.isfinite(trust) and trust > 0.0):
         raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
-    problem = Problem(accumulator, stacklevel + 1)
+    problem = Problem(accumulator)
     columns = problem.columns
     weights = problem.deviation() if noise is None else problem.checked_noise(noise)
     rows, target = problem.least_squares(weights)
@@ -299,7 +297,7 @@ def solved(
     found = Identification(
         columns,
         own,
-        _scene(columns, parameters, joints, stacklevel + 1),
+        _scene(columns, parameters, joints),
         parameters,
         _squared(full),
         full,
@@ -315,7 +313,7 @@ def solved(
         accumulator.states,
         clock_offset,
     )
-    _warn_of_bias(found, stacklevel + 1)
+    _warn_of_bias(found)
     return found
 
 
@@ -325,7 +323,7 @@ def _squared(root: _Array) -> _Array:
     return np.asarray(flat @ flat.T)
 
 
-def _warn_of_bias(found: Identification, stacklevel: int) -> None:
+def _warn_of_bias(found: Identification) -> None:
     with np.errstate(invalid="ignore"):
         ratios = np.abs(found.base.bias) / found.base.deviations
     if not np.isfinite(ratios).any() or float(np.nanmax(ratios)) <= BIAS:
@@ -336,7 +334,7 @@ def _warn_of_bias(found: Identification, stacklevel: int) -> None:
         f" {found.base.names[worst]!r}, {int(np.sum(ratios > BIAS))} of {len(ratios)} above {BIAS}"
     )
     fix = "give instruments=(q, qd, qdd) of the commanded trajectory, or smooth with a lower cutoff"
-    warnings.warn(f"{text}; {fix}", IdentificationWarning, stacklevel=stacklevel)
+    warn(f"{text}; {fix}", IdentificationWarning)
 
 
 def _columns_of_covariance(problem: Problem, weights: _Array, own: _Array, root: _Array) -> tuple[_Array, _Array]:
@@ -468,7 +466,7 @@ def _bias(problem: Problem, weights: _Array, estimate: tuple[NDArray[np.intp], _
     )
 
 
-def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, float]], stacklevel: int) -> Scene:
+def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, float]]) -> Scene:
     """Scene with the estimated parameters."""
     scene = with_parameters(columns.scene, columns.free, parameters)
     properties: dict[str, dict[str, float]] = {}
@@ -493,5 +491,5 @@ def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, flo
             f"transmission: a scene has no {', '.join(omitted)}, which acts on several joints; Identification.torques"
             " includes it, Identification.scene does not"
         )
-        warnings.warn(text, IdentificationWarning, stacklevel=stacklevel)
+        warn(text, IdentificationWarning)
     return scene.with_properties(**properties) if properties else scene

@@ -21,8 +21,6 @@ __all__ = ["identify"]
 
 _Array = NDArray[np.float64]
 
-#: The `stacklevel` at which warnings refer to the caller of Scene.identify.
-CALLER = 3
 
 
 def identify(
@@ -50,7 +48,7 @@ def identify(
     if not (np.isfinite(trust) and trust > 0.0):
         raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
     q, qd, qdd, tau = _log(scene, q, qd, qdd, tau)
-    times = None if time is None else checked_time(time, len(q), CALLER)
+    times = None if time is None else checked_time(time, len(q))
     if not np.isfinite(tau_delay) or (tau_delay != 0.0 and times is None):
         raise of_argument(
             ArgumentError,
@@ -60,7 +58,7 @@ def identify(
         )
     if tau_delay != 0.0 and times is not None:
         tau = shifted(tau, times, tau_delay)
-    warn_of_motion(scene, times, q, qd, qdd, CALLER)
+    warn_of_motion(scene, times, q, qd, qdd)
 
     def accumulated(kinds: tuple[str, ...], load: Scene | None) -> Accumulator:
         length = max(1, -(-len(q) // max(int(blocks), 1))) if isinstance(blocks, (int, np.integer)) else 1
@@ -84,15 +82,15 @@ def identify(
         # Friction depends on the model torque, because the measured torque contains noise.
         others = tuple(kind for kind in kinds if kind != "load")
         if others or len(keep) < len(scene.body_names):
-            load = solved(accumulated(others, None), noise, trust, stacklevel=CALLER).scene
+            load = solved(accumulated(others, None), noise, trust).scene
     accumulator = accumulated(kinds, load)
-    warn_of_torques(accumulator.columns, q, qd, qdd, tau, CALLER)
+    warn_of_torques(accumulator.columns, q, qd, qdd, tau)
     offset = float("nan")
     if times is not None:
         weights = np.where(np.isfinite(tau).any(axis=0), 1.0, np.nan) * np.maximum(
             np.sqrt(accumulator._squares / len(q)), 1e-300
         )
         offset = clock_offset(
-            accumulator.columns, _combinations(accumulator.columns).columns, times, (q, qd, qdd, tau), weights, CALLER
+            accumulator.columns, _combinations(accumulator.columns).columns, times, (q, qd, qdd, tau), weights
         )
-    return solved(accumulator, noise, trust, stacklevel=CALLER, clock_offset=offset)
+    return solved(accumulator, noise, trust, clock_offset=offset)

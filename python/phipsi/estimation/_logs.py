@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._install import command
-from ..errors import ArgumentError, of_argument
+from ..errors import ArgumentError, of_argument, warn
 from ._accumulator import Accumulator, _log
-from ._checks import checked_time, warn_of_motion
+from ._checks import checked_time, in_seconds, warn_of_motion
 from ._smooth import smooth
+from ._tables import ALIASES, LABELS, arrays_of, by_names, listed, read_csv, times_of
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -25,9 +26,6 @@ __all__ = ["accumulate_logs", "read_log"]
 _LOGGER = logging.getLogger("phipsi")
 _Array = NDArray[np.float64]
 
-ARRAYS = ("time", "q", "qd", "qdd", "tau")
-#: Alternative names of columns and arrays.
-ALIASES = {"t": "time", "position": "q", "velocity": "qd", "acceleration": "qdd", "effort": "tau", "torque": "tau"}
 #: Number of attempts to read a log whose process is terminated.
 ATTEMPTS = 3
 
@@ -38,10 +36,12 @@ def read_log(path: str | Path, scene: Scene) -> dict[str, _Array]:
     Parameters
     ----------
     path : str or pathlib.Path
-        One of: an npz file with the arrays "time" (or "t"), "q", "qd", "qdd" and "tau"; a csv or parquet file with a
-        column "time" and columns "JOINT.q", "JOINT.qd", "JOINT.qdd" and "JOINT.tau" by joint name, or "q1", "q2", ...
-        by joint order (requires polars); a rosbag2 folder or an mcap file with sensor_msgs/JointState messages, of
-        which positions and efforts are read (requires rosbags).
+        One of: an npz file with the arrays "time" (or "t"), "q", "qd", "qdd" and "tau", and "joint_names" if their
+        columns are not in the order of the scene; a csv file (separated by commas, semicolons or tabs) or a parquet
+        file (requires polars) with a column of times and columns of each joint, named as "JOINT.q",
+        "/topic/JOINT/position" (PlotJuggler), "position[0]" (ROS; with names[0] or in joint order) or "q1"; a rosbag2
+        folder or an mcap file with sensor_msgs/JointState messages, of which positions and efforts are read (requires
+        rosbags). Velocities are named qd or velocity, accelerations qdd or acceleration, torques tau, effort or torque.
     scene : phipsi.Scene
         The robot, for the names and the order of its joints.
 
@@ -53,9 +53,14 @@ def read_log(path: str | Path, scene: Scene) -> dict[str, _Array]:
     Raises
     ------
     ArgumentError
-        A file that is not a log. The message names the missing array.
+        A file that is not a log. The message names the missing array, and the arrays or columns of the file.
     ImportError
         A missing package for this format. The message names it.
+
+    Warns
+    -----
+    LogWarning
+        Times that are not in seconds, which are converted, and columns with indices but without names of joints.
 
     Examples
     --------
@@ -72,23 +77,14 @@ def read_log(path: str | Path, scene: Scene) -> dict[str, _Array]:
     path = Path(path)
     kind = path.suffix.lower()
     if kind == ".npz":
-        found = _of_npz(path)
-    elif kind in (".csv", ".parquet"):
-        found = _of_table(path, scene)
-    elif kind == ".mcap" or path.is_dir():
-        found = _of_bag(path, scene)
-    else:
-        raise of_argument(
-            ArgumentError, "log", f"found {path.name!r}; expected .npz, .csv, .parquet, .mcap or a folder of rosbag2"
-        )
-    lacking = [name for name in ("q", "tau") if name not in found]
-    if lacking:
-        raise of_argument(
-            ArgumentError,
-            "log",
-            f"found no {', '.join(lacking)} in {str(path)!r}; expected q, tau, and qd and qdd or time",
-        )
-    return found
+        return _of_npz(path, scene)
+    if kind in (".csv", ".parquet"):
+        return _of_table(path, scene)
+    if kind == ".mcap" or path.is_dir():
+        return _of_bag(path, scene)
+    raise of_argument(
+        ArgumentError, "log", f"found {path.name!r}; expected .npz, .csv, .parquet, .mcap or a folder of rosbag2"
+    )
 
 
 def with_derivatives(
@@ -104,64 +100,65 @@ def with_derivatives(
     return found | {"q": smoothed.q, "qd": smoothed.qd, "qdd": smoothed.qdd}, True
 
 
-def _of_npz(path: Path) -> dict[str, _Array]:
+def _of_npz(path: Path, scene: Scene) -> dict[str, _Array]:
     try:
         with np.load(path, allow_pickle=False) as archive:
-            names = {name: ALIASES.get(name, name) for name in archive.files}
-            return {to: np.asarray(archive[name], float) for name, to in names.items() if to in ARRAYS}
-    except (OSError, ValueError, EOFError) as error:
+            known = {name: archive[name] for name in archive.files if name in ALIASES or name in LABELS}
+            found = archive.files
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise of_argument(ArgumentError, "log", f"found {error}; expected an .npz with q, qd, qdd and tau") from None
+    arrays = {ALIASES[name]: values for name, values in known.items() if name in ALIASES}
+    names = next((known[name] for name in LABELS if name in known), None)
+    if names is not None:
+        arrays = {
+            kind: values if kind == "time" else by_names(f"log: {kind}", names, values, scene, kind == "q")
+            for kind, values in arrays.items()
+        }
+    return _complete(arrays, path, found)
 
 
 def _of_table(path: Path, scene: Scene) -> dict[str, _Array]:
+    columns: dict[str, Any] = read_csv(path) if path.suffix.lower() == ".csv" else _of_parquet(path)
+    arrays: dict[str, Any] = dict(arrays_of(columns, scene))
+    # Rows of other topics, between the rows of the joints.
+    empty = [np.isnan(values).all(axis=1) for values in arrays.values()]
+    rows = ~np.logical_and.reduce(empty) if empty else slice(None)
+    arrays = {kind: values[rows] for kind, values in arrays.items()}
+    if (time := times_of(columns)) is not None:
+        arrays["time"] = time[rows]
+    return _complete(arrays, path, columns)
+
+
+def _of_parquet(path: Path) -> dict[str, Any]:
     try:
         import polars
     except ImportError:
-        text = f"log: csv and parquet are read by polars; install it with: {command('logs')}"
-        raise ImportError(text) from None
+        raise ImportError(f"log: parquet is read by polars; install it with: {command('logs')}") from None
     try:
-        table = (
-            polars.read_csv(path, infer_schema_length=10_000)
-            if path.suffix.lower() == ".csv"
-            else polars.read_parquet(path)
-        )
+        table = polars.read_parquet(path)
     except Exception as error:
         raise of_argument(ArgumentError, "log", f"found {error}; expected a table") from None
-    return _of_columns(
-        {name: np.asarray(table[name].cast(polars.Float64, strict=False).to_numpy(), float) for name in table.columns},
-        scene,
-    )
+    return {
+        name: np.asarray(table[name].cast(polars.Float64).to_numpy(), float)
+        if table[name].dtype.is_numeric()
+        else list(map(str, table[name]))
+        for name in table.columns
+    }
 
 
-def _of_columns(columns: dict[str, _Array], scene: Scene) -> dict[str, _Array]:
-    """Arrays from named columns."""
-    joints, found = list(scene.joint_names), dict[str, dict[int, _Array]]()
-    times = None
-    for name, values in columns.items():
-        if ALIASES.get(name, name) == "time":
-            times = values
-            continue
-        before, _, after = name.rpartition(".")
-        kind = ALIASES.get(after, after)
-        if before in joints and kind in ARRAYS:
-            found.setdefault(kind, {})[scene.v_index(before).start] = values
-            continue
-        letters = name.rstrip("0123456789")
-        kind = ALIASES.get(letters.rstrip("_"), letters.rstrip("_"))
-        if kind in ARRAYS and letters != name and 1 <= int(name[len(letters) :]) <= scene.nv:
-            found.setdefault(kind, {})[int(name[len(letters) :]) - 1] = values
-    arrays: dict[str, _Array] = {} if times is None else {"time": times}
-    for kind, of_joints in found.items():
-        lacking = [at for at in range(scene.nv) if at not in of_joints]
-        if lacking:
-            raise of_argument(
-                ArgumentError,
-                "log",
-                f"found no column {kind} of joint {joints[lacking[0]]!r}; expected {joints[lacking[0]]}.{kind} or"
-                f" {kind}{lacking[0] + 1}",
-            )
-        arrays[kind] = np.stack([of_joints[at] for at in range(scene.nv)], axis=1)
-    return arrays
+def _complete(arrays: dict[str, Any], path: Path, columns: Iterable[str]) -> dict[str, _Array]:
+    """The arrays of a log, with times in s; an error that lists what the file has if q or tau is missing."""
+    lacking = [name for name in ("q", "tau") if name not in arrays]
+    if lacking:
+        raise of_argument(
+            ArgumentError,
+            "log",
+            f"found no {', '.join(lacking)} in {str(path)!r}, which has: {listed(columns)}; expected q, tau, and qd and"
+            " qdd or time, in a table as JOINT.q, /topic/JOINT/position, position[0] or q1",
+        )
+    if "time" in arrays:
+        arrays["time"] = in_seconds(arrays["time"])
+    return {name: np.asarray(values, float) for name, values in arrays.items()}
 
 
 def _of_bag(path: Path, scene: Scene) -> dict[str, _Array]:
@@ -276,8 +273,8 @@ def _accumulated(scene: Scene, log: str, cutoff: float | None, settings: dict[st
     arrays, _ = with_derivatives(read_log(log, scene), log, cutoff)
     # Only warnings of this process reach the user.
     q, qd, qdd, _ = _log(scene, arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
-    time = checked_time(arrays["time"], len(q), 5) if "time" in arrays else None
-    warn_of_motion(scene, time, q, qd, qdd, 5)
+    time = checked_time(arrays["time"], len(q)) if "time" in arrays else None
+    warn_of_motion(scene, time, q, qd, qdd)
     return Accumulator(scene, **settings).add(arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
 
 
@@ -308,7 +305,7 @@ def _on_processes(
                 try:
                     done[at] = task.result()
                 except BrokenProcessPool:
-                    warnings.warn(f"logs: a worker was lost; {logs[at]!r} is read again", RuntimeWarning, stacklevel=4)
+                    warn(f"logs: a worker was lost; {logs[at]!r} is read again", RuntimeWarning)
                     break
     for at in range(len(logs)):
         yield done[at]

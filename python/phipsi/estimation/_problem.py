@@ -42,7 +42,7 @@ class Rows(NamedTuple):
 class Problem:
     """Accumulated measurements, in coordinates z relative to the prior."""
 
-    def __init__(self, accumulator: Accumulator, stacklevel: int) -> None:
+    def __init__(self, accumulator: Accumulator) -> None:
         columns = accumulator.columns
         self.accumulator, self.columns = accumulator, columns
         self.blocks: list[Block] = _for_jackknife(accumulator)
@@ -54,7 +54,7 @@ class Problem:
         self.whole = [
             merged_triangles([block.triangles[motor] for block in self.blocks]) for motor in range(columns.motors)
         ]
-        matrices, self.model = prior_of_bodies(columns.scene, columns.free, stacklevel + 1)
+        matrices, self.model = prior_of_bodies(columns.scene, columns.free)
         self.bodies = len(columns.free)
         scales, places, model = [], [], []
         for at, extra in enumerate(columns.extras, 10 * self.bodies):

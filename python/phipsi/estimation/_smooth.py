@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..errors import ArgumentError, LogWarning, ShapeError, of_argument
+from ..errors import ArgumentError, LogWarning, ShapeError, of_argument, warn
 from ._checks import checked_time
 from ._values import each
 
@@ -21,8 +20,10 @@ _Array = NDArray[np.float64]
 #: Number of samples for the estimation of noise and bandwidth, and number of pieces of the log that they are taken
 #: from.
 SAMPLED, PIECES = 8000, 4
-#: Initial standard deviations relative to the largest differences, large enough to have no weight.
+#: Initial standard deviations relative to the largest differences and to the noise, large enough to have no weight.
 WIDE = 1e3
+#: Smallest range of positions, relative to the largest one or to 1 rad or m: the scale of a joint at rest.
+REST = 1e-12
 #: Inverse of the largest number of encoder steps per change that counts as a multiple of the step.
 WHOLE = 1e-3
 #: Number of innovations per piece that depend on its initial state.
@@ -113,7 +114,7 @@ def smooth(
         raise of_argument(ShapeError, "q", f"found shape {values.shape}; expected (k, n): a row per time")
     if np.any(np.isinf(values)):
         raise of_argument(ArgumentError, "q", "found an infinity; expected finite positions, or NaN for missing ones")
-    times = checked_time(time, len(values), 3)
+    times = checked_time(time, len(values))
     deviation, bandwidth = _given("noise", noise, values.shape[1]), _given("cutoff", cutoff, values.shape[1])
     parts, deviations, cutoffs, passed = [], [], [], []
     for joint in range(values.shape[1]):
@@ -171,22 +172,28 @@ class _Joint:
                 f"q: found a jump of {changes[at]:.3g} in column {joint} at row {int(np.flatnonzero(seen)[at + 1])}, a"
                 " revolution; np.unwrap(q, axis=0) removes it"
             )
-            warnings.warn(text, LogWarning, stacklevel=3)
+            warn(text, LogWarning)
         self.quantum = _quantum(changes)
         #: Variances relative to white quantization noise: they are three times larger at low velocity.
         self.relative = np.ones(len(position))
         if self.quantum > 0.0:
             slow = np.append(changes, changes[-1:]) < 2.0 * self.quantum
             self.relative[np.flatnonzero(seen)[slow]] = 3.0
-        self.range = max(float(np.ptp(measured)), 1e-12 * float(np.max(np.abs(measured))), 1e-300)
-        self.prior = self._prior(time[seen], measured)
+        self.range = max(float(np.ptp(measured)), REST * max(1.0, float(np.max(np.abs(measured)))))
+        self.wide = self._wide(time[seen], measured)
         pieces = max(1, min(PIECES, len(position) // (SAMPLED // PIECES)))
         length = min(len(position), SAMPLED // pieces if len(position) > SAMPLED else len(position))
         begins = np.linspace(0, len(position) - length, pieces).astype(int) if length < len(position) else [0]
         self.pieces = [slice(int(begin), int(begin) + length) for begin in begins]
 
-    def _prior(self, time: _Array, measured: _Array) -> tuple[float, float, float]:
-        """Initial standard deviations of position, velocity and acceleration, above all finite differences."""
+    def _prior(self, noise: float) -> tuple[float, float, float]:
+        """Initial standard deviations of position, velocity and acceleration for a standard deviation of the noise."""
+        position, velocity, acceleration = self.wide
+        noise *= WIDE
+        return max(position, noise), max(velocity, noise / self.step), max(acceleration, noise / self.step**2)
+
+    def _wide(self, time: _Array, measured: _Array) -> tuple[float, float, float]:
+        """Standard deviations of position, velocity and acceleration above all finite differences."""
         moving = np.append(True, np.diff(time) > 0.0)
         time, measured = time[moving], measured[moving]
         rates = np.diff(measured) / np.diff(time)
@@ -204,7 +211,11 @@ class _Joint:
         density = (2.0 * np.pi * hertz) ** 6 * variance * self.step
         sums = [
             _core._log_likelihood(
-                self.time[part], self.position[part], variance * self.relative[part], density, self.prior
+                self.time[part],
+                self.position[part],
+                variance * self.relative[part],
+                density,
+                self._prior(float(np.sqrt(variance))),
             )
             for part in self.pieces
         ]
@@ -254,7 +265,7 @@ class _Joint:
         for part in self.pieces:
             own = _Part(self.time[part], self.position[part], self.relative[part])
             density = (2.0 * np.pi * hertz) ** 6 * self.step
-            found = _core._smooth_log(own.time, own.position, own.relative, density, self.prior)
+            found = _core._smooth_log(own.time, own.position, own.relative, density, self._prior(1.0))
             seen = np.isfinite(own.position)
             # The effective bandwidth is lower near the ends.
             inner = (own.time > own.time[0] + ENDS / hertz) & (own.time < own.time[-1] - ENDS / hertz)
@@ -269,7 +280,7 @@ class _Joint:
     def smooth(self, noise: float, hertz: float) -> _Array:
         """q, qd, qdd and their variances, (k, 6)."""
         density = (2.0 * np.pi * hertz) ** 6 * noise**2 * self.step
-        return _core._smooth_log(self.time, self.position, noise**2 * self.relative, density, self.prior)
+        return _core._smooth_log(self.time, self.position, noise**2 * self.relative, density, self._prior(noise))
 
 
 def _quantum(changes: _Array) -> float:

@@ -8,7 +8,6 @@ arguments, names their results, and tests the innovations for divergence.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from .._arguments import numbers, whole
-from ..errors import ArgumentError, DivergenceWarning, NotFiniteError, ShapeError, of_argument
+from ..errors import ArgumentError, DivergenceWarning, NotFiniteError, ShapeError, of_argument, warn
 from ._manifold import joint_groups
 from ._records import Record, State, innovation_ratios
 from ._values import each
@@ -122,8 +121,8 @@ class Observer:
         robots, nv = math.prod(self._batch), scene.nv
         refused = "found a number that is negative or not finite; expected zero or positive ones"
         density = each("torque_noise", torque_noise, nv, refused)
-        self._filter = _core._Observer(
-            scene,
+        #: Arguments of the compiled filter.
+        self._settings = (
             self.dt,
             [self._checked(sensor) for sensor in self.sensors],
             density.tolist(),
@@ -136,6 +135,7 @@ class Observer:
             ),
             self._batch,
         )
+        self._filter = _core._Observer(scene, *self._settings)
         self._torque_deviation = np.sqrt(density / dt)
         self._decay, self._walk = self._filter.process()
         self._groups = joint_groups(scene)
@@ -150,6 +150,16 @@ class Observer:
             self._places[sensor.name] = sensor, slice(at, at + size)
             at += size
         self._none = np.full((*self._batch, at), np.nan)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Attributes, with the state of the filter as numbers."""
+        return self.__dict__ | {"_filter": self._filter.numbers()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Create the filter again, in its state."""
+        self.__dict__.update(state)
+        self._filter = _core._Observer(self.scene, *self._settings)
+        self._filter.resume(state["_filter"])
 
     # Arguments
 
@@ -357,7 +367,7 @@ class Observer:
             f" explains: {fix}"
         )
         warning.sensor, warning.state = best, state
-        warnings.warn(warning, stacklevel=4)
+        warn(warning)
 
     # The smoother
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers
-from ..errors import ArgumentError, InertiaWarning, ShapeError, UncertaintyWarning, of_argument
+from ..errors import ArgumentError, InertiaWarning, ShapeError, UncertaintyWarning, of_argument, warn
 from ._manifold import lower_root
 from .uncertainty import JOINT_PARAMETERS, ParameterCovariance, _joint_covariance, _per_joint, covariance_root
 
@@ -212,11 +212,10 @@ class _Propagation:
                 covariance[..., at, :, :] = both @ np.swapaxes(both, -1, -2)
         if self.unsure.check is None and np.any(held & (self.friction > 0.0)):
             joint = next(name for name in self.scene.joint_names if np.any(held[self.scene.v_index(name)]))
-            warnings.warn(
+            warn(
                 f"covariance: found joint {joint!r} held by friction in some steps, so that errors of these steps are"
                 ' zero to first order; compare with check="monte-carlo", or use friction_speed=0.01',
                 UncertaintyWarning,
-                stacklevel=3,
             )
         deviation = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         ratio = None if self.unsure.check is None else self._ratio(deviation**2)

@@ -92,24 +92,25 @@ def of_robots(
     quick: bool = False,
     seed: int = 0,
     each: Callable[[Sequence[tuple[str, str]]], Iterable[tuple[str, str]]] = iter,
+    read: Callable[..., phipsi.Scene] = phipsi.load,
 ) -> dict[tuple[str, str], list[Cost]]:
-    """Times for every robot (a path or URDF text by name), with a fixed and a free base; `each` iterates over the
-    cases.
+    """Times for every robot (a source of phipsi.load by name), with a fixed and a free base; `each` iterates over the
+    cases, and `read` reads a source.
     """
     found = {}
     for base, name in each([(base, name) for base in BASES for name in sources]):
-        scene = _on(sources[name], BASES[base])
+        scene = _on(sources[name], BASES[base], read)
         if scene is not None and scene.nv:
             found[base, name] = measured(scene, kinds.draw(scene, BATCH, seed), quick=quick)
     return found
 
 
-def _on(source: str | Path, floating: bool) -> phipsi.Scene | None:
-    """The robot with that base; None if the robot already has a free base."""
+def _on(source: str | Path, floating: bool, read: Callable[..., phipsi.Scene]) -> phipsi.Scene | None:
+    """The robot with that base; None if the robot already has a free base, or its file determines the base."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         try:
-            return phipsi.Scene.from_urdf(source, floating_base=floating)
+            return read(source, floating_base=floating)
         except phipsi.errors.PhipsiError:
             if not floating:
                 raise

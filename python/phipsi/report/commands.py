@@ -64,19 +64,26 @@ def _as_options(text: str) -> str:
     return re.sub(r'\b(mimic|limits|check|contacts)="([\w-]+)"', r"--\1 \2", text.replace("strict=True", "--strict").replace("floating_base=True", "--floating-base"))
 
 
+def _reading() -> dict[str, Any]:
+    """Keywords of load from the options for reading a robot."""
+    found = click.get_current_context().meta
+    return {
+        "strict": found.get(STRICT, False),
+        "ignore": found.get(IGNORE, ()),
+        "contacts": found.get(CONTACTS),
+        "xacro_arguments": dict(found.get(XACRO_ARGUMENTS, ())),
+    }
+
+
 def _load(robot: Path | None, floating_base: bool, mimic: Mimic | None = None) -> tuple[Scene, str, str, list[str]]:
     """Scene, name, source and warnings; prints the first warnings."""
-    reading = click.get_current_context().meta
     with warnings.catch_warnings(record=True) as caught, _typed_errors():
         warnings.simplefilter("always")
         scene = load(
             _core.BUNDLED_ARM if robot is None else str(robot),
             floating_base=floating_base,
             mimic=mimic,
-            strict=reading.get(STRICT, False),
-            ignore=reading.get(IGNORE, ()),
-            contacts=reading.get(CONTACTS),
-            xacro_arguments=dict(reading.get(XACRO_ARGUMENTS, ())),
+            **_reading(),
         )
     texts = [_as_options(str(one.message)) for one in caught]
     for text in [f"warning: {text}" for text in texts[:3]] + [f"and {len(texts) - 3} more warnings"] * (len(texts) > 3):
@@ -321,7 +328,7 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int,
             sources = {robot.stem if stems.count(robot.stem) == 1 else str(robot): robot for robot in robots}
         with reporter(Console(stderr=True)) as says:
             each = partial(says.each, "Form auto by kind of state")
-            costs = found["auto"] = auto_cost.of_robots(sources, quick=quick, seed=seed, each=each)
+            costs = found["auto"] = auto_cost.of_robots(sources, quick=quick, seed=seed, each=each, read=partial(load, **_reading()))
         if costs:
             terminal.auto_costs(console, costs)
         found["growth"] = growth.growth((7, 10, 100, 1000, 10_000), 5, Silent())

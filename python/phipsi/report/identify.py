@@ -63,8 +63,8 @@ def identify(
 ) -> None:
     """Identify a robot's inertias from logs of measured motion and torques, with intervals.
 
-    LOG: .npz with q, qd, qdd, tau and t, a row per state; .csv or .parquet with columns time and JOINT.q, JOINT.qd, JOINT.qdd, JOINT.tau (needs polars); .mcap or a folder
-    of rosbag2 with sensor_msgs/JointState (needs rosbags). Without velocities or accelerations positions are smoothed, which takes times. NaN in tau is a torque that was not
+    LOG: .npz with q, qd, qdd, tau and t, a row per state, in the order of joint_names if it has them; .csv or .parquet (needs polars) with columns time and JOINT.q, JOINT.qd,
+    JOINT.qdd, JOINT.tau, or those of PlotJuggler and ROS; .mcap or a folder of rosbag2 with sensor_msgs/JointState (needs rosbags). Without velocities or accelerations positions are smoothed, which takes times. NaN in tau is a torque that was not
     measured. Several logs are accumulated one by one, so that memory does not grow with them. Identified inertias are ones that bodies can have.
     """
     if folder is not None:

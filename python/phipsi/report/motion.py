@@ -14,6 +14,7 @@ from .._core import Scene
 from .._forces import of_motion
 from .._motion import Trajectory
 from ..estimation import MotionUncertainty
+from ..estimation._tables import by_names
 from .draw import View, segments
 from .plotting import COLORS, Part, Space
 from .states import Array
@@ -32,12 +33,16 @@ FLASHES = 9
 def read_state(path: Path, scene: Scene) -> dict[str, Array]:
     """q, qd and tau of a state file, JSON or npz; neutral and zeros for missing keys.
 
-    In JSON each value is a list, or a mapping from joint names to a number or a list. Raises ArgumentError with file
-    and key.
+    In JSON each value is a list, or a mapping from joint names to a number or a list. Lists are in the order of the key
+    joint_names, if there is one. Raises ArgumentError with file and key.
     """
     state = {"q": scene.neutral(), "qd": np.zeros(scene.nv), "tau": np.zeros(scene.nv)}
-    for key, value in _read(path, "a state", KEYS).items():
+    given = dict(_read(path, "a state", (*KEYS, "joint_names")))
+    names = given.pop("joint_names", None)
+    for key, value in given.items():
         name, usual = f"{path}: {key}", state[key]
+        if names is not None and not isinstance(value, Mapping):
+            value = by_names(name, names, value, scene, key == "q")
         if isinstance(value, Mapping):
             indices = scene.q_index if key == "q" else scene.v_index
             value = {joint: usual[indices(joint)] for joint in scene.joint_names} | dict(value)
@@ -82,14 +87,17 @@ def write(path: Trajectory, folder: Path, *, table: bool) -> list[Path]:
     """Write trajectory.npz, and trajectory.csv if `table` is set; return the files."""
     scene = path.scene
     archive = folder / "trajectory.npz"
-    found: dict[str, Any] = {"t": path.t, "q": path.q, "qd": path.qd, "dt": path.dt, "method": path.method}
+    found = path._archive(compact=True) | {"dt": path.dt, "method": path.method}
     if scene.constraint_names:
         found["drift"] = path.drift
     if path.bands is not None:
         found |= {"q_deviation": path.bands.q, "qd_deviation": path.bands.qd, "covariance": path.bands.covariance}
     if (forces := of_motion(path, np.arange(len(path)))) is not None:
-        found |= {"force_at": forces.at, "force": forces.force, "force_names": np.array(forces.names)}
-    np.savez(archive, joint_names=np.array(scene.joint_names), **found)
+        # Arrows are drawn where a force acts.
+        acts = np.any(forces.force != 0.0, axis=(0, 2))
+        names = np.array(forces.names)[acts]
+        found |= {"force_at": forces.at[:, acts], "force": forces.force[:, acts], "force_names": names}
+    np.savez_compressed(archive, joint_names=np.array(scene.joint_names), **found)
     files = [archive]
     if table:
         files.append(folder / "trajectory.csv")

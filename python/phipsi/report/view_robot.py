@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from ..estimation._tables import by_names
 from . import embed
 from .commands import FLOATING, MIMIC, ROBOT, BadInput, Mimic, _load, _typed_errors, group
 
@@ -35,7 +36,10 @@ def view(robot: Path | None, floating_base: bool, mimic: Mimic | None, motion: P
         try:
             with np.load(motion, allow_pickle=False) as archive:
                 t, q = archive["t"], archive["q"]
-                if "force" in archive:
+                if "joint_names" in archive:
+                    with _typed_errors():
+                        q = by_names("--motion", archive["joint_names"], q, scene, True)
+                if "force" in archive and archive["force"].shape[1]:
                     forces = archive["force_at"], archive["force"]
         except (OSError, ValueError, KeyError, EOFError) as error:
             raise BadInput(f"--motion: found {error}; expected an .npz with t, (k,), and q, (k, nq)") from None

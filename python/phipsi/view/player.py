@@ -12,6 +12,7 @@ import json
 import os
 import socket
 import sys
+import tempfile
 import threading
 import webbrowser
 from collections.abc import Sequence
@@ -213,22 +214,40 @@ class Viewer:
     """
 
     url: str
-    """Address of the viewer."""
+    """Address of the viewer: of a page that needs no server in a script, otherwise of the server."""
 
-    def __init__(self, scene: Scene, motion: Motion, urdf: str | os.PathLike[str] | None, port: int, title: str | None, host: str = HOST) -> None:
-        self._shapes, self._title = shapes_of(scene, urdf), title or name_of(scene)
-        self._stage = _Stage(scene, self._shapes, port, motion, host)
+    def __init__(
+        self, scene: Scene, motion: Motion, urdf: str | os.PathLike[str] | None, port: int, title: str | None, host: str = HOST, page: bool = False
+    ) -> None:
+        self._scene, self._shapes, self._title = scene, shapes_of(scene, urdf), title or name_of(scene)
         self._motion, self._q = motion, motion.q[0].copy()
+        self._at, self._served, self._closed = (port, host), False, threading.Event()
+        if page:
+            file = Path(tempfile.mkdtemp(prefix="phipsi-")) / "motion.html"
+            file.write_text(_html(scene, self._shapes, motion, self._title), encoding="utf-8")
+            self.url = file.as_uri()
+        else:
+            self._serve()
+
+    def _serve(self) -> None:
+        """Start the server."""
+        port, host = self._at
+        self._stage = _Stage(self._scene, self._shapes, port, self._motion, host)
+        self._served = True
         self.url = f"http://{HOST if host in ANY else host}:{self._stage.server.get_port()}"
-        self._closed = threading.Event()
-        gui = self._stage.server.gui
-        gui.set_panel_label(self._title)
-        if scene.total_mass > 0.0:
+        self._stage.server.gui.set_panel_label(self._title)
+        if self._scene.total_mass > 0.0:
             self._add_center_of_mass()
-        if motion.moves:
+        if self._motion.moves:
             self._add_player()
         else:
             self._add_sliders()
+
+    def _serve_script(self) -> None:
+        """Replace the page of a script by a server, which moves the robot and has sliders."""
+        if not self._served and not self._closed.is_set():
+            self._serve()
+            _open(self)
 
     def update(self, q: ArrayLike) -> None:
         """Show the robot at a configuration.
@@ -250,22 +269,25 @@ class Viewer:
         >>> viewer = scene.show(browser=False)  # doctest: +SKIP
         >>> viewer.update([0.3] * 6)  # doctest: +SKIP
         """
-        scene = self._stage.scene
+        scene = self._scene
         found: _Array = np.array(_core._numbers("q", q, scene, True))
         if found.shape != (scene.nq,):
             raise ShapeError(f"q: found shape {found.shape}; expected ({scene.nq},)")
         self._q = found
-        self._stage.update(found)
+        self._serve_script()
+        if self._served:
+            self._stage.update(found)
 
     def wait(self) -> None:
-        """Block until the viewer is closed, or until Ctrl-C.
+        """Serve the viewer until it is closed, or until Ctrl-C.
 
         Examples
         --------
         >>> import phipsi
         >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
-        >>> scene.show().wait()  # doctest: +SKIP
+        >>> scene.show(browser=True).wait()  # doctest: +SKIP
         """
+        self._serve_script()
         with contextlib.suppress(KeyboardInterrupt):
             while not self._closed.wait(0.5):
                 pass
@@ -282,7 +304,8 @@ class Viewer:
         """
         if not self._closed.is_set():
             self._closed.set()
-            self._stage.close()
+            if self._served:
+                self._stage.close()
 
     def __enter__(self) -> Viewer:
         return self
@@ -295,8 +318,8 @@ class Viewer:
 
     def _repr_html_(self) -> str:
         """The configuration or the motion as a page within a notebook."""
-        motion = self._motion if self._motion.moves else Motion(self._stage.scene, self._q, None)
-        html = _html(self._stage.scene, self._shapes, motion, self._title)
+        motion = self._motion if self._motion.moves else Motion(self._scene, self._q, None)
+        html = _html(self._scene, self._shapes, motion, self._title)
         return f'<iframe title="{escape(self._title)}" srcdoc="{escape(html)}" style="width: 100%; height: {HEIGHT}px; border: 1px solid #d9dde1"></iframe>'
 
     def _add_center_of_mass(self) -> None:
@@ -339,7 +362,7 @@ class Viewer:
         threading.Thread(target=play, name="phipsi viewer", daemon=True).start()
 
     def _add_sliders(self) -> None:
-        scene, gui = self._stage.scene, self._stage.server.gui
+        scene, gui = self._scene, self._stage.server.gui
         single = [joint for joint in scene.joint_names if _is_single(scene, joint)][:SLIDERS]
         joints, sliders = scene.joints, {}
         for name in single:
@@ -475,11 +498,22 @@ def show(
         else:
             raise ArgumentError(f"to: found {str(to)!r}; expected a path that ends in {', '.join((*PAGES, *PICTURES))}")
         return file
-    viewer = Viewer(scene, Motion(scene, motion, t, forces), urdf, _free(port, host), title, host)
-    if browser or (browser is None and not _in_notebook()):
+    # A server ends with its script, before the browser has shown the robot. A port or a host asks for the server.
+    as_page = browser is None and not port and host == HOST and not _in_notebook() and not _at_prompt()
+    viewer = Viewer(scene, Motion(scene, motion, t, forces), urdf, _free(port, host), title, host, as_page)
+    if as_page:
+        _open(viewer)
+    elif browser or (browser is None and not _in_notebook()):
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(viewer.url)
     return viewer
+
+
+def _open(viewer: Viewer) -> None:
+    """Open the viewer of a script in a browser, and print its address: nothing else shows it there."""
+    print(viewer.url, flush=True)
+    with contextlib.suppress(webbrowser.Error):
+        webbrowser.open(viewer.url)
 
 
 def _quiet() -> contextlib.AbstractContextManager[Any]:
@@ -488,6 +522,12 @@ def _quiet() -> contextlib.AbstractContextManager[Any]:
         found: contextlib.AbstractContextManager[Any] = importlib.import_module("IPython.utils.capture").capture_output()
         return found
     return contextlib.redirect_stdout(io.StringIO())
+
+
+def _at_prompt() -> bool:
+    """Whether statements are entered one by one, so that the server outlives this one."""
+    ipython = sys.modules.get("IPython")
+    return hasattr(sys, "ps1") or bool(sys.flags.interactive) or (ipython is not None and ipython.get_ipython() is not None)
 
 
 def _in_notebook() -> bool:

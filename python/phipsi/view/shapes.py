@@ -25,7 +25,7 @@ from .._load import root_of
 from .._mjcf import Names, compiled
 from .._urdf import angles
 from .._xacro import COMMENT, expanded_again
-from ..errors import ArgumentError, MeshWarning
+from ..errors import ArgumentError, MeshWarning, warn
 from ..mujoco import rotation
 from ..shapes import has_text, texts_of
 
@@ -193,7 +193,7 @@ def _of_urdf(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
     if lost:
         more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
         text = f"shapes that are not drawn: {lost[0]}{more}; expected readable files relative to the URDF or in a folder of {', '.join(SEARCHED)}"
-        warnings.warn(text, MeshWarning, stacklevel=2)
+        warn(text, MeshWarning)
 
 
 def _of_first_version(text: str) -> tuple[str, dict[tuple[str, int], list[trimesh.Trimesh]]]:

@@ -45,6 +45,8 @@ mod rotate;
 mod sensor_rows;
 mod settings;
 mod smoother;
+#[cfg(feature = "python")]
+mod stored;
 #[cfg(test)]
 mod tests;
 
@@ -286,9 +288,32 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         cost(&self.plan).saturating_mul(self.robots.len())
     }
 
-    /// An independent observer with the same estimates.
-    pub(crate) fn copied(&self, scene: S) -> Self {
-        Self { scene, plan: self.plan.clone(), robots: self.robots.clone(), pool: Pool::default() }
+    /// The state as numbers, for an observer with the same settings.
+    pub(crate) fn numbers(&self) -> Result<Vec<f64>, Error> {
+        let mut found = Vec::new();
+        for robot in &self.robots {
+            robot.clone().visit(&self.plan, &mut |part| {
+                found
+                    .try_reserve(part.len())
+                    .map_err(|_| Error::memory("observer", size_of_val(part) as u128, None))?;
+                found.extend_from_slice(part);
+                Ok(())
+            })?;
+        }
+        Ok(found)
+    }
+
+    /// Resumes from the numbers of an observer with the same settings and number of robots.
+    pub(crate) fn resume(&mut self, mut numbers: &[f64]) -> Result<(), Error> {
+        for robot in &mut self.robots {
+            robot.visit(&self.plan, &mut |part| {
+                let (own, rest) = numbers.split_at_checked(part.len()).ok_or_else(stored::another)?;
+                part.copy_from_slice(own);
+                numbers = rest;
+                Ok(())
+            })?;
+        }
+        if numbers.is_empty() { Ok(()) } else { Err(stored::another()) }
     }
 
     /// Number of components of the error, and of wrenches and biases.

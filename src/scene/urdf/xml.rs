@@ -2,7 +2,7 @@
 //! it.
 
 use super::lenient;
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use nalgebra::Vector3;
 use roxmltree::{Document, Node, ParsingOptions, TextPos};
 
@@ -32,7 +32,9 @@ impl<'a> Source<'a> {
         }
         if !self.body.starts_with('<') {
             let found = format!("text that starts with {}", quoted(self.body));
-            return Err(self.refuse(found, "XML with a <robot> element (a path is for from_urdf_file)"));
+            let expected =
+                in_language("XML with a <robot> element (a path is for from_urdf_file)", "XML with a <robot> element");
+            return Err(self.refuse(found, expected));
         }
         if let Some(at) = lenient::with_many_attributes(self.body) {
             let before = &self.body[..at];
