@@ -17,7 +17,7 @@ fn functions(scene: &Scene) -> Vec<Function> {
     for at in [0, links.len() / 2, links.len() - 1] {
         let link = || links[at].name.clone();
         all.push(Function::Placement(link()));
-        all.extend(REFERENCE_FRAMES.map(|(_, frame)| Function::Jacobian(link(), frame)));
+        all.extend(REFERENCE_FRAMES.iter().map(|&(_, frame)| Function::Jacobian(link(), frame)));
     }
     all
 }
@@ -76,7 +76,7 @@ fn what_is_watched_tells_where_digits_are_lost() {
     let people = (0..4).map(|seed| tree(seed, 7)).chain([scenes::chain(7).unwrap()]);
     for (scene, is_tame) in people.map(|scene| (scene, true)).chain(ratios.map(|scene| (scene, false))) {
         // Trees have no connections.
-        for function in WATCHED.into_iter().filter(|function| *function != Function::ConstrainedDynamicsWatched) {
+        for function in WATCHED.iter().cloned().filter(|function| *function != Function::ConstrainedDynamicsWatched) {
             let program = Program::new(&scene, &function).unwrap();
             for (which, (q, qd, u)) in states_of_people(&scene).into_iter().enumerate() {
                 tame += usize::from(is_tame);

@@ -4,7 +4,7 @@
 use crate::common::lanes::{arms, on_a_large_stack};
 use crate::common::tolerance;
 use nalgebra::Vector3;
-use phipsi::batch::{Broadcast, InstructionSet};
+use phipsi::batch::InstructionSet;
 use phipsi::motion::{ContactState, Method, RecordedRows, Records, Rollout, Settings, Simulator, Torque};
 use phipsi::scene::{
     Connection, ConnectionKind, Contact, Inertial, JointDescription, JointKind, LinkDescription, Surface,
@@ -477,7 +477,7 @@ fn steps_are_the_same_in_batches_in_pieces_and_with_records() {
     let rates: Vec<f64> = (0..5).flat_map(|i| [0.2, 0.1 * f64::from(i), 0.0, 1.0, 0.5, 0.0]).collect();
     let mut all = Rollout::new(&scene, Settings::new(&scene, 2e-3), &starts, &rates).unwrap();
     let (mut q, mut qd, mut contacts) = (vec![0.0; 5 * 11 * 7], vec![0.0; 5 * 11 * 6], vec![f64::NAN; 5 * 11 * 88]);
-    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut contacts, every: 40 };
+    let mut records = Records::new(&mut q, &mut qd).with_contacts(&mut contacts).with_every(40);
     all.advance(400, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error).unwrap();
     assert!(contacts.iter().all(|x| x.is_finite()));
     for state in 0..5 {
@@ -506,7 +506,7 @@ fn momentum_is_what_forces_and_impulses_give() {
     let rows = steps + 1;
     let (mut q, mut qd, mut contacts) = (vec![0.0; rows * 7], vec![0.0; rows * 6], vec![0.0; rows * 88]);
     let before = momentum(&scene, all.state(0));
-    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut contacts, every: 1 };
+    let mut records = Records::new(&mut q, &mut qd).with_contacts(&mut contacts);
     all.advance(steps, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error).unwrap();
     let mut given = Vector3::new(0.0, 0.0, -2.0 * G * dt * 300.0);
     for of in contacts.chunks(11) {
@@ -724,11 +724,12 @@ fn torques_and_records_of_other_sizes_are_refused() {
     let start = at(&scene, [0.0, 0.0, 1.0]);
     let mut rollout = Rollout::new(&scene, Settings::new(&scene, 1e-3), &start, &[0.0; 6]).unwrap();
     let (mut q, mut qd) = ([0.0; 14], [0.0; 12]);
-    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [0.0; 7], every: 1 };
+    let mut few = [0.0; 7];
+    let mut records = Records::new(&mut q, &mut qd).with_contacts(&mut few);
     let fault = rollout.advance(1, &Torque::Zero, Some(&mut records)).unwrap_err();
     assert!(fault.error.to_string().contains("records.contacts"), "{}", fault.error);
     let torque = [0.0, 0.0, 0.5 * G, 0.0, 0.0, 0.0];
-    let lift = Torque::Constant(Broadcast::new("tau", &torque, 6, &[], &[]).unwrap());
+    let lift = Torque::constant(&torque);
     rollout.advance(10, &lift, None).map_err(|fault| fault.error).unwrap();
     assert!((rollout.state(0).0[2] - 1.0).abs() < 1e-12);
 }
@@ -739,7 +740,7 @@ fn gradients_of_a_slide_are_those_of_its_closed_form() {
     let start = at(&scene, [0.0, 0.0, EDGES[2] / 2.0]);
     let mut rollout = Rollout::new(&scene, Settings::new(&scene, h), &start, &[2.0, 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
     let (mut q, mut qd) = (vec![0.0; 7 * (steps + 1)], vec![0.0; 6 * (steps + 1)]);
-    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 };
+    let mut records = Records::new(&mut q, &mut qd);
     rollout.advance(steps, &Torque::Zero, Some(&mut records)).unwrap();
     // The speed at the end, v - mu g t.
     let (by_q, mut by_qd) = (vec![0.0; qd.len()], vec![0.0; qd.len()]);

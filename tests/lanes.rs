@@ -473,7 +473,7 @@ fn kinematic_quantities(frames: &[Frame<f64>]) -> Vec<KinematicQuantity<'_>> {
     ];
     for frame in frames {
         all.push(KinematicQuantity::Placement(frame));
-        for (_, reference) in REFERENCE_FRAMES {
+        for &(_, reference) in REFERENCE_FRAMES {
             all.extend([
                 KinematicQuantity::Velocity(frame, reference),
                 KinematicQuantity::Acceleration(frame, reference, AccelerationKind::Spatial),

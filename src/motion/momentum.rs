@@ -75,7 +75,8 @@ pub(super) fn roots(scene: &Scene, properties: &Properties, gains: Option<&Gains
             ("friction", &properties.friction),
         ];
         if let Some(gains) = gains {
-            acting.extend([("pd.kp", &gains.proportional), ("pd.kd", &gains.derivative)]);
+            let [proportional, derivative, ..] = Gains::names();
+            acting.extend([(proportional, &gains.proportional), (derivative, &gains.derivative)]);
         }
         for (name, values) in acting {
             if let Some(value) = values[rows.clone()].iter().find(|&&value| value != 0.0) {
@@ -105,7 +106,7 @@ pub(super) fn outer_torque(scene: &Scene, roots: &[usize], torque: &[f64]) -> Op
 }
 
 /// The arrays of the correction; empty if momentum is not conserved.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct MomentumProjection<T> {
     roots: Vec<usize>,
     shift: Vec<RigidShift<T>>,

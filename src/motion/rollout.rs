@@ -19,6 +19,7 @@ use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::Scene;
+use crate::setters::setters;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
 use std::sync::{Mutex, PoisonError};
@@ -26,6 +27,7 @@ use std::sync::{Mutex, PoisonError};
 /// Destination of recorded rows: (states, rows, nq) and (states, rows, nv). Row 0 is the state at the start, row i the
 /// state after i * every steps.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Records<'a> {
     /// Configurations.
     pub q: &'a mut [f64],
@@ -40,7 +42,17 @@ pub struct Records<'a> {
     pub every: usize,
 }
 
-/// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`.
+impl<'a> Records<'a> {
+    /// A row per step, without contacts.
+    #[must_use]
+    pub fn new(q: &'a mut [f64], qd: &'a mut [f64]) -> Self {
+        Self { q, qd, contacts: &mut [], every: 1 }
+    }
+}
+
+setters!(Records<'a> { with_contacts: contacts: &'a mut [f64], with_every: every: usize });
+
+/// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`. A clone continues independently.
 ///
 /// ```
 /// use phipsi::motion::{Method, Rollout, Settings, Torque};
@@ -54,7 +66,7 @@ pub struct Records<'a> {
 /// # Ok(())
 /// # }
 /// ```
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Rollout<S> {
     scene: S,
     pub(super) settings: StepSettings,

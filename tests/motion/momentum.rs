@@ -48,7 +48,7 @@ fn momentum_of_what_only_slides_is_kept_to_rounding() {
     let u: Vec<f64> = u.iter().enumerate().map(|(i, u)| if i < 3 { 0.0 } else { *u }).collect();
     let start = momentum(&scene, &q, &v);
     let settings = Settings::new(&scene, 1.0);
-    for (name, method) in METHODS {
+    for &(name, method) in METHODS {
         let settings = settings.clone().with_method(method);
         let (q, v) = after(&scene, &settings, (&q, &v, &u), 1.0, 200);
         let end = momentum(&scene, &q, &v);
@@ -74,7 +74,7 @@ fn drift_of_momentum_and_energy_falls_with_the_order() {
     let u = vec![0.0; scene.nv()];
     let start = momentum(&scene, &q, &v);
     let energy = |q: &[f64], v: &[f64]| scene.energy(&mut scene.workspace(), q, v).unwrap().kinetic;
-    for (name, method) in METHODS {
+    for &(name, method) in METHODS {
         let settings = Settings::new(&scene, 1.0).with_method(method);
         let steps = if method.order() >= 3 { 20 } else { 200 };
         let drift = [steps, 2 * steps].map(|steps| {
@@ -154,12 +154,12 @@ fn momentum_of_floating_trees_is_kept_to_rounding_where_asked() {
         let (scene, mut settings, (q, v, u)) = floating(kinds, gravity);
         settings.dt = 1e-3;
         let (every, steps) = (100, 1200);
-        for (name, method) in METHODS {
+        for &(name, method) in METHODS {
             settings.method = method;
             let worst = |conserve_momentum: bool| {
                 let settings = settings.clone().with_conserve_momentum(conserve_momentum);
                 let mut rollout = Rollout::new(&scene, settings, &q, &v).unwrap();
-                let torque = Torque::Constant(Broadcast::new("tau", &u, scene.nv(), &[], &[]).unwrap());
+                let torque = Torque::constant(&u);
                 let mut worst = 0.0_f64;
                 for n in 1..=steps / every {
                     rollout.advance(every, &torque, None).unwrap();
@@ -193,13 +193,13 @@ fn keeping_momentum_leaves_every_method_its_order() {
         floating(&[JointKind::Spherical, JointKind::Revolute, JointKind::Planar], [0.3, -0.5, -9.6]);
     let (state, time) = ((&q[..], &v[..], &u[..]), 0.1);
     let exact = reference(&scene, &settings, state, time, 400);
-    for (name, method) in METHODS {
+    for &(name, method) in METHODS {
         settings.method = method;
         let steps = [0, 128, 64, 32, 24, 16][method.order() as usize];
         let found = [steps, 2 * steps].map(|steps| {
             let settings = settings.clone().with_dt(time / tolerance::count(steps));
             let mut rollout = Rollout::new(&scene, settings, &q, &v).unwrap();
-            let torque = Torque::Constant(Broadcast::new("tau", &u, scene.nv(), &[], &[]).unwrap());
+            let torque = Torque::constant(&u);
             rollout.advance(steps, &torque, None).unwrap();
             let (q, v) = rollout.state(0);
             let correction = rollout.correction(0).unwrap();
@@ -229,7 +229,7 @@ fn keeping_momentum_does_not_spoil_the_energy() {
     let states: Vec<_> = (0..6).map(|_| random_state(&scene, &mut random)).collect();
     let u = vec![0.0; scene.nv()];
     let energy = |q: &[f64], v: &[f64]| scene.energy(&mut scene.workspace(), q, v).unwrap().kinetic;
-    for (name, method) in METHODS {
+    for &(name, method) in METHODS {
         let steps = if method.order() >= 3 { 40 } else { 200 };
         let drift = [true, false].map(|conserve_momentum| {
             let settings = Settings::new(&scene, 1.0).with_method(method).with_conserve_momentum(conserve_momentum);
@@ -260,7 +260,7 @@ fn kept_momentum_is_the_same_in_lanes_and_however_a_run_is_cut() {
         let v: Vec<f64> = states.iter().flat_map(|state| state.1.clone()).collect();
         let torque = Torque::Constant(Broadcast::new("tau", &u, scene.nv(), &[], &[11]).unwrap());
         for form in [Form::Auto, Form::Covariance] {
-            for (name, method) in METHODS {
+            for &(name, method) in METHODS {
                 (settings.method, settings.form) = (method, form);
                 let run = |arm: InstructionSet, cuts: &[usize]| {
                     let settings = settings.clone().with_arm(arm);
@@ -276,7 +276,7 @@ fn kept_momentum_is_the_same_in_lanes_and_however_a_run_is_cut() {
                         .collect::<Vec<_>>()
                 };
                 let mut found = Vec::new();
-                for arm in INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
+                for arm in INSTRUCTION_SETS.iter().map(|&(_, arm)| arm).filter(|arm| arm.available()) {
                     found.push(run(arm, &[3]));
                     assert_eq!(found[found.len() - 1], run(arm, &[1, 2]), "{name}");
                 }
@@ -364,8 +364,8 @@ fn momentum_that_cannot_be_kept_is_refused_by_name() {
     refused(&|s| s.properties.damping[0] = 0.5, &["damping 0.5"]);
     refused(&|s| s.properties.stiffness[5] = 2.0, &["stiffness 2"]);
     refused(&|s| s.properties.friction[1] = 0.5, &["friction 0.5"]);
-    refused(&|s| s.gains.as_mut().unwrap().proportional[2] = 7.0, &["pd.kp 7"]);
-    refused(&|s| s.gains.as_mut().unwrap().derivative[4] = 7.0, &["pd.kd 7"]);
+    refused(&|s| s.gains.as_mut().unwrap().proportional[2] = 7.0, &["gains.proportional 7"]);
+    refused(&|s| s.gains.as_mut().unwrap().derivative[4] = 7.0, &["gains.derivative 7"]);
 
     let mut rollout = Rollout::new(&scene, good.clone(), &[&q[..], &q].concat(), &[&v[..], &v].concat()).unwrap();
     let mut pushed = [&u[..], &u].concat();
