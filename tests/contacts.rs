@@ -101,6 +101,40 @@ fn a_sliding_block_slows_by_mu_g_and_stops() {
     assert!((simulator.state(0).0[0] - stayed).abs() < 1e-9);
 }
 
+/// A slower rebound would last less than two steps.
+#[test]
+fn a_contact_rebounds_above_the_speed_that_gravity_adds_in_a_step() {
+    let (dt, restitution) = (1e-3, 0.5);
+    let scene = ball(0.0, restitution);
+    for (speed, rebounds) in [(0.7, false), (0.99, false), (1.01, true), (2.0, true)] {
+        let fall = [0.0, 0.0, -speed * G * dt, 0.0, 0.0, 0.0];
+        let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.1]), &fall);
+        go(&mut simulator, 1);
+        let (found, lost) = (simulator.state(0).1[2], simulator.contact_report(0).unwrap().lost_in_impacts);
+        // The impact acts on the mean of the velocities with and without gravity.
+        let free = -(speed + 1.0) * G * dt;
+        let expected = if rebounds { free + (1.0 + restitution) * (speed + 0.5) * G * dt } else { 0.0 };
+        assert!((found - expected).abs() < 1e-12, "{speed}: {found} instead of {expected}");
+        assert!(if rebounds { lost > 0.0 } else { lost == 0.0 }, "{speed}: {lost}");
+    }
+}
+
+/// The velocity that a contact has to remove in a step can be much smaller than the speed of the robot, whose rounding
+/// errors decide whether a slip is one.
+#[test]
+fn a_slip_is_one_relative_to_the_speed_of_the_robot() {
+    let (dt, down, scene) = (1e-3, 1.0, ball(1e-3, 0.0));
+    for (slip, state) in [(3e-10, ContactState::Sticking), (3e-8, ContactState::Sliding)] {
+        // Without the contact, the step ends 1e-11 m below the surface.
+        let height = 0.1 + dt * (down + G * dt - 1e-8);
+        let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, height]), &[slip, 0.0, -down, 0.0, 0.0, 0.0]);
+        go(&mut simulator, 1);
+        let (q, qd) = simulator.state(0);
+        assert!((q[2] - 0.1).abs() < 1e-13 && qd[0] > 0.9 * slip, "{q:?} {qd:?}");
+        assert_eq!(states(&simulator), [state], "{slip}");
+    }
+}
+
 /// On every instruction set, a state of a batch has the same bits as alone, also if some states of a register need the
 /// checked step, as those of a ball that rebounds; and instruction sets agree.
 #[test]

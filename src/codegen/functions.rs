@@ -230,7 +230,7 @@ impl Function {
     /// All functions with code for `scene`, without those of one link and those that return a margin.
     #[must_use]
     pub fn of(scene: &Scene) -> Vec<Self> {
-        FUNCTIONS.iter().cloned().filter(|function| function.check(scene).is_ok()).collect()
+        FUNCTIONS.iter().filter(|function| function.check(scene).is_ok()).cloned().collect()
     }
 
     /// An error if there is no code of this function for the connections, contacts or mimic joints of the scene.

@@ -37,7 +37,7 @@ pub(super) fn of_batch(py: Python<'_>, error: &Error, batch: &[usize]) -> PyErr 
 fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> {
     let mut message = error.to_string();
     let attributes = PyDict::new(py);
-    let error = if let Error::Step { error, .. } = error { error } else { error };
+    let error = if let Error::Step { error, .. } = error { &**error } else { error };
     if let Error::NotFinite { state, .. }
     | Error::SingularJoint { state, .. }
     | Error::SingularTask { state, .. }
