@@ -126,14 +126,21 @@ EXAMPLES := $(patsubst %,examples/%.py,ant computed_torque dropped_box four_bar 
 # Another processor architecture: its kernels are compiled, but not run.
 OTHER := aarch64-unknown-linux-gnu
 
+# The oldest Rust that Cargo.toml allows; clippy knows the version of each function of std, but not of the language.
+OLDEST_RUST := $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+
 check: export CARGO_INCREMENTAL = 0
 check: $(VENV)/test
 	cargo fmt --check
 	cargo clippy --locked --all-targets --no-default-features -- -D warnings
 	cargo clippy --locked --all-targets --features $(ALL_FEATURES) -- -D warnings
 	cargo clippy --locked --all-targets --features python,avx512,float32 -- -D warnings
+	if rustup toolchain install $(OLDEST_RUST) --profile minimal --no-self-update; then \
+	  for features in --no-default-features --features=default --features=$(ALL_FEATURES); do cargo +$(OLDEST_RUST) check --locked --lib $$features || exit 1; done; \
+	else echo "Rust $(OLDEST_RUST): not checked: rustup cannot install it here"; fi
 	if rustup target add $(OTHER); then cargo clippy --locked --lib --features $(ALL_FEATURES) --target $(OTHER) -- -D warnings; \
 	else echo "$(OTHER): not checked: rustup does not support it here"; fi
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --no-default-features
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(ALL_FEATURES)
 	$(BIN)/phipsi codegen -o target/codegen --lang rust --name bundled
 	CARGO_TARGET_DIR=target cargo clippy --manifest-path target/codegen/Cargo.toml --all-targets -- -D warnings

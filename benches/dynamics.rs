@@ -60,7 +60,7 @@ fn forms(c: &mut Criterion) {
         let scene = scenes::chain(n).expect("a chain");
         let states = states(&scene);
         let mut evaluator = scene.evaluator();
-        for (name, form) in FORMS {
+        for &(name, form) in FORMS {
             for (what, algorithm) in [
                 ("forward_dynamics", Algorithm::ForwardDynamics(form)),
                 ("mass_matrix_inverse", Algorithm::MassMatrixInverse(form)),
@@ -97,7 +97,8 @@ fn auto_states(c: &mut Criterion) {
         let (random, mut evaluator) = (states(&scene), scene.evaluator());
         let lanes = evaluator.lanes();
         for (kind, states) in KINDS.map(|(text, kind)| (text, states_of(kind, &scene, &random))) {
-            for (form_name, form) in FORMS.into_iter().filter(|(_, form)| matches!(form, Form::Auto | Form::Covariance))
+            for (form_name, form) in
+                FORMS.iter().copied().filter(|(_, form)| matches!(form, Form::Auto | Form::Covariance))
             {
                 let algorithm = Algorithm::ForwardDynamics(form);
                 let all: Vec<_> = states.iter().map(|state| arguments(algorithm, state)).collect();
@@ -215,7 +216,7 @@ fn derivatives(c: &mut Criterion) {
                     .expect("a state");
             });
         });
-        for (form_name, form) in FORMS {
+        for &(form_name, form) in FORMS {
             workspace.form = form;
             group.bench_function(BenchmarkId::new(format!("forward/{form_name}"), &name), |b| {
                 b.iter(|| {

@@ -33,7 +33,7 @@ fn steps(c: &mut Criterion) {
         group.bench_function(format!("forward dynamics, {name}"), |b| {
             b.iter(|| scene.evaluate(&mut evaluator, Algorithm::ForwardDynamics(form), black_box(&states), &mut out));
         });
-        for (method_name, method) in METHODS {
+        for &(method_name, method) in METHODS {
             for (stiffness, springs) in [(0.0, ""), (10.0, ", springs")] {
                 let mut settings = Settings::new(&scene, 1e-5).with_method(method).with_form(form);
                 settings.properties.stiffness.fill(stiffness);
@@ -57,28 +57,18 @@ fn steps(c: &mut Criterion) {
 fn observer_steps(c: &mut Criterion) {
     let scene = common::model("ur5").unwrap_or_else(|| phipsi::scenes::chain(6).expect("a chain"));
     let tool = scene.joints().last().expect("a joint").child.clone();
-    let with_bias = |name: &str, quantity, noise, bias: f64| Sensor {
-        bias,
-        bias_walk: 0.05 * bias,
-        ..Sensor::new(name, quantity, noise)
+    let with_bias = |name: &str, quantity, noise, bias: f64| {
+        Sensor::new(name, quantity, noise).with_bias(bias).with_bias_walk(0.05 * bias)
     };
-    let mut settings = ObserverSettings {
-        dt: 2e-3,
-        sensors: vec![
-            Sensor::new("encoder", Quantity::Encoder(None), 1e-4),
-            with_bias("gyro", Quantity::Gyro(tool.as_str().into()), 5e-3, 0.02),
-            with_bias("accelerometer", Quantity::Accelerometer(tool.as_str().into()), 0.05, 0.1),
-        ],
-        torque_noise: vec![0.01; 6],
-        wrenches: vec![ExternalWrench {
-            link: tool,
-            density: [1.0, 1.0, 1.0, 100.0, 100.0, 100.0],
-            correlation_time: f64::INFINITY,
-            deviation: None,
-        }],
-        initial: [[1e-3; 6], [1e-2; 6]].concat(),
-        history: 0,
-    };
+    let sensors = vec![
+        Sensor::new("encoder", Quantity::Encoder(None), 1e-4),
+        with_bias("gyro", Quantity::Gyro(tool.as_str().into()), 5e-3, 0.02),
+        with_bias("accelerometer", Quantity::Accelerometer(tool.as_str().into()), 0.05, 0.1),
+    ];
+    let mut settings = ObserverSettings::new(&scene, 2e-3, sensors)
+        .with_torque_noise([0.01; 6])
+        .with_wrenches([ExternalWrench::new(tool, [1.0, 1.0, 1.0, 100.0, 100.0, 100.0])])
+        .with_initial([[1e-3; 6], [1e-2; 6]].concat());
     let (q, qd) = ([0.3, -0.6, 0.9, 0.1, 0.4, 0.2], [0.0; 6]);
     let mut held = [0.0; 6];
     scene.gravity_torque(&mut scene.workspace(), &q, &mut held).expect("torques");

@@ -22,7 +22,7 @@ fn operators(criterion: &mut Criterion) {
         let scene = scenes::chain(bodies).expect("a chain");
         let factor = scene.factor(&mut scene.workspace(), &wave(bodies, 2.0)).expect("no singular joint");
         group.throughput(Throughput::Elements(bodies as u64));
-        for (name, kind) in KINDS {
+        for &(name, kind) in KINDS {
             let operator = factor.operator(kind);
             let (rows, columns) = operator.shape();
             let (x, mut y) = (wave(columns, 1.0), vec![f64::NAN; rows]);

@@ -228,7 +228,7 @@ fn cases(name: &str, scene: &Scene, seconds: f64) -> Vec<String> {
                 arm.name()
             ));
         };
-        for (_, arm) in INSTRUCTION_SETS.into_iter().filter(|(_, arm)| arm.available()) {
+        for (_, arm) in INSTRUCTION_SETS.iter().copied().filter(|(_, arm)| arm.available()) {
             let mut evaluator = Evaluator::on(arm, scene);
             let mut out = vec![0.0; scene.width(algorithm)];
             let mut cycle = all.iter().cycle();

@@ -42,7 +42,7 @@ impl Group {
         let algorithm = named(&ALGORITHMS, name).ok_or_else(|| format!("no algorithm {name:?}"))?;
         let mut group = Self { algorithm, batch, arm: InstructionSet::of_process(), kind: None };
         for part in parts {
-            if let Some(form) = named(&FORMS, part) {
+            if let Some(form) = named(FORMS, part) {
                 group.algorithm = match algorithm {
                     Algorithm::ForwardDynamics(_) => Algorithm::ForwardDynamics(form),
                     Algorithm::MassMatrixInverse(_) => Algorithm::MassMatrixInverse(form),
@@ -55,7 +55,7 @@ impl Group {
                 group.kind = Some(kind);
             } else {
                 // Otherwise another instruction set than the requested one would be measured.
-                let arm = named(&INSTRUCTION_SETS, part).filter(|arm| arm.available());
+                let arm = named(INSTRUCTION_SETS, part).filter(|arm| arm.available());
                 group.arm =
                     arm.ok_or_else(|| format!("{part:?} is no form, no kind of states, and no arm of this processor"))?;
             }

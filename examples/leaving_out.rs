@@ -38,7 +38,7 @@ fn scene(simplifications: Simplifications, gravity: [f64; 3], kind: &str) -> Res
 fn main() -> Result<(), Error> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let given = |i: usize| arguments.get(i).map_or("", String::as_str);
-    let switch = Simplifications::SWITCHES.into_iter().find(|(name, _)| *name == given(0));
+    let switch = Simplifications::SWITCHES.iter().copied().find(|(name, _)| *name == given(0));
     let simplifications = switch.map_or_else(Simplifications::all, |(_, switch)| Simplifications::all_but(switch));
     let gravity = if given(2) == "weightless" { [0.0; 3] } else { [0.0, 0.0, -9.81] };
     let calls: usize = given(3).parse().unwrap_or(1000);

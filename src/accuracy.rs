@@ -93,7 +93,7 @@ impl Accuracy {
         if self.doubled {
             return "double-double";
         }
-        name_in(&self.form, &FORMS)
+        name_in(&self.form, FORMS)
     }
 }
 

@@ -129,6 +129,12 @@ impl<'a, P> Broadcast<'a, P> {
         Ok(Self { data, width, steps, states })
     }
 
+    /// One state, `data`, that all states of any batch share.
+    #[must_use]
+    pub fn shared(data: &'a [P]) -> Self {
+        Self { data, width: data.len(), steps: Steps::Shared, states: usize::MAX }
+    }
+
     /// Checks that the argument has a state for each index of a batch of `states` states.
     pub(crate) fn check_states(&self, argument: &str, states: usize) -> Result<(), Error> {
         if states <= self.states {
@@ -239,6 +245,13 @@ pub struct Pool<S> {
 impl<S> Default for Pool<S> {
     fn default() -> Self {
         Self { idle: Mutex::new(Vec::new()) }
+    }
+}
+
+/// A clone has its own scratch, and begins without any.
+impl<S> Clone for Pool<S> {
+    fn clone(&self) -> Self {
+        Self::default()
     }
 }
 

@@ -115,6 +115,18 @@ pub enum Error {
         /// The size requested and the memory available.
         request: Box<MemoryRequest>,
     },
+    /// A step of a simulation that failed.
+    #[error("{}: {error}", of_step(*step, *state, joint))]
+    Step {
+        /// Index of the step, from zero.
+        step: usize,
+        /// Index of the state in the batch.
+        state: usize,
+        /// The joint that caused the fault; empty if it is not one joint.
+        joint: String,
+        /// The error of the step.
+        error: Box<Error>,
+    },
     /// The caller stopped the work: see [`interrupt`](crate::interrupt).
     #[error("interrupted")]
     Interrupted,
@@ -197,6 +209,12 @@ fn in_state(state: Option<usize>) -> String {
     state.map_or_else(String::new, |index| format!(" in state {index}"))
 }
 
+/// Text that names a step, its state and its joint, if there is one.
+pub(crate) fn of_step(step: usize, state: usize, joint: &str) -> String {
+    let joint = if joint.is_empty() { String::new() } else { format!(", joint {joint:?}") };
+    format!("step {step}, state {state}{joint}")
+}
+
 /// The failed state of lowest index in a batch. `?` converts it to an [`Error`] that names the state.
 #[derive(Debug, Clone, PartialEq, ThisError)]
 #[error("state {state}: {error}")]
@@ -224,6 +242,8 @@ impl Error {
         | Self::Constraint { state, .. } = &mut self
         {
             *state = Some(index);
+        } else if let Self::Step { state, .. } = &mut self {
+            *state = index;
         } else if let Self::Argument { found, .. } = &mut self {
             *found = format!("{found} in state {index}");
         }

@@ -7,12 +7,13 @@
 //!
 //! ```
 //! use phipsi::{Error, interrupt};
+//! use std::sync::Arc;
 //! use std::sync::atomic::{AtomicBool, Ordering};
 //!
-//! static STOP: AtomicBool = AtomicBool::new(false);
-//!
-//! STOP.store(true, Ordering::Relaxed); // set by another thread or a signal handler
-//! let outcome = interrupt::during(|| STOP.load(Ordering::Relaxed), || loop {
+//! let stop = Arc::new(AtomicBool::new(false));
+//! let seen = Arc::clone(&stop);
+//! stop.store(true, Ordering::Relaxed); // by another thread or a signal handler
+//! let outcome = interrupt::during(move || seen.load(Ordering::Relaxed), || loop {
 //!     // Rollouts, sampling and batches call `check` themselves.
 //!     if let Err(error) = interrupt::check() {
 //!         break error;
@@ -23,6 +24,7 @@
 
 use crate::error::Error;
 use std::cell::RefCell;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -30,12 +32,14 @@ use std::time::{Duration, Instant};
 /// Time between two calls of the stop function.
 pub(crate) const PERIOD: Duration = Duration::from_millis(50);
 
+/// The stop function of a caller.
+type Stop = Rc<dyn Fn() -> bool>;
+
 /// The interruption state of a thread inside [`during`].
-#[derive(Debug, Clone)]
 struct Interruption {
     stopped: Arc<AtomicBool>,
     /// The stop function: set only on the thread that called [`during`].
-    stop: Option<fn() -> bool>,
+    stop: Option<Stop>,
     last: Option<Instant>,
 }
 
@@ -61,9 +65,10 @@ impl Drop for Before {
 /// Runs `work`. This thread calls `stop` about every 50 ms; once it returns true, [`check`] fails on all threads of the
 /// work.
 ///
-/// Calls can be nested: the inner `stop` replaces the outer one until the inner work ends.
-pub fn during<R>(stop: fn() -> bool, work: impl FnOnce() -> R) -> R {
-    let current = Interruption { stopped: Arc::new(AtomicBool::new(false)), stop: Some(stop), last: None };
+/// Calls can be nested: the inner `stop` replaces the outer one until the inner work ends. `stop` owns what it reads,
+/// for instance an `Arc<AtomicBool>`.
+pub fn during<R>(stop: impl Fn() -> bool + 'static, work: impl FnOnce() -> R) -> R {
+    let current = Interruption { stopped: Arc::new(AtomicBool::new(false)), stop: Some(Rc::new(stop)), last: None };
     let _before = Before::replaced_by(Some(current));
     work()
 }
@@ -95,14 +100,14 @@ pub fn check() -> Result<(), Error> {
 
 impl Interruption {
     /// The stop function, if its next call is due.
-    fn due(&mut self) -> Result<Option<fn() -> bool>, Error> {
+    fn due(&mut self) -> Result<Option<Stop>, Error> {
         if self.stopped.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        let Some(stop) = self.stop else { return Ok(None) };
+        let Some(stop) = &self.stop else { return Ok(None) };
         let now = Instant::now();
         let last = *self.last.get_or_insert(now);
-        Ok((now.duration_since(last) >= PERIOD).then_some(stop))
+        Ok((now.duration_since(last) >= PERIOD).then(|| Rc::clone(stop)))
     }
 }
 
@@ -145,9 +150,7 @@ impl StopSignal {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::AtomicUsize;
-
-    static CALLS: AtomicUsize = AtomicUsize::new(0);
+    use std::cell::Cell;
 
     /// Checks until interrupted, for at most one second.
     fn work() -> Result<(), Error> {
@@ -160,9 +163,11 @@ mod tests {
 
     #[test]
     fn the_stop_function_ends_the_work_and_nothing_after_it() {
-        let third = || CALLS.fetch_add(1, Ordering::Relaxed) == 2;
+        let calls = Rc::new(Cell::new(0));
+        let counted = Rc::clone(&calls);
+        let third = move || counted.replace(counted.get() + 1) == 2;
         assert_eq!(during(third, work), Err(Error::Interrupted));
-        assert_eq!(CALLS.load(Ordering::Relaxed), 3);
+        assert_eq!(calls.get(), 3);
         assert_eq!(check(), Ok(()));
     }
 

@@ -199,7 +199,7 @@
 //! |---|---|
 //! | `derivatives` | derivatives of forward and inverse dynamics: [`dynamics::derivatives`] |
 //! | `motion` | simulation, contacts, gradients of rollouts: [`motion`]; includes `derivatives` |
-//! | `estimation` | identification, observers, variances: [`estimation`]; includes `derivatives` |
+//! | `estimation` | observers, variances, parts of identification (the rest is in Python): [`estimation`]; includes `derivatives` |
 //! | `inverse-kinematics` | [`inverse_kinematics`] |
 //! | `operators` | the operators of the paper as objects: [`operators`] |
 //! | `codegen` | code for one robot in C, CUDA or Rust: [`codegen`]; includes `derivatives` |
@@ -215,7 +215,7 @@
 
 #![cfg_attr(
     not(all(feature = "estimation", feature = "inverse-kinematics", feature = "motion", feature = "report")),
-    allow(dead_code, unused_imports)
+    allow(dead_code, unused_imports, rustdoc::broken_intra_doc_links)
 )]
 
 mod accuracy;

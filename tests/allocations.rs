@@ -2,15 +2,16 @@
 
 use crate::common::loops::{self, four_bar};
 use crate::common::{KINDS_WITH_FIXED, Random, Tree, random_state};
-use nalgebra::Vector6;
+use nalgebra::{Vector3, Vector6};
 use phipsi::batch::Broadcast;
 use phipsi::dynamics::InverseScratch;
 use phipsi::dynamics::OperationalScratch;
 use phipsi::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measurements};
+use phipsi::inverse_kinematics::{Goal, Options, RateOptions, Solver, Task};
 use phipsi::kinematics::{AccelerationKind, ReferenceFrame};
 use phipsi::motion::{Gains, METHODS, Method, Settings, Simulator, Torque};
-use phipsi::scene::ConnectionKind;
-use phipsi::spatial::RigidShift;
+use phipsi::scene::{ConnectionKind, Inertial, JointDescription, JointKind, LinkDescription};
+use phipsi::spatial::{RigidShift, Symmetric3};
 use phipsi::{Arguments, Form, Scene, Workspace};
 
 /// Additional memory of some algorithms, and error estimates.
@@ -225,6 +226,74 @@ fn products_allocate_nothing_after_the_first() {
     }
 }
 
+/// The first call allocates scratch in the workspace.
+#[test]
+fn derivatives_allocate_nothing_after_the_first_call() {
+    for scene in scenes() {
+        let (mut workspace, state) = (scene.workspace(), State::new(&scene, 1));
+        let mut out = vec![f64::NAN; 3 * scene.nv() * scene.nv()];
+        let mut call = || {
+            let (q, qd, u, wrenches) = (&state.q, &state.qd, &state.tau, &state.wrenches);
+            scene.inverse_dynamics_derivatives(&mut workspace, q, qd, u, wrenches, &mut out).unwrap();
+            scene.forward_dynamics_derivatives(&mut workspace, q, qd, u, wrenches, &mut out).unwrap();
+        };
+        call();
+        let seen = allocation_counter::measure(&mut call);
+        assert_eq!(seen.count_total, 0, "{seen:?}");
+    }
+}
+
+/// Every kind of task, in the base frame and relative to another link.
+fn tasks(scene: &Scene, q: &[f64]) -> Vec<Task> {
+    let (frame, other) = (scene.frame(&LINK.into()).unwrap(), scene.frame(&"link2".into()).unwrap());
+    let target = scene.placement(q, frame).unwrap();
+    let (axis, lever) = (Vector3::z(), target.lever);
+    let goals = [
+        Goal::Pose { frame, target },
+        Goal::Position { frame, target: lever },
+        Goal::Orientation { frame, target: target.rotation },
+        Goal::Direction { frame, axis, target: target.rotation * axis },
+        Goal::LookAt { frame, axis, target: lever + target.rotation * axis },
+        Goal::CenterOfMass(scene.center_of_mass(&mut scene.workspace(), q).unwrap()),
+    ];
+    let relative = Task::new(Goal::Position { frame, target: Vector3::new(0.1, 0.2, 0.3) }).with_relative_to(other);
+    goals.into_iter().map(Task::new).chain([relative]).collect()
+}
+
+/// With limits, with a posture, and as steps of a control loop with velocity limits of the joints and of the caller.
+#[test]
+fn inverse_kinematics_allocates_nothing_after_the_first_call() {
+    let closed = four_bar(ConnectionKind::Point, [1.0, 2.0, 0.5]);
+    let of_loop = loops::state(&closed, 1, 0.5).0;
+    let trees = scenes().take(3).map(|scene| {
+        let q = State::new(&scene, 5).q;
+        (tasks(&scene, &q), q, scene)
+    });
+    let link = closed.frame(&closed.joints()[0].child.as_str().into()).unwrap();
+    let point = Goal::Position { frame: link, target: Vector3::new(0.3, 0.2, 0.1) };
+    for (tasks, start, scene) in trees.chain([(vec![Task::new(point)], of_loop, closed)]) {
+        let mut workspace = scene.workspace();
+        let (mut q, mut qd) = (vec![f64::NAN; scene.nq()], vec![f64::NAN; scene.nv()]);
+        let (velocity, mut covariance) = (vec![1.0; scene.nv()], vec![f64::NAN; scene.nv() * scene.nv()]);
+        for posture in [None, Some(1.0)] {
+            let options = Options::default().with_starts(3).with_iterations(10).with_posture(posture);
+            let mut solver = Solver::new(&scene, &options).unwrap();
+            let is_tree = scene.constraint_rows() == 0;
+            let mut call = || {
+                let room = is_tree.then_some(&mut covariance[..]);
+                solver.solve(&mut workspace, &tasks, &start, room, &mut q).unwrap();
+                let rates = RateOptions::new(0.01);
+                solver.rates(&mut workspace, &tasks, &start, &rates, &mut qd).unwrap();
+                let limited = rates.with_velocity(&velocity[..]);
+                solver.rates(&mut workspace, &tasks, &start, &limited, &mut qd).unwrap();
+            };
+            call();
+            let seen = allocation_counter::measure(&mut call);
+            assert_eq!(seen.count_total, 0, "{posture:?}, {} rows: {seen:?}", scene.constraint_rows());
+        }
+    }
+}
+
 /// After any other call with another state, bitwise equal to results with a workspace filled with NaN.
 #[test]
 fn algorithms_use_nothing_stale() {
@@ -283,13 +352,42 @@ fn steps_through_connections_allocate_nothing_after_the_first() {
     }
 }
 
+/// Exact dry friction, and joints that rest at stops.
+#[test]
+fn steps_with_friction_and_at_stops_allocate_nothing() {
+    for friction in [0.0, 0.3] {
+        let mut builder = phipsi::SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+        for k in 0..3 {
+            let (parent, child) = (if k == 0 { "base".into() } else { format!("link{}", k - 1) }, format!("link{k}"));
+            let inertial = Inertial {
+                mass: 1.0,
+                center: Vector3::new(0.3, 0.0, 0.0),
+                central: Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]),
+            };
+            builder = builder.link(LinkDescription { name: child.clone(), inertial: Some(inertial) });
+            let mut joint = JointDescription::new(format!("joint{k}"), JointKind::Revolute, parent, child);
+            joint.axis = Vector3::y();
+            (joint.limits.lower, joint.limits.upper) = (-0.05, 0.05);
+            joint.friction = friction;
+            builder = builder.joint(joint);
+        }
+        let scene = builder.build().unwrap();
+        let mut simulator = Simulator::new(&scene, Settings::new(&scene, 1e-3), &[0.0; 3], &[0.0; 3]).unwrap();
+        // Until the joints rest at their stops.
+        simulator.step(&Torque::Zero, 1_500).unwrap();
+        let seen = allocation_counter::measure(|| simulator.step(&Torque::Zero, 10).unwrap());
+        assert!((simulator.state(0).0[0] - 0.05).abs() <= 1e-9, "{:?}", simulator.state(0));
+        assert_eq!(seen.count_total, 0, "friction {friction}: {seen:?}");
+    }
+}
+
 /// One state and seven, with all forces that can act, by every method; the first step allocates the scratch memory.
 #[test]
 fn a_simulator_allocates_nothing_after_its_first_step() {
     for scene in scenes().take(2) {
         let state = State::new(&scene, 5);
         let (nq, nv) = (scene.nq(), scene.nv());
-        for (name, method) in METHODS {
+        for &(name, method) in METHODS {
             let mut settings = Settings::new(&scene, 1e-4).with_method(method);
             let p = &mut settings.properties;
             for acting in [&mut p.damping, &mut p.stiffness, &mut p.friction] {

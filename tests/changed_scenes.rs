@@ -51,7 +51,7 @@ fn properties_that_cannot_be_are_refused_by_their_name() {
     let scene = arm();
     let first = scene.joints()[0].name.clone();
     for (joint, value) in [("knee", 1.0), (&*first, -1.0), (&*first, f64::NAN), (&*first, f64::INFINITY)] {
-        for property in Property::ALL {
+        for &property in Property::ALL {
             let error = scene.with_properties([(joint, property, value)]).unwrap_err();
             assert!(matches!(&error, Error::Argument { argument, .. } if argument == property.name()), "{error}");
         }

@@ -17,7 +17,7 @@ fn functions(scene: &Scene) -> Vec<Function> {
     for at in [0, links.len() / 2, links.len() - 1] {
         let link = || links[at].name.clone();
         all.push(Function::Placement(link()));
-        all.extend(REFERENCE_FRAMES.map(|(_, frame)| Function::Jacobian(link(), frame)));
+        all.extend(REFERENCE_FRAMES.iter().map(|&(_, frame)| Function::Jacobian(link(), frame)));
     }
     all
 }
@@ -37,6 +37,33 @@ fn states_of_people(scene: &Scene) -> Vec<State> {
         (q.clone(), qd, still.clone()),
         (q, one, still),
     ]
+}
+
+/// In the code, its header and its test, for each function.
+#[test]
+fn c_has_functions_for_batches_only_on_request() {
+    let scene = scenes::chain(3).unwrap();
+    let functions = [Function::ForwardDynamics, Function::MassMatrix];
+    for (width, batches) in
+        [(Width::Double, false), (Width::Double, true), (Width::Single, false), (Width::Single, true)]
+    {
+        let files = sources(&scene, "arm", &functions, (width, batches)).unwrap();
+        for (file, text) in files.iter().filter(|(file, _)| file != "Makefile") {
+            for function in &functions {
+                let (one, many) = (format!("arm_{}(", function.name()), format!("arm_{}_batch(", function.name()));
+                assert!(text.contains(&one), "{file}: no {one}");
+                assert_eq!(text.contains(&many), batches, "{file}: {many}");
+            }
+        }
+        let text = |name: &str| &files.iter().find(|(file, _)| file == name).unwrap().1;
+        assert_eq!(text("arm.h").contains("<stddef.h>"), batches);
+        // Between the two lines are the functions of one state.
+        let guards = ["#ifndef ARM_BATCHES_ALONE", "#endif /* ARM_BATCHES_ALONE */"];
+        let places = guards.map(|guard| text("arm.c").find(guard));
+        let [one, many] = ["void arm_mass_matrix(", "int arm_mass_matrix_batch("].map(|of| text("arm.c").find(of));
+        assert_eq!(places.map(|place| place.is_some()), [batches; 2]);
+        assert!(!batches || (places[0] < one && one < places[1] && places[1] < many), "{places:?}");
+    }
 }
 
 #[test]
@@ -76,8 +103,8 @@ fn what_is_watched_tells_where_digits_are_lost() {
     let people = (0..4).map(|seed| tree(seed, 7)).chain([scenes::chain(7).unwrap()]);
     for (scene, is_tame) in people.map(|scene| (scene, true)).chain(ratios.map(|scene| (scene, false))) {
         // Trees have no connections.
-        for function in WATCHED.into_iter().filter(|function| *function != Function::ConstrainedDynamicsWatched) {
-            let program = Program::new(&scene, &function).unwrap();
+        for function in WATCHED.iter().filter(|function| **function != Function::ConstrainedDynamicsWatched) {
+            let program = Program::new(&scene, function).unwrap();
             for (which, (q, qd, u)) in states_of_people(&scene).into_iter().enumerate() {
                 tame += usize::from(is_tame);
                 let seeds = [21, 22, 23].map(|seed| Random::new(seed).array(scene.nv(), 1.0));

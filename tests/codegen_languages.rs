@@ -291,11 +291,11 @@ fn kernels_are_one_a_function_and_include_nothing() {
 fn names_that_no_crate_can_have_are_refused() {
     let scene = scenes::chain(2).unwrap();
     for name in ["", "7dof", "ur-5", "fn", "core", "self", "_"] {
-        let error = rust_sources(&scene, name, &FUNCTIONS).unwrap_err().to_string();
+        let error = rust_sources(&scene, name, FUNCTIONS).unwrap_err().to_string();
         assert!(error.contains("name"), "{error}");
     }
     for name in ["", "7dof", "ur-5"] {
-        let error = cuda_sources(&scene, name, &FUNCTIONS, Width::Double).unwrap_err().to_string();
+        let error = cuda_sources(&scene, name, FUNCTIONS, Width::Double).unwrap_err().to_string();
         assert!(error.contains("name"), "{error}");
     }
     assert!(rust_sources(&scene, "arm", &[]).unwrap_err().to_string().contains("functions"));

@@ -4,7 +4,7 @@
 use crate::common::lanes::{arms, on_a_large_stack};
 use crate::common::tolerance;
 use nalgebra::Vector3;
-use phipsi::batch::{Broadcast, InstructionSet};
+use phipsi::batch::InstructionSet;
 use phipsi::motion::{ContactState, Method, RecordedRows, Records, Rollout, Settings, Simulator, Torque};
 use phipsi::scene::{
     Connection, ConnectionKind, Contact, Inertial, JointDescription, JointKind, LinkDescription, Surface,
@@ -99,6 +99,40 @@ fn a_sliding_block_slows_by_mu_g_and_stops() {
     let stayed = q[0];
     go(&mut simulator, 1000);
     assert!((simulator.state(0).0[0] - stayed).abs() < 1e-9);
+}
+
+/// A slower rebound would last less than two steps.
+#[test]
+fn a_contact_rebounds_above_the_speed_that_gravity_adds_in_a_step() {
+    let (dt, restitution) = (1e-3, 0.5);
+    let scene = ball(0.0, restitution);
+    for (speed, rebounds) in [(0.7, false), (0.99, false), (1.01, true), (2.0, true)] {
+        let fall = [0.0, 0.0, -speed * G * dt, 0.0, 0.0, 0.0];
+        let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.1]), &fall);
+        go(&mut simulator, 1);
+        let (found, lost) = (simulator.state(0).1[2], simulator.contact_report(0).unwrap().lost_in_impacts);
+        // The impact acts on the mean of the velocities with and without gravity.
+        let free = -(speed + 1.0) * G * dt;
+        let expected = if rebounds { free + (1.0 + restitution) * (speed + 0.5) * G * dt } else { 0.0 };
+        assert!((found - expected).abs() < 1e-12, "{speed}: {found} instead of {expected}");
+        assert!(if rebounds { lost > 0.0 } else { lost == 0.0 }, "{speed}: {lost}");
+    }
+}
+
+/// The velocity that a contact has to remove in a step can be much smaller than the speed of the robot, whose rounding
+/// errors decide whether a slip is one.
+#[test]
+fn a_slip_is_one_relative_to_the_speed_of_the_robot() {
+    let (dt, down, scene) = (1e-3, 1.0, ball(1e-3, 0.0));
+    for (slip, state) in [(3e-10, ContactState::Sticking), (3e-8, ContactState::Sliding)] {
+        // Without the contact, the step ends 1e-11 m below the surface.
+        let height = 0.1 + dt * (down + G * dt - 1e-8);
+        let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, height]), &[slip, 0.0, -down, 0.0, 0.0, 0.0]);
+        go(&mut simulator, 1);
+        let (q, qd) = simulator.state(0);
+        assert!((q[2] - 0.1).abs() < 1e-13 && qd[0] > 0.9 * slip, "{q:?} {qd:?}");
+        assert_eq!(states(&simulator), [state], "{slip}");
+    }
 }
 
 /// On every instruction set, a state of a batch has the same bits as alone, also if some states of a register need the
@@ -476,7 +510,7 @@ fn steps_are_the_same_in_batches_in_pieces_and_with_records() {
     let rates: Vec<f64> = (0..5).flat_map(|i| [0.2, 0.1 * f64::from(i), 0.0, 1.0, 0.5, 0.0]).collect();
     let mut all = Rollout::new(&scene, Settings::new(&scene, 2e-3), &starts, &rates).unwrap();
     let (mut q, mut qd, mut contacts) = (vec![0.0; 5 * 11 * 7], vec![0.0; 5 * 11 * 6], vec![f64::NAN; 5 * 11 * 88]);
-    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut contacts, every: 40 };
+    let mut records = Records::new(&mut q, &mut qd).with_contacts(&mut contacts).with_every(40);
     all.advance(400, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error).unwrap();
     assert!(contacts.iter().all(|x| x.is_finite()));
     for state in 0..5 {
@@ -505,7 +539,7 @@ fn momentum_is_what_forces_and_impulses_give() {
     let rows = steps + 1;
     let (mut q, mut qd, mut contacts) = (vec![0.0; rows * 7], vec![0.0; rows * 6], vec![0.0; rows * 88]);
     let before = momentum(&scene, all.state(0));
-    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut contacts, every: 1 };
+    let mut records = Records::new(&mut q, &mut qd).with_contacts(&mut contacts);
     all.advance(steps, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error).unwrap();
     let mut given = Vector3::new(0.0, 0.0, -2.0 * G * dt * 300.0);
     for of in contacts.chunks(11) {
@@ -721,11 +755,12 @@ fn torques_and_records_of_other_sizes_are_refused() {
     let start = at(&scene, [0.0, 0.0, 1.0]);
     let mut rollout = Rollout::new(&scene, Settings::new(&scene, 1e-3), &start, &[0.0; 6]).unwrap();
     let (mut q, mut qd) = ([0.0; 14], [0.0; 12]);
-    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [0.0; 7], every: 1 };
+    let mut few = [0.0; 7];
+    let mut records = Records::new(&mut q, &mut qd).with_contacts(&mut few);
     let fault = rollout.advance(1, &Torque::Zero, Some(&mut records)).unwrap_err();
     assert!(fault.error.to_string().contains("records.contacts"), "{}", fault.error);
     let torque = [0.0, 0.0, 0.5 * G, 0.0, 0.0, 0.0];
-    let lift = Torque::Constant(Broadcast::new("tau", &torque, 6, &[], &[]).unwrap());
+    let lift = Torque::constant(&torque);
     rollout.advance(10, &lift, None).map_err(|fault| fault.error).unwrap();
     assert!((rollout.state(0).0[2] - 1.0).abs() < 1e-12);
 }
@@ -736,7 +771,7 @@ fn gradients_of_a_slide_are_those_of_its_closed_form() {
     let start = at(&scene, [0.0, 0.0, EDGES[2] / 2.0]);
     let mut rollout = Rollout::new(&scene, Settings::new(&scene, h), &start, &[2.0, 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
     let (mut q, mut qd) = (vec![0.0; 7 * (steps + 1)], vec![0.0; 6 * (steps + 1)]);
-    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 };
+    let mut records = Records::new(&mut q, &mut qd);
     rollout.advance(steps, &Torque::Zero, Some(&mut records)).unwrap();
     // The speed at the end, v - mu g t.
     let (by_q, mut by_qd) = (vec![0.0; qd.len()], vec![0.0; qd.len()]);

@@ -48,7 +48,7 @@ fn every_operator_and_its_transpose_match_the_definition() {
         let cond = condition_number(&scene, &q);
         let (factor, _) = Factor::new(scene.model(), &mut scene.workspace(), &q);
         let dense = scene.composite(&q).unwrap();
-        for (name, kind) in KINDS {
+        for &(name, kind) in KINDS {
             let operator = factor.operator(kind);
             let matrix = dense.matrix(kind).unwrap();
             let (rows, columns) = operator.shape();

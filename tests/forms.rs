@@ -44,7 +44,7 @@ fn forms_give_the_same_accelerations_as_newton_and_euler() {
         let centered: Vec<_> = tau.iter().zip(bias).map(|(&tau, bias)| oracle::d(tau) - bias).collect();
         let exact = oracle::solve(&instant.mass_matrix(), &centered);
         let exact: Vec<f64> = exact.into_iter().map(tolerance::to_f64).collect();
-        for (name, form) in FORMS {
+        for &(name, form) in FORMS {
             let mut qdd = vec![f64::NAN; nv];
             let mut workspace = scene.workspace().in_form(form);
             scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut qdd).unwrap();
@@ -66,7 +66,7 @@ fn factors_and_inverses_of_every_form_match_the_definitions() {
         let mut m = vec![f64::NAN; nv * nv];
         scene.mass_matrix(&mut scene.workspace(), &q, &mut m).unwrap();
         let cond = tolerance::conditioning(nv, &m).number;
-        for (name, form) in FORMS {
+        for &(name, form) in FORMS {
             let mut workspace = scene.workspace().in_form(form);
             let mut out = vec![f64::NAN; nv * nv];
             scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), &q, &mut out).unwrap();
@@ -74,7 +74,7 @@ fn factors_and_inverses_of_every_form_match_the_definitions() {
             tolerance::assert_near(name, &out, &expected, tolerance::inverse(cond, tolerance::size(&expected)));
 
             let factor: Factor<f64> = scene.factor(&mut workspace, &q).unwrap();
-            for (operator_name, kind) in KINDS {
+            for &(operator_name, kind) in KINDS {
                 let (operator, matrix) = (factor.operator(kind), dense.matrix(kind).unwrap());
                 let (rows, columns) = operator.shape();
                 let x = random.array(columns, 1.0);
@@ -195,12 +195,12 @@ fn a_massless_link_between_two_joints_is_legal_and_at_the_tip_it_is_not() {
     };
     let mut qdd = [f64::NAN; 2];
     let legal = build(None, Some(rod));
-    for (name, form) in FORMS {
+    for &(name, form) in FORMS {
         let mut workspace = legal.workspace().in_form(form);
         legal.forward_dynamics(&mut workspace, &[0.3, 0.4], &[0.1; 2], &[1.0; 2], &[], &mut qdd).expect(name);
     }
     let singular = build(Some(rod), None);
-    for (name, form) in FORMS {
+    for &(name, form) in FORMS {
         let mut workspace = singular.workspace().in_form(form);
         let outcome = singular.forward_dynamics(&mut workspace, &[0.3, 0.4], &[0.1; 2], &[1.0; 2], &[], &mut qdd);
         assert!(matches!(outcome, Err(Error::SingularJoint { joint, .. }) if joint == "two"), "{name}");
@@ -219,7 +219,7 @@ fn a_massless_link_between_two_joints_is_legal_and_at_the_tip_it_is_not() {
     joints[1].origin.rotation = *nalgebra::Rotation3::new(nalgebra::Vector3::new(0.4, -1.1, 0.7)).matrix();
     let builder = turned.source().links().iter().cloned().fold(SceneBuilder::new(), SceneBuilder::link);
     turned = joints.into_iter().fold(builder, SceneBuilder::joint).build().unwrap();
-    for (name, form) in FORMS {
+    for &(name, form) in FORMS {
         let mut workspace = turned.workspace().in_form(form);
         let outcome = turned.forward_dynamics(&mut workspace, &[0.3, 0.4], &[0.1; 2], &[1.0; 2], &[], &mut qdd);
         assert!(matches!(outcome, Err(Error::SingularJoint { joint, .. }) if joint == "two"), "{name}");
@@ -256,7 +256,7 @@ fn no_form_allocates() {
     let (scene, seed) = cases().nth(3).unwrap();
     let (q, qd, tau) = random_state(&scene, &mut Random::new(seed));
     let mut qdd = vec![f64::NAN; scene.nv()];
-    for (name, form) in FORMS {
+    for &(name, form) in FORMS {
         let mut workspace = scene.workspace().in_form(form);
         let seen = allocation_counter::measure(|| {
             scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut qdd).unwrap();
@@ -274,7 +274,7 @@ fn wrenches_and_fast_spin_in_every_form() {
         let wrenches: Vec<_> =
             scene.model().bodies.iter().map(|_| nalgebra::Vector6::from_fn(|_, _| random.uniform(-3.0, 3.0))).collect();
         let mut all = Vec::new();
-        for (_, form) in FORMS {
+        for &(_, form) in FORMS {
             let mut qdd = vec![f64::NAN; scene.nv()];
             let mut workspace = scene.workspace().in_form(form);
             scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &wrenches, &mut qdd).unwrap();

@@ -61,7 +61,7 @@ fn jacobian(instant: &Instant<'_>, nv: usize, frame: &TaskFrame<'_>, reference: 
     let lever = placement.rotation * frame.offset.lever.map(d);
     let axes: Matrix3<D> = match reference {
         ReferenceFrame::Local => (placement.rotation * frame.offset.rotation.map(d)).transpose(),
-        ReferenceFrame::World | ReferenceFrame::LocalWorldAligned => Matrix3::identity(),
+        _ => Matrix3::identity(),
     };
     let mut out = DMatrix::from_element(6, nv, d(0.0));
     for column in 0..nv {
@@ -69,7 +69,7 @@ fn jacobian(instant: &Instant<'_>, nv: usize, frame: &TaskFrame<'_>, reference: 
         let (w, v) = (part(0), part(3));
         let v = match reference {
             ReferenceFrame::World => v + cross(&placement.lever, &w),
-            ReferenceFrame::Local | ReferenceFrame::LocalWorldAligned => v + cross(&w, &lever),
+            _ => v + cross(&w, &lever),
         };
         out.fixed_view_mut::<3, 1>(0, column).copy_from(&(axes * w));
         out.fixed_view_mut::<3, 1>(3, column).copy_from(&(axes * v));
@@ -122,7 +122,7 @@ fn links_match_first_principles() {
                 // Accelerations whose frame and point are fixed are the spatial ones.
                 let kind = match reference {
                     ReferenceFrame::LocalWorldAligned => AccelerationKind::Classical,
-                    ReferenceFrame::Local | ReferenceFrame::World => AccelerationKind::Spatial,
+                    _ => AccelerationKind::Spatial,
                 };
                 let acceleration = scene.acceleration(q, qd, qdd, frame, reference, kind).unwrap();
                 let exact = plus(&times(&exact, qdd), &times(&rate, qd));

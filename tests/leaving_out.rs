@@ -76,8 +76,9 @@ fn builder(seed: u64) -> SceneBuilder {
 
 /// Simplifications: all, all except one, none.
 fn choices() -> Vec<(String, Simplifications)> {
-    let but =
-        Simplifications::SWITCHES.map(|(name, switch)| (format!("all but {name}"), Simplifications::all_but(switch)));
+    let but = Simplifications::SWITCHES
+        .iter()
+        .map(|&(name, switch)| (format!("all but {name}"), Simplifications::all_but(switch)));
     but.into_iter().chain([("nothing".to_owned(), Simplifications::none())]).collect()
 }
 
@@ -122,7 +123,7 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
     keep("torque: bias", &vector);
     scene.inverse_dynamics(&mut workspace, q, qd, u, &forces, &mut vector).unwrap();
     keep("torque: inverse dynamics", &vector);
-    for (name, form) in phipsi::filter::FORMS {
+    for &(name, form) in phipsi::filter::FORMS {
         workspace.form = form;
         scene.forward_dynamics(&mut workspace, q, qd, u, &forces, &mut vector).unwrap();
         keep(&format!("acceleration: {name}"), &vector);
@@ -308,7 +309,7 @@ fn switches_that_are_off_keep_what_they_name() {
 #[test]
 fn the_plan_names_every_switch_and_what_it_saves() {
     let plan = builder(0).gravity([0.0; 3]).build().unwrap().plan();
-    for (name, _) in Simplifications::SWITCHES {
+    for &(name, _) in Simplifications::SWITCHES {
         let item = plan.items.iter().find(|item| item.switch == Some(name));
         let item = item.unwrap_or_else(|| panic!("no item for {name}"));
         assert!(item.count > 0 && item.operations > 0, "{name}: {item:?}");
@@ -407,7 +408,7 @@ fn arms(seed: u64) -> Scene {
 fn bits(factor: &Factor<f64>) -> Vec<u64> {
     let mut all: Vec<u64> = factor.pivots().map(f64::to_bits).collect();
     let mut random = Random::new(1);
-    for (_, kind) in KINDS {
+    for &(_, kind) in KINDS {
         let (rows, columns) = kind.shape(factor.nv());
         let (mut y, mut x) = (vec![f64::NAN; rows], random.array(columns, 1.0));
         factor.operator(kind).apply(&x, &mut y);
@@ -424,7 +425,7 @@ fn an_updated_factor_has_the_bits_of_a_new_one() {
     for seed in 0..8 {
         let scene = arms(seed);
         let mut random = Random::new(seed);
-        for (_, form) in phipsi::filter::FORMS {
+        for &(_, form) in phipsi::filter::FORMS {
             let mut workspace = scene.workspace().in_form(form);
             let (mut q, ..) = random_state(&scene, &mut random);
             let mut factor = scene.factor(&mut workspace, &q).unwrap();

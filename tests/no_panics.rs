@@ -487,7 +487,8 @@ fn indices_and_sizes_that_are_not_there_are_errors() {
     }
 
     let mut rollout = Rollout::new(&scene, settings, &[0.0; 4], &[0.0; 4]).unwrap();
-    let mut few = Records { q: &mut [0.0; 3], qd: &mut [0.0; 4], contacts: &mut [], every: 1 };
+    let (mut few_q, mut few_qd) = ([0.0; 3], [0.0; 4]);
+    let mut few = Records::new(&mut few_q, &mut few_qd);
     assert!(rollout.advance(1, &Torque::Zero, Some(&mut few)).is_err());
     let rows = RecordedRows { q: &[0.0; 4], qd: &[], every: 1, by_q: &[], by_qd: &[] };
     for steps in [0, 1, usize::MAX] {

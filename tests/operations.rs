@@ -95,7 +95,7 @@ fn plainly(scene: &Scene, task: Task, state: &Arguments<'_>) -> Vec<f64> {
     let &Arguments { q, qd, u, wrenches, .. } = state;
     let mut out = match task {
         Task::Algorithm(algorithm) => vec![f64::NAN; scene.width(algorithm)],
-        Task::Factor(_) => Vec::new(),
+        _ => Vec::new(),
     };
     match task {
         Task::Algorithm(Algorithm::ForwardDynamics(form)) => {
@@ -113,11 +113,11 @@ fn plainly(scene: &Scene, task: Task, state: &Arguments<'_>) -> Vec<f64> {
             workspace.form = form;
             dynamics::mass_matrix_inverse(model, &mut workspace, &mut InverseScratch::new(model), q, &mut out);
         }
-        Task::Algorithm(other) => unreachable!("{other:?}: not among the tasks"),
         Task::Factor(form) => {
             workspace.form = form;
             out.extend(scene.factor(&mut workspace, q).unwrap().pivots());
         }
+        other => unreachable!("{other:?}: not among the tasks"),
     }
     assert_eq!(workspace.tally.refined, 0, "double-double arithmetic is f64's alone");
     out
@@ -160,7 +160,10 @@ fn what_is_counted_is_what_is_evaluated() {
             let (q, qd, u) = random_state(&scene, &mut Random::new(seed));
             // Separate counts of multiplications and additions.
             let mut evaluator = Evaluator::on(InstructionSet::Baseline, &scene);
-            for algorithm in algorithms {
+            // Without the feature lanes the recursion computes the square-root form, with other rounding errors.
+            let has_kernels =
+                |&of: &Algorithm| cfg!(feature = "lanes") || of != Algorithm::ForwardDynamics(Form::SquareRoot);
+            for algorithm in algorithms.into_iter().filter(has_kernels) {
                 let state =
                     Arguments { q: &q, qd: &qd, u: &u, wrenches: &[], ..Arguments::default() }.read_by(algorithm);
                 let mut expected = vec![f64::NAN; scene.width(algorithm)];

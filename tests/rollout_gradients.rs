@@ -56,9 +56,7 @@ impl Run {
         let torque = Torque::Steps { torque, first: 0 };
         let mut rollout = Rollout::new(&self.scene, self.settings.clone(), &self.q, &self.qd).unwrap();
         let (mut q, mut qd) = (vec![f64::NAN; STATES * rows * nq], vec![f64::NAN; STATES * rows * nv]);
-        rollout
-            .advance(STEPS, &torque, Some(&mut Records { q: &mut q, qd: &mut qd, contacts: &mut [], every }))
-            .unwrap();
+        rollout.advance(STEPS, &torque, Some(&mut Records::new(&mut q, &mut qd).with_every(every))).unwrap();
         let mut by = vec![0.0; qd.len()];
         for (rows, own) in by.chunks_exact_mut(rows * nv).zip(self.by.chunks_exact(nv)) {
             let last = rows.len() - nv;
@@ -75,7 +73,7 @@ fn all(found: &RolloutGradients) -> [&[f64]; 8] {
 }
 
 fn arms() -> impl Iterator<Item = InstructionSet> {
-    INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
+    INSTRUCTION_SETS.iter().map(|&(_, arm)| arm).filter(|arm| arm.available())
 }
 
 /// Without optimization the lane kernels need more stack than a thread has by default.
@@ -89,7 +87,7 @@ fn every_arm_and_any_checkpoints_give_the_same() {
         #[cfg(feature = "parallel")]
         phipsi::batch::set_threads(1).unwrap(); // others have a smaller stack
         for (seed, floating) in [(1, false), (2, true)] {
-            for (name, method) in METHODS {
+            for &(name, method) in METHODS {
                 let mut run = Run::new(seed, floating, method);
                 let mut plain: Option<RolloutGradients> = None;
                 for arm in arms() {

@@ -3,7 +3,7 @@
 
 use crate::common::{Random, tolerance};
 use phipsi::Scene;
-use phipsi::batch::{Broadcast, INSTRUCTION_SETS};
+use phipsi::batch::INSTRUCTION_SETS;
 use phipsi::motion::{Limits, METHODS, Method, Rollout, Settings, Simulator, Torque};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::Symmetric3;
@@ -39,7 +39,7 @@ fn what_friction_can_hold_does_not_move_at_all() {
     let q = [0.4, -0.3, 0.2, 0.5, -0.6, 0.1, 0.3];
     let mut gravity = [0.0; 7];
     chain.bias_torque(&mut chain.workspace(), &q, &[0.0; 7], &mut gravity).unwrap();
-    for (name, method) in METHODS {
+    for &(name, method) in METHODS {
         let mut settings = Settings::new(&chain, 1e-3).with_method(method);
         settings.properties.friction = gravity.iter().map(|g| 1.01 * g.abs() + 1e-9).collect();
         let mut rollout = Rollout::new(&chain, settings, &q, &[0.0; 7]).unwrap();
@@ -149,7 +149,7 @@ fn alone_and_in_batches_and_in_pieces_the_bits_are_the_same() {
         let (q, v) = (&q[5 * state..][..5], &v[5 * state..][..5]);
         let mut one = Simulator::new(&scene, settings.clone(), q, v).unwrap();
         for piece in [1, 7, 192, 200] {
-            one.step(&Torque::Constant(Broadcast::new("tau", &[0.0; 5], 5, &[], &[]).unwrap()), piece).unwrap();
+            one.step(&Torque::constant(&[0.0; 5]), piece).unwrap();
         }
         // One state uses a separate scalar type: nearly equal results, and the same modes.
         let (a, b) = (one.state(0), all.state(state));
@@ -185,7 +185,7 @@ fn every_instruction_set_has_the_same_modes() {
         rollout
     };
     let first = of(INSTRUCTION_SETS[0].1);
-    for (_, arm) in INSTRUCTION_SETS {
+    for &(_, arm) in INSTRUCTION_SETS {
         let other = of(arm);
         for state in 0..states {
             let (a, b) = (first.state(state), other.state(state));

@@ -13,6 +13,7 @@ use crate::workspace::Workspace;
 
 /// A frame on a link, given by name or already resolved.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum OnLink<'a> {
     /// A link name with an offset.
     Named(TaskFrame<'a>),

@@ -18,9 +18,11 @@ pub type BodyWrenches = Vec<SpatialVector<f64>>;
 impl Scene {
     /// Scratch memory for the methods on one state. Each thread needs its own.
     ///
-    /// The workspace includes the compiled kernels with their scratch, so that the methods do not allocate. Only the
-    /// scratch of the mass matrix and its inverse is allocated by their first call if the scene has more than 128
-    /// degrees of freedom.
+    /// The workspace includes the compiled kernels with their scratch, so that the methods do not allocate, with these
+    /// exceptions: the first call of derivatives, and of products with them, allocates their scratch in the workspace,
+    /// and so does the first call of the mass matrix and its inverse if the scene has more than 128 degrees of freedom.
+    /// Derivatives that no kernel computes allocate scratch in each call, and so do the methods of scenes with coupled
+    /// joints.
     #[must_use]
     pub fn workspace(&self) -> Workspace<f64> {
         let tree = self.tree();

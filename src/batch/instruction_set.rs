@@ -37,7 +37,7 @@ pub enum InstructionSet {
 }
 
 /// Every instruction set of every processor with its name, those of one processor the narrowest first.
-pub const INSTRUCTION_SETS: [(&str, InstructionSet); 4] = [
+pub const INSTRUCTION_SETS: &[(&str, InstructionSet)] = &[
     ("baseline", InstructionSet::Baseline),
     ("avx2", InstructionSet::Avx2),
     ("avx512", InstructionSet::Avx512),
@@ -48,7 +48,7 @@ impl InstructionSet {
     /// The name, as the environment variable `PHIPSI_INSTRUCTION_SET` takes it.
     #[must_use]
     pub fn name(self) -> &'static str {
-        name_in(&self, &INSTRUCTION_SETS)
+        name_in(&self, INSTRUCTION_SETS)
     }
 
     /// The number of values of this size in bytes that a register holds.
@@ -88,8 +88,8 @@ impl InstructionSet {
         static SELECTED: OnceLock<InstructionSet> = OnceLock::new();
         *SELECTED.get_or_init(|| {
             let most = if cfg!(debug_assertions) { 1 } else { INSTRUCTION_SETS.len() };
-            let sets = INSTRUCTION_SETS.map(|(_, set)| set);
-            let widest = sets[..most].iter().rev().copied().find(|set| set.available()).unwrap_or(Self::Baseline);
+            let mut sets = INSTRUCTION_SETS[..most].iter().rev().map(|&(_, set)| set);
+            let widest = sets.find(|set| set.available()).unwrap_or(Self::Baseline);
             if std::env::var_os(OLD_VARIABLE).is_some() {
                 eprintln!("phipsi: the environment variable {OLD_VARIABLE} has no effect: set {VARIABLE}");
             }

@@ -12,7 +12,7 @@ use crate::algorithm::{
     INVERSE_DYNAMICS_JVP, INVERSE_DYNAMICS_VJP, JACOBIAN, MASS_MATRIX, MASS_MATRIX_INVERSE,
     MASS_MATRIX_INVERSE_WATCHED, PLACEMENT, PLACEMENTS, Products,
 };
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use crate::filter::Form;
 use crate::kinematics::{Frame, ReferenceFrame};
 use crate::scene::Scene;
@@ -80,7 +80,7 @@ pub enum Function {
 
 /// All functions that do not depend on a link, without those that return a margin. [`Function::of`] lists those of one
 /// scene.
-pub const FUNCTIONS: [Function; 16] = [
+pub const FUNCTIONS: &[Function] = &[
     Function::ForwardDynamics,
     Function::ConstrainedDynamics,
     Function::InverseDynamics,
@@ -100,7 +100,7 @@ pub const FUNCTIONS: [Function; 16] = [
 ];
 
 /// The functions that also return the margin of their error estimate.
-pub const WATCHED: [Function; 7] = [
+pub const WATCHED: &[Function] = &[
     Function::ForwardDynamicsWatched,
     Function::ConstrainedDynamicsWatched,
     Function::MassMatrixInverseWatched,
@@ -230,7 +230,7 @@ impl Function {
     /// All functions with code for `scene`, without those of one link and those that return a margin.
     #[must_use]
     pub fn of(scene: &Scene) -> Vec<Self> {
-        FUNCTIONS.into_iter().filter(|function| function.check(scene).is_ok()).collect()
+        FUNCTIONS.iter().filter(|function| function.check(scene).is_ok()).cloned().collect()
     }
 
     /// An error if there is no code of this function for the connections, contacts or mimic joints of the scene.
@@ -258,9 +258,10 @@ impl Function {
                 "contacts with spheres, boxes or other links".to_owned(),
                 "other functions, or contacts with planes of the base",
             ),
-            CompiledFor::TreesWithContacts if scene.coupling().is_some() => {
-                ("joints that follow others (mimic)".to_owned(), "other functions, or mimic=\"free\"")
-            }
+            CompiledFor::TreesWithContacts if scene.coupling().is_some() => (
+                "joints that follow others (mimic)".to_owned(),
+                in_language("other functions, or MimicJoints::Free", "other functions, or mimic=\"free\""),
+            ),
             _ => return Ok(()),
         };
         let name = self.name().trim_end_matches("_watched");

@@ -1,5 +1,7 @@
-//! Estimation: identification of inertial parameters from logs, and covariances of parameters and torques propagated
-//! through forward and inverse dynamics in O(N).
+//! Estimation: observers, and covariances of parameters and torques propagated through forward and inverse dynamics in
+//! O(N). Identification of inertial parameters from logs exists in the Python package alone; the crate has its parts: the
+//! regressor ([`Scene::regressor`](crate::Scene::regressor)), the smoother of logs ([`log_smoother`]) and the information
+//! form of least squares ([`triangle`]).
 //!
 //! An error in the parameters of a body is a random force on that body, an error in the parameters of a joint is torque
 //! noise. The filter and the smoother of the model then use gains that were computed for another process noise, and the
@@ -12,7 +14,7 @@
 //! // The mass of the last link is known to 0.1 kg, the other bodies exactly; torques to 0.2 N m.
 //! let column = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 //! let parameters = scene.parameter_roots(&[vec![], vec![], vec![column]])?;
-//! let torque = TorqueVariance { noise: &[0.04; 3], joints: &[], friction_speed: 0.01 };
+//! let torque = TorqueVariance::new(&[0.04; 3]);
 //!
 //! let (mut workspace, mut scratch) = (scene.workspace(), scene.variance_scratch());
 //! let mut variances = [f64::NAN; 3];

@@ -26,6 +26,7 @@ pub type JointCovariance<T> = [[T; 4]; 4];
 
 /// The variance of the torque error of each degree of freedom.
 #[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
 pub struct TorqueVariance<'a, T> {
     /// Variance of the torque itself, (nv), (N m)^2 or N^2.
     pub noise: &'a [T],
@@ -35,7 +36,21 @@ pub struct TorqueVariance<'a, T> {
     pub friction_speed: T,
 }
 
-impl<T: Real> TorqueVariance<'_, T> {
+impl<'a, T: Real> TorqueVariance<'a, T> {
+    /// Torques with the variances `noise` (nv), and exact parameters of the joints.
+    #[must_use]
+    pub fn new(noise: &'a [T]) -> Self {
+        Self { noise, joints: &[], friction_speed: T::zero() }
+    }
+
+    /// The same with another covariance of each degree of freedom's own parameters, (nv), whose dry friction is
+    /// viscous below the speed `friction_speed`, rad/s or m/s.
+    #[must_use]
+    pub fn with_joints(mut self, joints: &'a [JointCovariance<T>], friction_speed: T) -> Self {
+        (self.joints, self.friction_speed) = (joints, friction_speed);
+        self
+    }
+
     /// t = noise + y* Sigma y with y = (qdd, qd, qd / sqrt(qd^2 + speed^2), 1), of every degree of freedom.
     #[inline(always)]
     pub(super) fn evaluate(&self, qd: &[T], qdd: &[T], t: &mut [T]) {

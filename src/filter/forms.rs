@@ -16,7 +16,7 @@ pub enum Form {
 }
 
 /// Every form with its name.
-pub const FORMS: [(&str, Form); 3] =
-    [("auto", Form::Auto), ("covariance", Form::Covariance), ("square-root", Form::SquareRoot)];
+pub const FORMS: &[(&str, Form)] =
+    &[("auto", Form::Auto), ("covariance", Form::Covariance), ("square-root", Form::SquareRoot)];
 
 crate::error::by_name!(Form, "form", FORMS);

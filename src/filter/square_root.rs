@@ -109,3 +109,31 @@ pub fn through_stage<T: Real>(
     }
     false
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix6;
+
+    /// Rounding errors that remained would be inertia of a motion that the joint allows.
+    #[test]
+    fn a_measurement_without_noise_leaves_exact_zeros() {
+        for (i, noise) in (0..6).flat_map(|i| [(i, 0.0), (i, 0.3)]) {
+            let mut root = Root6::filled(0.0);
+            for (row, k) in root.rows.iter_mut().zip(0_u8..) {
+                row.iter_mut().zip(0_u8..).for_each(|(entry, j)| *entry = f64::from(7 * k + j).sin());
+            }
+            root.weights = [0.3, 1.7, 0.9, 2.1, 0.7, 1.1];
+            let before = root.to_matrix() * root.to_matrix().transpose();
+            let dropped = measurement_update::<f64, true>(&mut root, &mut [0.5; 6], &HingeMap::Axis(i), noise);
+
+            let after = root.to_matrix() * root.to_matrix().transpose();
+            let gain = before.column(i) / (before[(i, i)] + noise);
+            let expected: Matrix6<f64> = before - gain * before.row(i);
+            assert!((after - expected).abs().max() < 1e-13, "axis {i}, noise {noise}: {after} {expected}");
+            assert!((dropped.gain - gain).abs().max() < 1e-13);
+            let is_zero = root.to_matrix().row(i).iter().all(|&entry| entry == 0.0);
+            assert_eq!((is_zero, dropped.gain[i] == 1.0), (noise == 0.0, noise == 0.0), "axis {i}: {root:?}");
+        }
+    }
+}

@@ -32,7 +32,7 @@ const CLOSED: f64 = 1e-9;
 const RANK: f64 = 1e-14;
 
 /// Constraint rows at a configuration, with scratch memory.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Closure {
     scratch: ConstraintScratch,
     boxed: BoxStep,

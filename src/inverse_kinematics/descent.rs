@@ -70,7 +70,7 @@ impl DescentResult {
 }
 
 /// A descent with its scratch memory.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Descent {
     pub limits: Bounds,
     search_limits: SearchLimits,
@@ -78,6 +78,8 @@ pub struct Descent {
     rows: Rows,
     trial_rows: Rows,
     trial: Vec<f64>,
+    /// The configuration from which joint velocities are computed.
+    from: Vec<f64>,
     off_posture: Vec<f64>,
     hessian: Vec<f64>,
     damped: Vec<f64>,
@@ -98,6 +100,7 @@ impl Descent {
             rows: Rows::default(),
             trial_rows: Rows::default(),
             trial: vec![nan; scene.nq()],
+            from: vec![nan; scene.nq()],
             off_posture: vec![nan; nv],
             hessian: vec![nan; nv * nv],
             damped: vec![nan; nv * nv],
@@ -295,7 +298,9 @@ impl Descent {
         if let Some(limits) = limits {
             limits.returning(q, dt, qd);
         }
-        let mut from = vec![f64::NAN; scene.nq()];
+        // Moved out and back because it is read while the rest of the scratch is written.
+        let mut from = std::mem::take(&mut self.from);
+        from.resize(scene.nq(), f64::NAN);
         scene.integrate(q, qd, &mut from)?;
         tasks.evaluate(workspace, &from, &mut self.rows)?;
         self.model(tasks, &from);
@@ -339,6 +344,7 @@ impl Descent {
         for (qd, step) in qd.iter_mut().zip(&self.step) {
             *qd = (*qd + step) / dt;
         }
+        self.from = from;
         tasks.scene.check_result("qd", qd)
     }
 

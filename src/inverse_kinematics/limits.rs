@@ -30,18 +30,25 @@ pub struct SearchLimits {
     open: Vec<usize>,
 }
 
-/// Velocity and position limits of each degree of freedom.
-#[derive(Debug, Clone)]
+/// Velocity and position limits of each degree of freedom of one scene.
+#[derive(Debug, Clone, Default)]
 pub struct RateBounds {
-    places: Bounds,
+    places: Option<Bounds>,
+    /// The velocity limits of the joints, once they are in use.
+    of_joints: Option<Vec<f64>>,
     velocity: Vec<f64>,
 }
 
 impl RateBounds {
-    /// Position limits of the joints, with their velocity limits or those of the caller.
-    pub fn of(scene: &Scene, velocity: Option<&[f64]>) -> Result<Self, Error> {
-        let places = Bounds::of(scene)?;
-        let Some(given) = velocity else { return Ok(Self { places, velocity: velocities_of(scene)? }) };
+    /// Sets the position limits of the joints, with their velocity limits or those of the caller. Allocates once.
+    pub fn set(&mut self, scene: &Scene, velocity: Option<&[f64]>) -> Result<(), Error> {
+        if self.places.is_none() {
+            self.places = Some(Bounds::of(scene)?);
+        }
+        if velocity.is_none() && self.of_joints.is_none() {
+            self.of_joints = Some(velocities_of(scene)?);
+        }
+        let Some(given) = velocity.or(self.of_joints.as_deref()) else { return Ok(()) };
         check_length("velocity", given.len(), scene.nv())?;
         for joint in scene.joints() {
             if let Some(bad) = given[joint.v.clone()].iter().find(|value| !(**value >= 0.0)) {
@@ -49,24 +56,30 @@ impl RateBounds {
                 return Err(Error::argument("velocity", found, "zero or positive; infinity for no limit"));
             }
         }
-        Ok(Self { places, velocity: given.to_vec() })
+        self.velocity.clear();
+        self.velocity.extend_from_slice(given);
+        Ok(())
     }
 
     /// Writes to `step` the smallest displacement within `dt` from `q` that satisfies the limits: zero, except for
     /// joints beyond their position limits, which return.
     pub fn returning(&self, q: &[f64], dt: f64, step: &mut [f64]) {
         for (row, step) in step.iter_mut().enumerate() {
-            let (lower, upper) = self.places.room(row, q);
+            let (lower, upper) = self.place(row, q);
             let most = self.velocity[row] * dt;
             *step = 0.0_f64.max(lower).min(upper).max(-most).min(most);
         }
+    }
+
+    fn place(&self, row: usize, q: &[f64]) -> (f64, f64) {
+        self.places.as_ref().map_or((f64::NEG_INFINITY, f64::INFINITY), |places| places.room(row, q))
     }
 
     /// The least and the largest displacement of a degree of freedom from `q` in addition to the displacement
     /// `returning`.
     pub fn room(&self, row: usize, q: &[f64], dt: f64, returning: f64) -> (f64, f64) {
         let most = self.velocity[row] * dt;
-        let (lower, upper) = self.places.room(row, q);
+        let (lower, upper) = self.place(row, q);
         ((lower - returning).max(-most - returning).min(0.0), (upper - returning).min(most - returning).max(0.0))
     }
 }

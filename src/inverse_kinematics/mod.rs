@@ -40,6 +40,7 @@ use crate::setters::setters;
 use crate::workspace::Workspace;
 use descent::{Descent, DescentResult, StopCondition};
 use limits::{Bounds, RateBounds};
+use std::borrow::Borrow;
 use task::Tasks;
 pub use task::{Goal, Task};
 
@@ -96,13 +97,19 @@ pub struct RateOptions<'a> {
 impl RateOptions<'_> {
     /// Checks that time, gain and damping are positive, that position limits do not exclude each other, and that
     /// velocity limits are not negative.
+    #[cfg(feature = "python")]
     pub(crate) fn check(&self, scene: &Scene) -> Result<(), Error> {
+        self.check_numbers()?;
+        if self.limits { RateBounds::default().set(scene, self.velocity) } else { Ok(()) }
+    }
+
+    fn check_numbers(&self) -> Result<(), Error> {
         for (name, value) in [("dt", self.dt), ("gain", self.gain), ("damping", self.damping)] {
             if !(value.is_finite() && value > 0.0) {
                 return Err(Error::argument(name, number(value), "a finite number above zero"));
             }
         }
-        if self.limits { RateBounds::of(scene, self.velocity).map(drop) } else { Ok(()) }
+        Ok(())
     }
 }
 
@@ -162,12 +169,24 @@ pub struct Outcome {
     pub iterations: usize,
 }
 
-/// Inverse kinematics of a scene, with its scratch memory. Does not allocate unless the number of tasks increases.
-#[derive(Debug)]
-pub struct Solver<'a> {
-    scene: &'a Scene,
+/// Inverse kinematics of a scene, with its scratch memory. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`.
+///
+/// The first [`solve`](Self::solve) and the first [`rates`](Self::rates) allocate scratch memory; later calls with the
+/// same or fewer tasks do not allocate, except for scenes with coupled joints and for the covariance of scenes with
+/// connections.
+#[derive(Debug, Clone)]
+pub struct Solver<S> {
+    scene: S,
+    search: Search,
+}
+
+/// The scratch memory of a [`Solver`], and its recursion.
+#[derive(Debug, Clone)]
+struct Search {
     options: Options,
     descent: Descent,
+    /// The limits of [`Solver::rates`].
+    rate_bounds: RateBounds,
     /// The tasks with orthonormalized target rotations.
     tasks: Vec<Task>,
     start: Vec<f64>,
@@ -185,13 +204,25 @@ const WITHIN: usize = 3;
 const LATER_DRAWS: u64 = 16;
 
 impl Scene {
+    /// A solver of inverse kinematics that borrows the scene; [`Solver::new`] can own it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Solver::new`].
+    pub fn inverse_kinematics(&self, options: &Options) -> Result<Solver<&Self>, Error> {
+        Solver::new(self, options)
+    }
+}
+
+impl<S: Borrow<Scene>> Solver<S> {
     /// A solver of inverse kinematics.
     ///
     /// # Errors
     ///
     /// [`Error::Argument`] for zero starts or a tolerance or posture that is not positive, and [`Error::Scene`] for
     /// joint limits that exclude each other; [`Error::Memory`] if the matrices of a step do not fit in memory.
-    pub fn inverse_kinematics(&self, options: &Options) -> Result<Solver<'_>, Error> {
+    pub fn new(scene: S, options: &Options) -> Result<Self, Error> {
+        let own: &Scene = scene.borrow();
         let positive = |name: &str, value: f64| {
             let expected = "a finite number above zero";
             if value.is_finite() && value > 0.0 {
@@ -207,21 +238,21 @@ impl Scene {
         options.posture.map_or(Ok(()), |posture| positive("posture", posture))?;
         /// Matrices of nv x nv numbers in the scratch memory.
         const MATRICES: usize = 5;
-        memory::room("scene", memory::bytes_of::<f64>(&[MATRICES, self.nv(), self.nv()]))?;
-        let limits = if options.limits { Bounds::of(self)? } else { Bounds::without(self) };
-        Ok(Solver {
-            scene: self,
+        memory::room("scene", memory::bytes_of::<f64>(&[MATRICES, own.nv(), own.nv()]))?;
+        let limits = if options.limits { Bounds::of(own)? } else { Bounds::without(own) };
+        let room = || vec![f64::NAN; own.nq()];
+        let search = Search {
             options: *options,
-            descent: Descent::new(self, limits),
+            descent: Descent::new(own, limits),
+            rate_bounds: RateBounds::default(),
             tasks: Vec::new(),
-            start: vec![f64::NAN; self.nq()],
-            drawn: vec![f64::NAN; self.nq()],
-            best: vec![f64::NAN; self.nq()],
-        })
+            start: room(),
+            drawn: room(),
+            best: room(),
+        };
+        Ok(Self { scene, search })
     }
-}
 
-impl Solver<'_> {
     /// Differential inverse kinematics: the joint velocities `qd` (nv) at `q` (nq) that remove a fraction of the task
     /// errors within dt.
     ///
@@ -243,25 +274,20 @@ impl Solver<'_> {
         options: &RateOptions<'_>,
         qd: &mut [f64],
     ) -> Result<(), Error> {
-        let scene = self.scene;
-        options.check(scene)?;
+        let scene: &Scene = self.scene.borrow();
+        let search = &mut self.search;
+        options.check_numbers()?;
+        if options.limits {
+            search.rate_bounds.set(scene, options.velocity)?;
+        }
         scene.check_workspace(workspace)?;
         scene.check_coordinates("q", q)?;
         check_length("qd", qd.len(), scene.nv())?;
-        self.checked(tasks)?;
-        let tasks = Tasks { scene, each: &self.tasks, posture: None };
-        let limits = options.limits.then(|| RateBounds::of(scene, options.velocity)).transpose()?;
-        self.descent.rates(workspace, &tasks, q, options, limits.as_ref(), qd)?;
+        search.checked(scene, tasks)?;
+        let tasks = Tasks { scene, each: &search.tasks, posture: None };
+        let limits = options.limits.then_some(&search.rate_bounds);
+        search.descent.rates(workspace, &tasks, q, options, limits, qd)?;
         scene.check_result("qd", qd)
-    }
-
-    /// Checks the tasks and stores them with orthonormalized target rotations.
-    fn checked(&mut self, tasks: &[Task]) -> Result<(), Error> {
-        self.tasks.clear();
-        for (at, task) in tasks.iter().enumerate() {
-            self.tasks.push(task.checked(self.scene, at)?);
-        }
-        Ok(())
     }
 
     /// Finds the most probable configuration from `start` (nq), and writes it to `q` (nq). `start` is also the posture
@@ -283,11 +309,33 @@ impl Solver<'_> {
         covariance: Option<&mut [f64]>,
         q: &mut [f64],
     ) -> Result<Outcome, Error> {
-        let scene = self.scene;
+        self.search.solve(self.scene.borrow(), workspace, tasks, (start, covariance), q)
+    }
+}
+
+impl Search {
+    /// Checks the tasks and stores them with orthonormalized target rotations.
+    fn checked(&mut self, scene: &Scene, tasks: &[Task]) -> Result<(), Error> {
+        self.tasks.clear();
+        for (at, task) in tasks.iter().enumerate() {
+            self.tasks.push(task.checked(scene, at)?);
+        }
+        Ok(())
+    }
+
+    /// [`Solver::solve`].
+    fn solve(
+        &mut self,
+        scene: &Scene,
+        workspace: &mut Workspace<f64>,
+        tasks: &[Task],
+        (start, covariance): (&[f64], Option<&mut [f64]>),
+        q: &mut [f64],
+    ) -> Result<Outcome, Error> {
         scene.check_workspace(workspace)?;
         scene.check_coordinates("q0", start)?;
         check_length("q", q.len(), scene.nq())?;
-        self.checked(tasks)?;
+        self.checked(scene, tasks)?;
         let own = std::mem::take(&mut self.tasks);
         let tasks = Tasks { scene, each: &own, posture: self.options.posture.map(|deviation| (start, deviation)) };
         let tolerance = self.options.tolerance;
@@ -354,7 +402,7 @@ impl Solver<'_> {
         for draw in 0..if is_later { LATER_DRAWS } else { DRAWS } {
             let number = number * LATER_DRAWS + draw;
             starts::draw(
-                self.scene,
+                tasks.scene,
                 &self.descent.limits,
                 start,
                 (self.options.seed, number, is_later),

@@ -1,7 +1,7 @@
 //! One step: the exact minimum of a convex quadratic within limits.
 
 /// The quadratic g d + d A d / 2 with lower <= d <= upper, where d = 0 is admissible, and scratch memory.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct BoxStep {
     n: usize,
     factor: Vec<f64>,

@@ -101,10 +101,10 @@ impl Task {
         if let Goal::Pose { target: RigidShift { rotation, .. }, .. } | Goal::Orientation { target: rotation, .. } =
             &mut self.goal
         {
-            let name = format!("target of task {at}");
-            check_finite(&name, rotation.as_slice())?;
-            *rotation = nearest_rotation(rotation)
-                .map_err(|found| Error::argument(name, found, "a rotation matrix, each entry within 1e-3"))?;
+            finite("target", at, rotation.as_slice())?;
+            *rotation = nearest_rotation(rotation).map_err(|found| {
+                Error::argument(format!("target of task {at}"), found, "a rotation matrix, each entry within 1e-3")
+            })?;
         }
         Ok(self)
     }
@@ -129,11 +129,11 @@ impl Task {
                 Some(body) if body >= bodies => {
                     Err(Error::argument(name("body"), body.to_string(), format!("an index below {bodies}")))
                 }
-                _ => check_finite(&name("frame"), frame.placement.lever.as_slice()),
+                _ => finite("frame", at, frame.placement.lever.as_slice()),
             }
         };
         let unit = |what: &str, axis: &Vector3<f64>| {
-            check_finite(&name(what), axis.as_slice())?;
+            finite(what, at, axis.as_slice())?;
             if (axis.norm() - 1.0).abs() <= UNIT {
                 Ok(())
             } else {
@@ -144,11 +144,11 @@ impl Task {
         match &self.goal {
             Goal::Pose { frame, target } => {
                 body(frame)?;
-                check_finite(&name("target"), target.lever.as_slice())
+                finite("target", at, target.lever.as_slice())
             }
             Goal::Position { frame, target } => {
                 body(frame)?;
-                check_finite(&name("target"), target.as_slice())
+                finite("target", at, target.as_slice())
             }
             Goal::Orientation { frame, .. } => body(frame),
             Goal::Direction { frame, axis, target } => {
@@ -159,11 +159,11 @@ impl Task {
             Goal::LookAt { frame, axis, target } => {
                 body(frame)?;
                 unit("axis", axis)?;
-                check_finite(&name("target"), target.as_slice())
+                finite("target", at, target.as_slice())
             }
-            Goal::CenterOfMass(target) => check_finite(&name("target"), target.as_slice()),
+            Goal::CenterOfMass(target) => finite("target", at, target.as_slice()),
             Goal::Joint { joint, target } => {
-                check_finite(&name("target"), &[*target])?;
+                finite("target", at, &[*target])?;
                 match scene.joints().get(*joint) {
                     Some(one) if one.q.len() == 1 => Ok(()),
                     Some(one) => Err(Error::argument(
@@ -231,6 +231,15 @@ fn nearest_rotation(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, String> {
     }
 }
 
+/// Checks that the numbers of a task are finite. The name is formatted only on failure, so that a successful call does
+/// not allocate.
+fn finite(what: &str, at: usize, values: &[f64]) -> Result<(), Error> {
+    if values.iter().all(|value| value.is_finite()) {
+        return Ok(());
+    }
+    check_finite(&format!("{what} of task {at}"), values)
+}
+
 /// All terms of the objective F.
 pub struct Tasks<'a> {
     pub scene: &'a Scene,
@@ -240,7 +249,7 @@ pub struct Tasks<'a> {
 }
 
 /// Errors at a configuration, relative to their standard deviations, and their derivatives.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Rows {
     /// Task errors relative to their standard deviations.
     pub errors: Vec<f64>,
@@ -250,6 +259,8 @@ pub struct Rows {
     pub position_error: f64,
     pub rotation_error: f64,
     six: Vec<f64>,
+    /// The Jacobian of the frame that a task is relative to, (6 x nv).
+    reference: Vec<f64>,
 }
 
 impl Tasks<'_> {
@@ -270,6 +281,7 @@ impl Tasks<'_> {
         rows.errors.resize(count, f64::NAN);
         rows.jacobian.resize(count * nv, f64::NAN);
         rows.six.resize(6 * nv, f64::NAN);
+        rows.reference.resize(6 * nv, f64::NAN);
         (rows.position_error, rows.rotation_error) = (0.0, 0.0);
         let mut at = 0;
         for task in self.each {
@@ -294,18 +306,18 @@ impl Tasks<'_> {
                 rows.position(nv(self), at + 3, &place, &target.lever, task.position);
             }
             Goal::Position { frame, target } => {
-                let place = self.local_jacobian(q, (frame, task), &mut rows.six);
+                let place = self.local_jacobian(q, (frame, task), rows);
                 rows.position(nv(self), at, &place, target, task.position);
             }
             Goal::Orientation { frame, target } => {
                 self.turn(q, (frame, task), target, at, rows);
             }
             Goal::Direction { frame, axis, target } => {
-                let place = self.local_jacobian(q, (frame, task), &mut rows.six);
+                let place = self.local_jacobian(q, (frame, task), rows);
                 rows.direction(nv(self), at, &place, axis, target, &Matrix3::zeros(), task.rotation);
             }
             Goal::LookAt { frame, axis, target } => {
-                let place = self.local_jacobian(q, (frame, task), &mut rows.six);
+                let place = self.local_jacobian(q, (frame, task), rows);
                 let way = target - place.lever;
                 let distance = way.norm();
                 // At the target itself the direction is undefined; the current axis is used.
@@ -342,14 +354,15 @@ impl Tasks<'_> {
 
     /// Pose of a frame relative to the reference frame of its task, and its Jacobian in its own axes, (6 x nv),
     /// row-major.
-    fn local_jacobian(&self, q: &[f64], (frame, task): (&Frame<f64>, &Task), six: &mut [f64]) -> RigidShift<f64> {
+    fn local_jacobian(&self, q: &[f64], (frame, task): (&Frame<f64>, &Task), rows: &mut Rows) -> RigidShift<f64> {
+        let Rows { six, reference, .. } = rows;
         let place = self.on_base(q, frame, six);
         let Some(other) = &task.relative_to else { return place };
-        let (mut theirs, nv) = (vec![f64::NAN; six.len()], nv(self));
-        let place = self.on_base(q, other, &mut theirs).inverse().compose(&place);
+        let nv = nv(self);
+        let place = self.on_base(q, other, reference).inverse().compose(&place);
         // Subtracts the motion of the reference frame.
         for j in 0..nv {
-            let carried = place.motion_to_child(&Vector6::from_fn(|i, _| theirs[i * nv + j]));
+            let carried = place.motion_to_child(&Vector6::from_fn(|i, _| reference[i * nv + j]));
             for i in 0..6 {
                 six[i * nv + j] -= carried[i];
             }
@@ -377,7 +390,7 @@ impl Tasks<'_> {
         at: usize,
         rows: &mut Rows,
     ) -> RigidShift<f64> {
-        let place = self.local_jacobian(q, (frame, task), &mut rows.six);
+        let place = self.local_jacobian(q, (frame, task), rows);
         let apart = Rotation3::from_matrix_unchecked(target.transpose() * place.rotation);
         let error = UnitQuaternion::from_rotation_matrix(&apart).scaled_axis();
         rows.put(nv(self), at, &error, &(inverse_right_jacobian(&error)), 0, task.rotation);

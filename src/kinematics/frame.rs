@@ -24,6 +24,7 @@ impl Frame<f64> {
 
 /// The frame in which the motion (angular, linear) of a frame on a link is expressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum ReferenceFrame {
     /// The frame itself: at its origin, in its axes.
     #[default]
@@ -35,7 +36,7 @@ pub enum ReferenceFrame {
 }
 
 /// The reference frames with their names in Python.
-pub const REFERENCE_FRAMES: [(&str, ReferenceFrame); 3] = [
+pub const REFERENCE_FRAMES: &[(&str, ReferenceFrame)] = &[
     ("local", ReferenceFrame::Local),
     ("world", ReferenceFrame::World),
     ("local-world-aligned", ReferenceFrame::LocalWorldAligned),
@@ -46,7 +47,7 @@ by_name!(ReferenceFrame, "frame", REFERENCE_FRAMES);
 impl ReferenceFrame {
     /// Its name among [`REFERENCE_FRAMES`].
     pub(crate) fn name(self) -> &'static str {
-        name_in(&self, &REFERENCE_FRAMES)
+        name_in(&self, REFERENCE_FRAMES)
     }
 
     /// Expresses a motion of the frame at `placement`, given at its origin and in its axes, in this reference frame.
@@ -85,7 +86,7 @@ pub enum AccelerationKind {
 }
 
 /// The kinds with their names in Python.
-pub const ACCELERATION_KINDS: [(&str, AccelerationKind); 2] =
-    [("spatial", AccelerationKind::Spatial), ("classical", AccelerationKind::Classical)];
+pub const ACCELERATION_KINDS: &[(&str, AccelerationKind)] =
+    &[("spatial", AccelerationKind::Spatial), ("classical", AccelerationKind::Classical)];
 
 by_name!(AccelerationKind, "kind", ACCELERATION_KINDS);

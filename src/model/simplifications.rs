@@ -37,7 +37,7 @@ pub type Switch = fn(&mut Simplifications) -> &mut bool;
 
 impl Simplifications {
     /// The switches with their names.
-    pub const SWITCHES: [(&'static str, Switch); 6] = [
+    pub const SWITCHES: &[(&'static str, Switch)] = &[
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
         ("permuted_axes", |of| &mut of.permuted_axes),

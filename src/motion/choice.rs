@@ -6,7 +6,7 @@ use super::properties::{Gains, Properties};
 use super::settings::{Settings, Stabilization};
 use super::stops::SetValued;
 use crate::dynamics::{factorise, solve};
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use crate::filter::Form;
 use crate::scene::{Coupling, Scene};
 use crate::workspace::Workspace;
@@ -123,7 +123,10 @@ pub(super) fn check_connections_of_contacts(
         return Ok(());
     }
     if let Stabilization::Baumgarte(rate) = stabilization {
-        let expected = "None in a scene with contacts, whose connections are projected";
+        let expected = format!(
+            "{} in a scene with contacts, whose connections are projected",
+            in_language("Stabilization::Projection", "None")
+        );
         return Err(Error::argument("baumgarte", format!("{rate}"), expected));
     }
     if compliance.iter().any(|&c| c != 0.0) {

@@ -108,7 +108,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// let scene = phipsi::scenes::chain(7)?;
     /// let mut rollout = Rollout::new(&scene, Settings::new(&scene, 1e-3), &[0.3; 7], &[0.0; 7])?;
     /// let (mut q, mut qd) = ([0.0; 101 * 7], [0.0; 101 * 7]);
-    /// let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 };
+    /// let mut records = Records::new(&mut q, &mut qd);
     /// rollout.advance(100, &Torque::Zero, Some(&mut records))?;
     /// // The scalar is the first joint angle at the end.
     /// let mut by_q = [0.0; 101 * 7];

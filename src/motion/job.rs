@@ -118,6 +118,12 @@ pub(super) struct Impacts {
 /// The largest number of impacts that a run reports.
 const MOST_IMPACTS: usize = 1 << 20;
 
+impl Clone for Impacts {
+    fn clone(&self) -> Self {
+        Self { found: Mutex::new(self.found.lock().unwrap_or_else(PoisonError::into_inner).clone()) }
+    }
+}
+
 impl Impacts {
     /// Adds the impacts of one step of a state that begins at `time`.
     pub fn add(&self, impacts: &[StopImpact], state: usize, time: f64) {

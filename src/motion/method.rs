@@ -80,7 +80,7 @@ pub enum Method {
 const SHORT: [(&str, Method); 2] = [("semi-implicit", Method::SemiImplicitEuler), ("implicit", Method::ImplicitEuler)];
 
 /// All methods for scenes without contacts, with their names.
-pub const METHODS: [(&str, Method); 7] = [
+pub const METHODS: &[(&str, Method)] = &[
     ("auto", Method::Auto),
     ("semi-implicit-euler", Method::SemiImplicitEuler),
     ("rk4", Method::RungeKutta4),
@@ -115,7 +115,7 @@ impl Method {
     ///
     /// [`Error::Argument`], which lists the existing names.
     pub fn named(name: &str) -> Result<Self, Error> {
-        let known: Vec<_> = METHODS.into_iter().chain(OF_CONTACTS).collect();
+        let known: Vec<_> = METHODS.iter().copied().chain(OF_CONTACTS).collect();
         choose("method", name, &SHORT).or_else(|_| choose("method", name, &known))
     }
 
@@ -288,7 +288,7 @@ mod tests {
 
     #[test]
     fn the_conditions_of_the_orders_hold() {
-        for (name, method) in METHODS {
+        for &(name, method) in METHODS {
             let t = method.tableau();
             let (a, g) = (|i: usize| row(&t.alpha, i), |i: usize| row(&t.gamma, i));
             let mut found = vec![(weighed(&t, |_| 1.0), 1.0)];
@@ -324,7 +324,7 @@ mod tests {
 
     #[test]
     fn the_implicit_methods_forget_what_is_infinitely_fast() {
-        for (name, method) in METHODS {
+        for &(name, method) in METHODS {
             if !method.is_implicit() {
                 continue;
             }

@@ -40,7 +40,7 @@
 //! settings.method = Method::RungeKutta4;
 //! let mut rollout = Rollout::new(&scene, settings, &[0.3; 7], &[0.0; 7])?;
 //! let (mut q, mut qd) = ([f64::NAN; 77], [f64::NAN; 77]); // 11 rows: the start, and every tenth step
-//! let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 10 };
+//! let mut records = Records::new(&mut q, &mut qd).with_every(10);
 //! rollout.advance(100, &Torque::Zero, Some(&mut records))?;
 //! assert_eq!(q[..7], [0.3; 7]);
 //! assert_eq!(&q[70..], rollout.state(0).0);

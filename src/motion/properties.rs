@@ -1,7 +1,7 @@
 //! Joint properties in simulation: armature, damping, springs, friction, and a control law of proportional-derivative
 //! form.
 
-use crate::error::{Error, check_finite, check_length};
+use crate::error::{Error, check_finite, check_length, in_language};
 use crate::scene::Scene;
 use crate::setters::setters;
 use std::collections::HashMap;
@@ -137,18 +137,26 @@ setters!(Gains {
 });
 
 impl Gains {
+    /// The names of the gains and targets in messages, in the order of the fields.
+    pub(super) fn names() -> [&'static str; 4] {
+        in_language(
+            ["gains.proportional", "gains.derivative", "gains.target", "gains.target_rate"],
+            ["pd.kp", "pd.kd", "pd.target", "pd.target_rate"],
+        )
+    }
+
     pub(super) fn check(&self, scene: &Scene, states: usize) -> Result<(), Error> {
-        check_positive(scene, "pd.kp", &self.proportional)?;
-        check_positive(scene, "pd.kd", &self.derivative)?;
-        for (name, values, width) in
-            [("pd.target", &self.target, scene.nq()), ("pd.target_rate", &self.target_rate, scene.nv())]
+        let [proportional, derivative, target, target_rate] = Self::names();
+        check_positive(scene, proportional, &self.proportional)?;
+        check_positive(scene, derivative, &self.derivative)?;
+        for (name, values, width) in [(target, &self.target, scene.nq()), (target_rate, &self.target_rate, scene.nv())]
         {
             if values.len() != width {
                 check_length(name, values.len(), width * states)?;
             }
             check_finite(name, values)?;
         }
-        self.target.chunks_exact(scene.nq().max(1)).try_for_each(|q| scene.check_configuration("pd.target", q))
+        self.target.chunks_exact(scene.nq().max(1)).try_for_each(|q| scene.check_configuration(target, q))
     }
 }
 

@@ -18,6 +18,7 @@ use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::{Coupling, Scene};
+use crate::setters::setters;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -25,6 +26,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Destination of recorded rows: (states, rows, nq) and (states, rows, nv). Row 0 is the state at the start, row i the
 /// state after i * every steps.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Records<'a> {
     /// Configurations.
     pub q: &'a mut [f64],
@@ -39,7 +41,17 @@ pub struct Records<'a> {
     pub every: usize,
 }
 
-/// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`.
+impl<'a> Records<'a> {
+    /// A row per step, without contacts.
+    #[must_use]
+    pub fn new(q: &'a mut [f64], qd: &'a mut [f64]) -> Self {
+        Self { q, qd, contacts: &mut [], every: 1 }
+    }
+}
+
+setters!(Records<'a> { with_contacts: contacts: &'a mut [f64], with_every: every: usize });
+
+/// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`. A clone continues independently.
 ///
 /// ```
 /// use phipsi::motion::{Method, Rollout, Settings, Torque};
@@ -53,7 +65,7 @@ pub struct Records<'a> {
 /// # Ok(())
 /// # }
 /// ```
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Rollout<S> {
     pub(super) scene: S,
     pub(super) settings: StepSettings,

@@ -16,24 +16,25 @@ use std::borrow::Borrow;
 /// States that are advanced call by call. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`.
 ///
 /// Results are bit-identical to those of a [`Rollout`], for any division of the steps into calls and any number of
-/// threads and states. The first step allocates scratch memory; later steps allocate nothing on the calling thread.
+/// threads and states. The first step allocates scratch memory; later steps allocate nothing on the calling thread, with
+/// these exceptions: steps with contacts, coupled joints or error control ([`Settings::accuracy`]), and steps in which a
+/// joint reaches a stop or begins or ceases to stick, allocate temporary arrays. A clone continues independently from
+/// the same states.
 ///
 /// ```
-/// use phipsi::batch::Broadcast;
 /// use phipsi::motion::{Settings, Simulator, Torque};
 /// # fn main() -> Result<(), phipsi::Error> {
 /// let scene = phipsi::scenes::chain(7)?;
 /// let mut simulator = Simulator::new(&scene, Settings::new(&scene, 1e-3), &[0.3; 7], &[0.0; 7])?;
-/// let torque = Torque::Constant(Broadcast::new("tau", &[0.1; 7], 7, &[], &[])?);
 /// for _ in 0..100 {
-///     simulator.step(&torque, 1)?;
+///     simulator.step(&Torque::constant(&[0.1; 7]), 1)?;
 /// }
 /// let (q, qd) = simulator.state(0);
 /// assert!(q.len() == 7 && qd.len() == 7 && (simulator.time(0) - 0.1).abs() < 1e-12);
 /// # Ok(())
 /// # }
 /// ```
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Simulator<S> {
     pub(super) rollout: Rollout<S>,
     /// The values of the rollout before the current call.

@@ -2,7 +2,7 @@
 
 use super::rollout::Rollout;
 use super::simulator::Simulator;
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use crate::scene::Scene;
 use std::borrow::Borrow;
 
@@ -40,7 +40,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let more = if outside.len() > 1 { format!(" and {} more", outside.len() - 1) } else { String::new() };
         Some(format!(
             "q: found {first}{more}; the stops move them back at up to 1 rad/s or m/s; \
-             limits=\"report\" disables the stops"
+             {} disables the stops",
+            in_language("Limits::Report", "limits=\"report\"")
         ))
     }
 }

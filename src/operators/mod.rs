@@ -93,7 +93,7 @@ pub enum Kind {
 }
 
 /// Every kind with its name in Python.
-pub const KINDS: [(&str, Kind); 22] = [
+pub const KINDS: &[(&str, Kind)] = &[
     ("phi", Kind::Phi),
     ("E", Kind::Shifts),
     ("Phi", Kind::PhiStrict),

@@ -2,6 +2,7 @@
 
 use super::{NOTHING, Simplification, counted};
 use crate::codegen::{Function, Program, count};
+use crate::error::in_language;
 use crate::model::{Body, Model, Simplifications};
 use crate::report::operations::of_factor;
 use crate::scalar::Operations;
@@ -184,8 +185,12 @@ impl Scene {
         Simplification {
             what: "operations that are constant for this robot, in code compiled for it",
             count: asked.saturating_sub(left),
-            why: "products by zero and one, constant sums and repeated terms are resolved \
-                  when the code is generated: phipsi.compile, to_c",
+            why: in_language(
+                "products by zero and one, constant sums and repeated terms are resolved when the code is generated: \
+                 codegen::sources",
+                "products by zero and one, constant sums and repeated terms are resolved when the code is generated: \
+                 phipsi.compile, to_c",
+            ),
             saved: format!("{left} operations of forward dynamics instead of {asked}"),
             operations: asked.saturating_sub(left),
             ..NOTHING

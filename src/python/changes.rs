@@ -56,7 +56,7 @@ impl PyScene {
         stiffness: Option<&Object<'_>>,
     ) -> PyResult<Self> {
         let mut changes = Vec::new();
-        for (property, given) in Property::ALL.into_iter().zip([armature, damping, friction, stiffness]) {
+        for (property, given) in Property::ALL.iter().copied().zip([armature, damping, friction, stiffness]) {
             if let Some(given) = given {
                 let each = of_joints(&self.scene, property.name(), given)?;
                 changes.extend(each.into_iter().map(|(joint, value)| (joint, property, value)));

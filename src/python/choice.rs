@@ -21,7 +21,7 @@ pub(super) fn refuse_unknown(py: Python<'_>, method: &str, unknown: Option<&Boun
 
 /// Reads the argument `form`.
 pub(super) fn read_form(form: &str) -> Result<Form, Error> {
-    choose("form", form, &FORMS)
+    choose("form", form, FORMS)
 }
 
 /// Reads form and tolerance for an algorithm of a scene.
@@ -61,7 +61,7 @@ pub(super) fn name_of_mimic(mimic: MimicJoints) -> &'static str {
 
 /// Name of a form.
 pub(super) fn name_of(form: Form) -> &'static str {
-    name_in(&form, &FORMS)
+    name_in(&form, FORMS)
 }
 
 /// Scalar types of the vectorized (SIMD) algorithms.

@@ -211,7 +211,8 @@ fn read_function(item: &Object<'_>) -> PyResult<Function> {
         ["jacobian", link] => Function::Jacobian(link.to_owned(), ReferenceFrame::Local),
         ["jacobian", link, frame] => Function::Jacobian(link.to_owned(), read_frame(frame)?),
         [name] => {
-            FUNCTIONS.into_iter().chain(WATCHED).find(|known| known.name() == name).ok_or_else(|| unknown(item))?
+            let mut known = FUNCTIONS.iter().chain(WATCHED);
+            known.find(|known| known.name() == name).cloned().ok_or_else(|| unknown(item))?
         }
         _ => return Err(unknown(item)),
     })
@@ -221,7 +222,7 @@ const OF_ONE: &str = "(\"placement\", link), (\"jacobian\", link) or (\"jacobian
 
 fn unknown(item: &Object<'_>) -> PyErr {
     let found = item.repr().map_or_else(|_| "an object".to_owned(), |said| said.to_string());
-    let known: Vec<&str> = FUNCTIONS.iter().chain(&WATCHED).map(Function::name).collect();
+    let known: Vec<&str> = FUNCTIONS.iter().chain(WATCHED).map(Function::name).collect();
     let known = known.join(", ");
     Error::argument("functions", found, format!("one of {known}, {OF_ONE}")).into()
 }

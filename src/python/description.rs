@@ -263,7 +263,7 @@ pub(super) fn left_out(leave_out: Option<&Object<'_>>) -> PyResult<Simplificatio
 fn simplifications(argument: &str, names: &[String]) -> Result<Simplifications, Error> {
     let mut simplifications = Simplifications::none();
     for name in names {
-        *choose(argument, name, &Simplifications::SWITCHES)?(&mut simplifications) = true;
+        *choose(argument, name, Simplifications::SWITCHES)?(&mut simplifications) = true;
     }
     Ok(simplifications)
 }

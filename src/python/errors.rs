@@ -36,6 +36,7 @@ pub(super) fn of_batch(py: Python<'_>, error: &Error, batch: &[usize]) -> PyErr 
 fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> {
     let mut message = error.to_string();
     let attributes = PyDict::new(py);
+    let error = if let Error::Step { error, .. } = error { &**error } else { error };
     if let Error::NotFinite { state, .. }
     | Error::SingularJoint { state, .. }
     | Error::SingularTask { state, .. }
@@ -85,6 +86,7 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
             attributes.set_item("free", request.free)?;
             "OutOfMemoryError"
         }
+        Error::Step { .. } => "SimulationError",
         // The exception of a signal handler is raised where the work was started; this is for work without such a
         // check.
         Error::Interrupted => return Ok(PyKeyboardInterrupt::new_err(())),

@@ -107,7 +107,7 @@ methods! {
     /// True
     fn acceleration(q, qd, qdd, link; frame, at, kind, errors) |scene, py| {
         let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
-        let kind = choose("kind", kind, &ACCELERATION_KINDS)?;
+        let kind = choose("kind", kind, ACCELERATION_KINDS)?;
         let what = KinematicQuantity::Acceleration(&frame, reference, kind);
         scene.kinematic_quantity(py, &what, [q, qd, qdd], errors)
     }
@@ -190,5 +190,5 @@ impl PyScene {
 
 /// Reads the argument `frame`.
 pub(super) fn read_frame(frame: &str) -> Result<ReferenceFrame, Error> {
-    choose("frame", frame, &REFERENCE_FRAMES)
+    choose("frame", frame, REFERENCE_FRAMES)
 }

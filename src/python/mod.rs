@@ -118,13 +118,13 @@ mod core_module {
         super::panics::adopt(module.py())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("BUNDLED_ARM", crate::scenes::BUNDLED_ARM)?;
-        let routes = crate::report::emergence::ROUTES.map(|(name, _)| name);
+        let routes = crate::report::emergence::ROUTES.iter().map(|&(name, _)| name);
         module.add("ROUTES", PyTuple::new(module.py(), routes)?)?;
-        let forms = crate::report::stability::FORMS.map(|(name, _)| name);
+        let forms = crate::report::stability::FORMS.iter().map(|&(name, _)| name);
         module.add("FORMS", PyTuple::new(module.py(), forms)?)?;
-        let quantities = crate::report::sensitivity::QUANTITIES.map(|(name, _)| name);
+        let quantities = crate::report::sensitivity::QUANTITIES.iter().map(|&(name, _)| name);
         module.add("QUANTITIES", PyTuple::new(module.py(), quantities)?)?;
-        let methods = crate::report::accuracy::METHODS.map(|(name, _)| name);
+        let methods = crate::report::accuracy::METHODS.iter().map(|&(name, _)| name);
         module.add("METHODS", PyTuple::new(module.py(), methods)?)
     }
 }

@@ -156,7 +156,7 @@ pub(super) fn measure_method<'py>(
     reference: &PyReference,
     repeats: &Object<'py>,
 ) -> PyResult<(f64, Bound<'py, PyArrayDyn<f64>>)> {
-    let method = choose("method", method, &METHODS)?;
+    let method = choose("method", method, METHODS)?;
     let repeats = count("repeats", repeats, 1)?;
     let arguments = Arguments::read(scene, q, qd, tau)?;
     let states = arguments.states()?;
@@ -188,7 +188,7 @@ pub(super) fn growth_of(py: Python<'_>, bodies: &Object<'_>, repeats: &Object<'_
 #[pyfunction(name = "method_call")]
 #[pyo3(signature = (method))]
 pub(super) fn call_of_method(method: &str) -> PyResult<(&'static str, Option<&'static str>)> {
-    let method = choose("method", method, &METHODS)?;
+    let method = choose("method", method, METHODS)?;
     let name = |form| FORMS.iter().find(|(_, known)| *known == form).map(|&(name, _)| name);
     Ok((method.call(), method.form().and_then(name)))
 }

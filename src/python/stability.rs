@@ -49,7 +49,7 @@ impl PyExact {
         qd: &Object<'_>,
         u: &Object<'_>,
     ) -> PyResult<Self> {
-        let quantity = choose("quantity", quantity, &QUANTITIES)?;
+        let quantity = choose("quantity", quantity, QUANTITIES)?;
         let own = scene.get();
         let q = state("q", q, own.coordinates())?;
         let [qd, u] = [state("qd", qd, own.rates())?, state("u", u, own.rates())?];
@@ -83,7 +83,7 @@ impl PyExact {
         method: &str,
         precision: &str,
     ) -> PyResult<(f64, Object<'py>, Option<&'static str>)> {
-        let (method, precision) = (choose("method", method, &FORMS)?, read_precision(precision)?);
+        let (method, precision) = (choose("method", method, FORMS)?, read_precision(precision)?);
         let (scene, state, exact) = (&self.scene.get().scene, self.state(), &self.exact);
         let found = detached(py, || match (self.quantity, precision) {
             (Quantity::ForwardDynamics, Precise::Float64) => forward_error::<f64>(scene, method, state, exact),
@@ -120,7 +120,7 @@ impl PyExact {
     #[pyo3(signature = (method, precision, repeats))]
     fn time(&self, py: Python<'_>, method: &str, precision: &str, repeats: &Object<'_>) -> PyResult<f64> {
         let repeats = count("repeats", repeats, 1)?;
-        let (method, precision) = (choose("method", method, &FORMS)?, read_precision(precision)?);
+        let (method, precision) = (choose("method", method, FORMS)?, read_precision(precision)?);
         if self.quantity != Quantity::ForwardDynamics {
             return Err(Error::argument("quantity", format!("{:?}", self.quantity), "forward dynamics").into());
         }

@@ -313,6 +313,6 @@ pub(super) fn emergence_of(
     let (seed, repeats) = (number("seed", seed)?, count("repeats", repeats, 1)?);
     let scene = &scene.scene;
     let q = state("q", q, Axis::Coordinates(scene))?;
-    let route = choose("route", route, &ROUTES)?;
+    let route = choose("route", route, ROUTES)?;
     detached_checked(py, || emergence(scene, &q, route, (samples, seed), repeats))
 }

@@ -38,6 +38,7 @@ use std::hint::black_box;
 
 /// A method that computes accelerations from torques.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Method {
     /// Forward dynamics in the given form: Kalman filter and Bryson-Frazier smoother, O(N).
     Filter(Form),
@@ -50,7 +51,7 @@ pub enum Method {
 }
 
 /// All methods with their Python names. `auto`, the default of calls, is the first.
-pub const METHODS: [(&str, Method); 6] = [
+pub const METHODS: &[(&str, Method)] = &[
     ("auto", Method::Filter(Form::Auto)),
     ("covariance", Method::Filter(Form::Covariance)),
     ("square-root", Method::Filter(Form::SquareRoot)),

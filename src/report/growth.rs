@@ -71,7 +71,7 @@ pub fn operator_growth(bodies: usize, repeats: usize) -> Result<Vec<(String, f64
     #[allow(clippy::cast_precision_loss)] // counts
     let work = (calls * bodies.max(1)) as f64;
     let mut all = Vec::with_capacity(2 * KINDS.len());
-    for (name, kind) in KINDS {
+    for &(name, kind) in KINDS {
         let operator = factor.operator(kind);
         let (rows, columns) = operator.shape();
         let (x, mut y) = (wave(columns, 1.0), vec![f64::NAN; rows]);

@@ -24,6 +24,7 @@ use nalgebra::Vector6;
 
 /// The computation to count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Task {
     /// An algorithm with its results.
     Algorithm(Algorithm),
@@ -39,7 +40,7 @@ pub fn tasks() -> Vec<(String, Task)> {
         ("bias torque".to_owned(), Task::Algorithm(Algorithm::BiasTorque)),
         ("mass matrix".to_owned(), Task::Algorithm(Algorithm::MassMatrix)),
     ];
-    for (name, form) in FORMS {
+    for &(name, form) in FORMS {
         all.push((format!("forward dynamics: {name}"), Task::Algorithm(Algorithm::ForwardDynamics(form))));
         all.push((format!("inverse of the mass matrix: {name}"), Task::Algorithm(Algorithm::MassMatrixInverse(form))));
         all.push((format!("factor: {name}"), Task::Factor(form)));

@@ -18,6 +18,7 @@ use crate::{interrupt, memory};
 
 /// The computed quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Quantity {
     /// Joint accelerations from torques, (nv,).
     ForwardDynamics,
@@ -32,7 +33,7 @@ pub enum Quantity {
 }
 
 /// All quantities with their Python names.
-pub const QUANTITIES: [(&str, Quantity); 5] = [
+pub const QUANTITIES: &[(&str, Quantity)] = &[
     ("forward dynamics", Quantity::ForwardDynamics),
     ("inverse dynamics", Quantity::InverseDynamics),
     ("bias torque", Quantity::BiasTorque),
@@ -60,6 +61,7 @@ pub struct State<'a, T = f64> {
 
 /// The values that are perturbed together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Moved {
     /// All entries of q, qd and tau.
     State,
@@ -78,7 +80,7 @@ pub enum Moved {
 }
 
 /// All kinds with their Python names; the first is the state, the others are model parameters.
-pub const MOVED: [(&str, Moved); 7] = [
+pub const MOVED: &[(&str, Moved)] = &[
     ("state", Moved::State),
     ("masses", Moved::Masses),
     ("centers of mass", Moved::Centers),
@@ -228,7 +230,7 @@ pub fn sensitivity(
     let exact = Exact::new(scene, quantity, state)?;
     let mut draw = Draw::new(seed);
     let mut all = Vec::with_capacity(MOVED.len());
-    for (name, moved) in MOVED {
+    for &(name, moved) in MOVED {
         let mut worst = Difference::none(exact.values.len());
         for _ in 0..draws {
             interrupt::check()?;

@@ -10,7 +10,7 @@ use crate::scalar::{DoubleDouble, Real};
 use crate::scene::Scene;
 
 /// All methods for the accelerations with their Python names.
-pub const FORMS: [(&str, Method); 4] = [
+pub const FORMS: &[(&str, Method)] = &[
     ("covariance form", Method::Filter(Form::Covariance)),
     ("square-root form", Method::Filter(Form::SquareRoot)),
     (LDLT, Method::DenseLdlt),
@@ -22,6 +22,7 @@ pub(crate) const DENSE_CAP: usize = 1000;
 
 /// The reason why a method has no result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Failure {
     /// A pivot is below the rounding error of its terms, or not positive.
     Pivot,

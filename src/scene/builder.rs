@@ -8,7 +8,7 @@ use super::description::{JointDescription, LinkDescription, MimicJoints, SceneWa
 use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
 use super::properties::Properties;
-use crate::error::{Error, known_names};
+use crate::error::{Error, in_language, known_names};
 use crate::joints::JointKind;
 use crate::model::Simplifications;
 use crate::{interrupt, memory};
@@ -401,7 +401,10 @@ impl SceneBuilder {
                 return Err(Error::scene(
                     format!("link {:?}", joint.child),
                     format!("two parent joints, {:?} and {:?}", self.joints[other].name, joint.name),
-                    "one parent joint per link (SceneBuilder.connect closes loops)",
+                    format!(
+                        "one parent joint per link ({} closes loops)",
+                        in_language("SceneBuilder::connect", "SceneBuilder.connect")
+                    ),
                 ));
             }
             parent_joint[child] = Some(j);

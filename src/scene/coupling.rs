@@ -1,7 +1,7 @@
 //! Coupled (mimic) joints: the coordinates of the tree from fewer independent ones, q = G q' + o and qd = G qd'.
 
 use super::constraint::{Constraints, Tie};
-use super::description::Mimic;
+use super::description::{Mimic, MimicJoints};
 use super::{Joint, Scene};
 use crate::error::{Error, check_length};
 use crate::filter::summed::Sums;
@@ -306,7 +306,10 @@ impl Scene {
         let Some(coupling) = self.coupling() else { return Ok(()) };
         let followers = coupling.tree.joints.len() - self.joints.len();
         let found = format!("{followers} joints that follow others (mimic)");
-        let expected = "independent joints, which this method requires: build the scene with mimic=\"free\"";
+        let expected = format!(
+            "independent joints, which this method requires: build the scene with {}",
+            MimicJoints::Free.text()
+        );
         Err(Error::argument("scene", found, expected))
     }
 
@@ -314,7 +317,10 @@ impl Scene {
     pub(super) fn coupled(tree: Self) -> Result<Self, Error> {
         let Some(follows) = followed(&tree)? else { return Ok(tree) };
         if let Some(connection) = tree.connections().first() {
-            let expected = "mimic=\"free\", and a connection of each mimic joint with the one that it follows";
+            let expected = format!(
+                "{}, and a connection of each mimic joint with the one that it follows",
+                MimicJoints::Free.text()
+            );
             let found = "joints that follow others (mimic) in a scene with a connection";
             return Err(Error::scene(format!("connection {:?}", connection.name), found, expected));
         }
@@ -393,7 +399,8 @@ fn followed(tree: &Scene) -> Result<Option<HashMap<&str, (&str, f64, f64)>>, Err
             if !tree.joint_index.contains_key(name) {
                 let known = tree.source.joints.iter().any(|other| other.name == name);
                 let what = if known { "which does not move" } else { "which does not exist" };
-                let expected = "a joint that moves, or mimic=\"free\" to have this one independent";
+                let expected =
+                    format!("a joint that moves, or {} to have this one independent", MimicJoints::Free.text());
                 return Err(Error::scene(subject(), format!("a mimic of joint {name:?}, {what}"), expected));
             }
         }

@@ -1,7 +1,7 @@
 //! The user description of a scene: links and joints by name.
 
 use super::spring::Spring;
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use crate::joints::JointKind;
 use crate::setters::setters;
 use crate::spatial::{RigidShift, Symmetric3};
@@ -76,6 +76,16 @@ pub enum MimicJoints {
     Free,
     /// Mimic joints follow and have no coordinates of their own: see [`Coupling`](super::Coupling).
     Coupled,
+}
+
+impl MimicJoints {
+    /// The setting, for messages.
+    pub(crate) fn text(self) -> &'static str {
+        match self {
+            Self::Free => in_language("MimicJoints::Free", "mimic=\"free\""),
+            Self::Coupled => in_language("MimicJoints::Coupled", "mimic=\"couple\""),
+        }
+    }
 }
 
 impl Mimic {
@@ -310,8 +320,11 @@ impl std::fmt::Display for SceneWarning {
                 write!(f, "{}: locked in simulations; if the limits were not entered: {fix}", locked(joints))
             }
             Self::Mimic { joint, source } => {
-                let couple = "use mimic=\"couple\" to couple it";
-                write!(f, "joint {joint:?}: mimics {source:?}; it is treated as an independent coordinate; {couple}")
+                let couple = MimicJoints::Coupled.text();
+                write!(
+                    f,
+                    "joint {joint:?}: mimics {source:?}; it is treated as an independent coordinate; use {couple} to couple it"
+                )
             }
             Self::NoMass { links } => {
                 write!(f, "{}; torques are zero and accelerations undefined, except for armature", no_mass(links))

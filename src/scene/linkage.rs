@@ -2,6 +2,7 @@
 
 use super::Scene;
 use super::constraint::{Constraint, Near, Tie};
+use crate::error::in_language;
 use crate::filter::HingeMap;
 use crate::kinematics::pair::Pair;
 use crate::kinematics::{placements_base_to_tip, placements_on_base};
@@ -65,13 +66,16 @@ impl Scene {
                     format!(
                         "connection {:?}: the axes of {} and {} differ by {angle:.1e} rad, \
                          more than the tolerance {:.1e}, and count as not parallel, so that a planar linkage is rigid; \
-                         SceneBuilder.build(tolerance={:.0e}) treats them as parallel, \
-                         and strict=True uses the angles as given, without this warning",
+                         {} treats them as parallel, and {} uses the angles as given, without this warning",
                         constraint.name,
                         inner.name,
                         axis.name,
                         self.tolerance(),
-                        3.0 * angle,
+                        in_language(
+                            format!("SceneBuilder::tolerance(Some({:.0e}))", 3.0 * angle),
+                            format!("SceneBuilder.build(tolerance={:.0e})", 3.0 * angle)
+                        ),
+                        in_language("strict(true)", "strict=True"),
                     )
                 })
             })
@@ -95,10 +99,11 @@ impl Scene {
         );
         Some(format!(
             "connection {:?}, row {row} ({}): {about}, and the row counts as dependent on others (tolerance {:.1e}); \
-             SceneBuilder.build(strict=True) uses the dimensions as given",
+             {} uses the dimensions as given",
             constraint.name,
             name_of_row(&constraint.tie, row),
             self.tolerance(),
+            in_language("SceneBuilder::strict(true)", "SceneBuilder.build(strict=True)"),
         ))
     }
 

@@ -21,7 +21,7 @@ pub enum Property {
 
 impl Property {
     /// All properties.
-    pub const ALL: [Self; 4] = [Self::Armature, Self::Damping, Self::Friction, Self::Stiffness];
+    pub const ALL: &[Self] = &[Self::Armature, Self::Damping, Self::Friction, Self::Stiffness];
 
     /// The name used in Python and in messages.
     #[must_use]
@@ -51,7 +51,7 @@ pub(crate) struct Properties(pub [f64; 4]);
 impl Properties {
     /// Assigns them to a joint.
     pub(super) fn give(&self, joint: &mut JointDescription) {
-        for (property, value) in Property::ALL.into_iter().zip(self.0) {
+        for (property, value) in Property::ALL.iter().copied().zip(self.0) {
             *property.of(joint) = value;
         }
     }

@@ -18,6 +18,7 @@ const MOST: usize = 1 << 14;
 
 /// The estimator of M.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum Method {
     /// Independent samples.
     MonteCarlo {

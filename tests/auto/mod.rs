@@ -291,6 +291,9 @@ fn auto_and_the_square_root_form_keep_digits_wherever_the_problem_does() {
     for form in 0..2 {
         let refused: usize = rows.iter().map(|row| row.refused[form]).sum();
         assert!(refused * 1000 <= scenes, "{refused} of {scenes} refused");
+        if form == 1 && cfg!(not(feature = "lanes")) {
+            continue; // the square-root form has no kernels
+        }
         assert!(chains.sweeps[form] * 10 >= chains.scenes * 9, "{:?} of {} kept", chains.sweeps, chains.scenes);
         assert!(rows.iter().any(|row| row.sweeps[form] < row.scenes));
     }

@@ -41,7 +41,7 @@ pub const ALGORITHMS: [Algorithm; 24] = [
 
 /// Instruction sets of this machine; the baseline is always available.
 pub fn arms() -> impl Iterator<Item = InstructionSet> {
-    INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
+    INSTRUCTION_SETS.iter().map(|&(_, arm)| arm).filter(|arm| arm.available())
 }
 
 /// Without optimization the lane kernels need more stack than a thread has by default.

@@ -125,7 +125,7 @@ fn after(
 ) -> (Vec<f64>, Vec<f64>) {
     let settings = settings.clone().with_dt(time / tolerance::count(steps));
     let mut rollout = Rollout::new(scene, settings, q, v).unwrap();
-    let torque = Torque::Constant(Broadcast::new("tau", u, scene.nv(), &[], &[]).unwrap());
+    let torque = Torque::constant(u);
     rollout.advance(steps, &torque, None).unwrap();
     let (q, v) = rollout.state(0);
     (q.to_vec(), v.to_vec())
@@ -153,7 +153,7 @@ fn every_method_has_its_order() {
         let mut settings = settings(scene, &q, &mut random);
         let state = (&q[..], &v[..], &u[..]);
         let exact = reference(scene, &settings, state, *time, 400);
-        for (name, method) in METHODS {
+        for &(name, method) in METHODS {
             settings.method = method;
             let steps = [0, 128, 64, 32, 24, 16][method.order() as usize];
             let errors =
@@ -180,13 +180,13 @@ fn rows_are_recorded_and_calls_may_be_cut_anywhere() {
     let torque = Broadcast::new("tau", &torques, 10 * nv, &[19], &[19]).unwrap();
     let mut settings = settings(&scene, &q[..nq], &mut random);
     settings.dt = 1e-3;
-    for (_, method) in METHODS {
+    for &(_, method) in METHODS {
         settings.method = method;
         let run = |cuts: &[usize]| {
             let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();
             let (mut out_q, mut out_v) = (vec![f64::NAN; 19 * rows * nq], vec![f64::NAN; 19 * rows * nv]);
             for &cut in cuts {
-                let mut records = Records { q: &mut out_q, qd: &mut out_v, contacts: &mut [], every };
+                let mut records = Records::new(&mut out_q, &mut out_v).with_every(every);
                 let torque = Torque::Steps { torque: torque.clone(), first: 0 };
                 rollout.advance(cut, &torque, Some(&mut records)).unwrap();
             }
@@ -200,7 +200,7 @@ fn rows_are_recorded_and_calls_may_be_cut_anywhere() {
         let mut alone = Rollout::new(&scene, settings.clone(), &q[11 * nq..12 * nq], &v[11 * nv..12 * nv]).unwrap();
         for n in 0..9 {
             let u = &torques[(11 * 10 + n) * nv..][..nv];
-            let torque = Torque::Constant(Broadcast::new("tau", u, nv, &[], &[]).unwrap());
+            let torque = Torque::constant(u);
             alone.advance(1, &torque, None).unwrap();
         }
         assert_eq!(alone.state(0).0, &whole.0[(11 * rows + 3) * nq..][..nq]);
@@ -225,10 +225,10 @@ fn lanes_move_as_one_state_does() {
             let mut settings = settings(&scene, &states[0].0, &mut random);
             settings.dt = 1e-3;
             for form in [Form::Auto, Form::Covariance] {
-                for (name, method) in METHODS {
+                for &(name, method) in METHODS {
                     (settings.method, settings.form) = (method, form);
                     let mut found = Vec::new();
-                    for arm in INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
+                    for arm in INSTRUCTION_SETS.iter().map(|&(_, arm)| arm).filter(|arm| arm.available()) {
                         settings.arm = arm;
                         // Few enough steps that no other thread, with a smaller stack, is used.
                         let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();

@@ -46,7 +46,7 @@ fn momentum_of_what_only_slides_is_kept_to_rounding() {
     let u: Vec<f64> = u.iter().enumerate().map(|(i, u)| if i < 3 { 0.0 } else { *u }).collect();
     let start = momentum(&scene, &q, &v);
     let settings = Settings::new(&scene, 1.0);
-    for (name, method) in METHODS {
+    for &(name, method) in METHODS {
         let settings = settings.clone().with_method(method);
         let (q, v) = after(&scene, &settings, (&q, &v, &u), 1.0, 200);
         let end = momentum(&scene, &q, &v);
@@ -72,7 +72,7 @@ fn drift_of_momentum_and_energy_falls_with_the_order() {
     let u = vec![0.0; scene.nv()];
     let start = momentum(&scene, &q, &v);
     let energy = |q: &[f64], v: &[f64]| scene.energy(&mut scene.workspace(), q, v).unwrap().kinetic;
-    for (name, method) in METHODS {
+    for &(name, method) in METHODS {
         let settings = Settings::new(&scene, 1.0).with_method(method);
         let steps = if method.order() >= 3 { 20 } else { 200 };
         let drift = [steps, 2 * steps].map(|steps| {

@@ -28,7 +28,7 @@ fn a_lost_pivot_is_told_with_step_state_and_joint() {
         .joint(JointDescription::new("elbow", JointKind::Revolute, "upper", "lower"))
         .build()
         .unwrap();
-    for (name, method) in METHODS {
+    for &(name, method) in METHODS {
         let mut settings = Settings::new(&scene, 1e-3).with_method(method);
         let fault = Rollout::new(&scene, settings.clone(), &[0.0; 6], &[0.0; 6])
             .unwrap()
@@ -57,7 +57,7 @@ fn the_earliest_step_and_the_lowest_state_are_told_and_rows_before_are_kept() {
     (q[2 * 3], q[2 * 17]) = (1e-2, 1.0);
     let mut rollout = Rollout::new(&scene, settings, &q, &[0.0; 40]).unwrap();
     let (mut out_q, mut out_v) = (vec![f64::NAN; 20 * 101 * 2], vec![f64::NAN; 20 * 101 * 2]);
-    let mut records = Records { q: &mut out_q, qd: &mut out_v, contacts: &mut [], every: 1 };
+    let mut records = Records::new(&mut out_q, &mut out_v);
     let StepFault { step, state, joint, error, .. } =
         rollout.advance(100, &Torque::Zero, Some(&mut records)).expect_err("an explicit step of a stiff spring");
     assert_eq!(state, 17);
@@ -92,10 +92,10 @@ fn what_cannot_be_used_is_refused_by_name() {
     let bad = Rollout::new(&scene, good.clone(), &[0.0, f64::NAN], &[0.0; 2]).expect_err("refused");
     assert!(bad.to_string().contains("q: found NaN"), "{bad}");
     let mut rollout = Rollout::new(&scene, good, &[0.0; 2], &[0.0; 2]).unwrap();
-    let torque = Torque::Constant(Broadcast::new("tau", &[0.0; 3], 3, &[], &[]).unwrap());
+    let torque = Torque::constant(&[0.0; 3]);
     assert!(matches!(rollout.advance(1, &torque, None).expect_err("refused").error, Error::Shape { .. }));
     let (mut q, mut qd) = (vec![0.0; 4], vec![0.0; 4]);
-    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 };
+    let mut records = Records::new(&mut q, &mut qd);
     assert!(matches!(
         rollout.advance(2, &Torque::Zero, Some(&mut records)).expect_err("refused").error,
         Error::Shape { .. }
@@ -127,11 +127,11 @@ fn a_simulator_has_the_bits_of_a_rollout_step_by_step() {
         let mut settings = settings(&scene, &q[..nq], &mut Random::new(4));
         settings.dt = 1e-3;
         let each = Torque::Constant(Broadcast::new("tau", &u, nv, &[11], &[11]).unwrap());
-        let one = Torque::Constant(Broadcast::new("tau", &u[..nv], nv, &[], &[]).unwrap());
+        let one = Torque::constant(&u[..nv]);
         for form in [Form::Auto, Form::Covariance] {
-            for (name, method) in METHODS {
+            for &(name, method) in METHODS {
                 (settings.method, settings.form) = (method, form);
-                for arm in INSTRUCTION_SETS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
+                for arm in INSTRUCTION_SETS.iter().map(|&(_, arm)| arm).filter(|arm| arm.available()) {
                     settings.arm = arm;
                     let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();
                     rollout.advance(3, &each, None).unwrap();
@@ -161,7 +161,7 @@ fn a_state_that_is_reset_goes_on_as_in_a_simulator_of_its_own() {
         let (q, v, _) = eleven(&scene, 9);
         let (nq, nv) = (scene.nq(), scene.nv());
         let (own_q, own_v) = (|i: usize| &q[i * nq..(i + 1) * nq], |i: usize| &v[i * nv..(i + 1) * nv]);
-        let torque = Torque::Constant(Broadcast::new("tau", &u, nv, &[], &[]).unwrap());
+        let torque = Torque::constant(&u);
         let mut simulator = Simulator::new(&scene, settings.clone(), &q, &v).unwrap();
         simulator.step(&torque, 3).unwrap();
         // States 2 and 7 where 0 and 1 began.
@@ -214,7 +214,7 @@ fn what_a_simulator_refuses_leaves_it_as_it_was() {
     let mut simulator = Simulator::new(&scene, Settings::new(&scene, 1e-3), &q, &[0.0; 4]).unwrap();
     simulator.step(&Torque::Zero, 1).unwrap();
     let before = [bits(simulator.state(0)), bits(simulator.state(1))];
-    let three = Torque::Constant(Broadcast::new("tau", &[0.0; 3], 3, &[], &[]).unwrap());
+    let three = Torque::constant(&[0.0; 3]);
     assert!(matches!(simulator.step(&three, 1).expect_err("refused").error, Error::Shape { .. }));
     let numbers = [0.5, 0.6, 0.7, f64::NAN];
     let bad = Broadcast::new("q", &numbers, 2, &[2], &[2]).unwrap();

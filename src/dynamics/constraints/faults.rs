@@ -3,7 +3,7 @@
 use super::geometry::relaxed_at;
 use super::rows::{errors_of_rows, rates_of_rows};
 use super::{Outcome, RowFault};
-use crate::error::{ConstraintViolation, Error};
+use crate::error::{ConstraintViolation, Error, in_language};
 use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::scene::constraint::Tie;
@@ -65,8 +65,10 @@ impl Scene {
         if self.constraints().is_empty() {
             return Ok(());
         }
-        let remedy =
-            format!("a state that meets the connections to within {slack}: q, qd, rank = scene.project(q, qd)");
+        let remedy = format!(
+            "a state that meets the connections to within {slack}{}",
+            in_language(", for instance that of Scene::project", ": q, qd, rank = scene.project(q, qd)")
+        );
         let (model, constraints) = (self.model(), self.constraints());
         let (mut rows, mut rest) = (vec![0.0; constraints.rows], vec![0.0; constraints.rows]);
         let worst =

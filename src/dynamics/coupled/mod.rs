@@ -16,7 +16,7 @@ use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments};
 use crate::error::{Error, Fault, check_length};
 use crate::filter::Form;
-use crate::scene::{Coupling, Scene};
+use crate::scene::{Coupling, MimicJoints, Scene};
 
 /// Scratch for one thread.
 #[derive(Debug, Clone)]
@@ -88,7 +88,10 @@ impl Scene {
     /// Checks the arguments of one state that the algorithm takes.
     fn check_coupled(&self, algorithm: Algorithm, state: &Arguments<'_>) -> Result<(), Error> {
         if algorithm.takes_constants() || algorithm.gives_constants() {
-            let expected = "products with (q, qd, u) alone, or a scene with mimic=\"free\" for those with parameters, armature, gravity and wrenches";
+            let expected = format!(
+                "products with (q, qd, u) alone, or a scene with {} for those with parameters, armature, gravity and wrenches",
+                MimicJoints::Free.text()
+            );
             return Err(Error::argument("scene", "joints that follow others (mimic)", expected));
         }
         let (reads_rates, third) = algorithm.reads();

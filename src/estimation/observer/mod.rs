@@ -12,16 +12,11 @@
 //! let scene = phipsi::scenes::chain(3)?;
 //! let sensors = vec![
 //!     Sensor::new("encoder", Quantity::Encoder(None), 1e-4),
-//!     Sensor { bias: 0.01, ..Sensor::new("gyro", Quantity::Gyro("link2".into()), 1e-3) },
+//!     Sensor::new("gyro", Quantity::Gyro("link2".into()), 1e-3).with_bias(0.01),
 //! ];
-//! let settings = ObserverSettings {
-//!     dt: 1e-3,
-//!     sensors,
-//!     torque_noise: vec![0.01; 3],
-//!     wrenches: vec![],
-//!     initial: [[1e-3; 3], [1e-2; 3]].concat(),
-//!     history: 0,
-//! };
+//! let settings = ObserverSettings::new(&scene, 1e-3, sensors)
+//!     .with_torque_noise([0.01; 3])
+//!     .with_initial([[1e-3; 3], [1e-2; 3]].concat()); // standard deviations of q and qd
 //! let (q, mut held) = ([0.3, 0.2, 0.1], [0.0; 3]);
 //! scene.gravity_torque(&mut scene.workspace(), &q, &mut held)?;
 //! let mut observer = Observer::new(&scene, &settings, &q, &[0.0; 3])?;
@@ -79,8 +74,8 @@ const COST: [usize; 2] = [10_000, 1];
 /// scene are not part of the model: add their torques to tau, and their uncertainty to the torque noise.
 ///
 /// `S` is a [`Scene`], `&Scene` or `Arc<Scene>`. Scenes with connections, contacts or joints that follow others are not
-/// supported.
-#[derive(Debug)]
+/// supported. A clone is an independent observer with the same estimates.
+#[derive(Debug, Clone)]
 pub struct Observer<S> {
     scene: S,
     plan: Plan,

@@ -7,6 +7,7 @@ use crate::joints::Motion;
 use crate::kinematics::Frame;
 use crate::memory::{bytes_of, room};
 use crate::scene::{Joint, Scene};
+use crate::setters::setters;
 use crate::spatial::RigidShift;
 use std::ops::Range;
 
@@ -18,6 +19,7 @@ pub(super) const LANES: usize = 8;
 
 /// A frame on a link that carries a sensor.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Mount {
     /// Name of the link.
     pub link: String,
@@ -31,8 +33,11 @@ impl<N: Into<String>> From<N> for Mount {
     }
 }
 
+setters!(Mount { with_offset: offset: RigidShift<f64> });
+
 /// The quantity that a sensor measures.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum Quantity {
     /// Positions of joints of one axis, rad or m; `None`: of all joints of one axis.
     Encoder(Option<Vec<String>>),
@@ -50,6 +55,7 @@ pub enum Quantity {
 
 /// A sensor of an observer.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Sensor {
     /// Name in error messages.
     pub name: String,
@@ -74,9 +80,17 @@ impl Sensor {
     }
 }
 
+setters!(Sensor {
+    with_noise: noise => Vec<f64>,
+    with_delay: delay: usize,
+    with_bias: bias: f64,
+    with_bias_walk: bias_walk: f64,
+});
+
 /// An external wrench (moment, force) on a link, at the link origin in the link frame: a random walk, or an
 /// Ornstein-Uhlenbeck process.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct ExternalWrench {
     /// Name of the link.
     pub link: String,
@@ -88,8 +102,22 @@ pub struct ExternalWrench {
     pub deviation: Option<[f64; 6]>,
 }
 
+impl ExternalWrench {
+    /// A random walk that begins at zero.
+    #[must_use]
+    pub fn new(link: impl Into<String>, density: [f64; 6]) -> Self {
+        Self { link: link.into(), density, correlation_time: f64::INFINITY, deviation: None }
+    }
+}
+
+setters!(ExternalWrench {
+    with_correlation_time: correlation_time: f64,
+    with_deviation: deviation => Option<[f64; 6]>,
+});
+
 /// Settings of an observer.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct ObserverSettings {
     /// Time between two steps, s.
     pub dt: f64,
@@ -105,6 +133,24 @@ pub struct ObserverSettings {
     /// Number of past steps that are stored for the smoother.
     pub history: usize,
 }
+
+impl ObserverSettings {
+    /// Settings without torque noise, external wrenches and history, for initial estimates that are exact.
+    #[must_use]
+    pub fn new(scene: &Scene, dt: f64, sensors: Vec<Sensor>) -> Self {
+        let nv = scene.nv();
+        Self { dt, sensors, torque_noise: vec![0.0; nv], wrenches: Vec::new(), initial: vec![0.0; 2 * nv], history: 0 }
+    }
+}
+
+setters!(ObserverSettings {
+    with_dt: dt: f64,
+    with_sensors: sensors => Vec<Sensor>,
+    with_torque_noise: torque_noise => Vec<f64>,
+    with_wrenches: wrenches => Vec<ExternalWrench>,
+    with_initial: initial => Vec<f64>,
+    with_history: history: usize,
+});
 
 /// The source of the readings of a sensor.
 #[derive(Debug, Clone)]

@@ -65,8 +65,8 @@ impl Case {
         let on_tool = || Mount { link: tool.clone(), offset: mount };
         let sensors = vec![
             Sensor::new("encoder", Quantity::Encoder(None), 1e-2),
-            Sensor { bias: 0.1, bias_walk: 0.05, ..Sensor::new("gyro", Quantity::Gyro(on_tool()), 0.05) },
-            Sensor { bias: 0.2, ..Sensor::new("accelerometer", Quantity::Accelerometer(on_tool()), 0.5) },
+            Sensor::new("gyro", Quantity::Gyro(on_tool()), 0.05).with_bias(0.1).with_bias_walk(0.05),
+            Sensor::new("accelerometer", Quantity::Accelerometer(on_tool()), 0.5).with_bias(0.2),
             Sensor::new("torque", Quantity::JointTorque(None), 0.3),
             Sensor::new("contact", Quantity::Contact(Mount::from("link1")), 0.4),
         ];

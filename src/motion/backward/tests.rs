@@ -197,7 +197,7 @@ fn near(found: f64, expected: f64, what: &str) {
 }
 
 fn each_method(check: impl Fn(&str, &Case, &StepGradients<f64>)) {
-    for (name, method) in METHODS {
+    for &(name, method) in METHODS {
         for h in [0.01, 0.3] {
             if method == Method::DormandPrince5 && h > 0.1 {
                 // Its large coefficients make stages of stiff joints diverge within the step.

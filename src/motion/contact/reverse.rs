@@ -14,7 +14,7 @@ use super::step::ContactStep;
 use super::switching::Switching;
 use crate::batch::instruction_set::InstructionSet;
 use crate::contact::{ContactState, Limits};
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use crate::filter::Form;
 use crate::scene::{Contact, Scene, Surface};
 use nalgebra::Vector3;
@@ -266,11 +266,11 @@ pub(in crate::motion) fn check_reproduced(
         if !(off <= REPRODUCED * size) {
             let found =
                 format!("a row after step {} that the step recomputed from the row before misses by {off:.1e}", n + 1);
-            return Err(Error::argument(
-                name,
-                found,
+            let expected = in_language(
+                "rows of Rollout::advance with the same settings, at best with every = 1",
                 "rows of simulate with the same arguments, at best with record_every=1",
-            ));
+            );
+            return Err(Error::argument(name, found, expected));
         }
     }
     Ok(())

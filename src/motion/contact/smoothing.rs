@@ -21,7 +21,7 @@ use super::record::Laws;
 use super::report::ContactReport;
 use super::step::{ContactStep, Outcome, StepStart};
 use crate::contact::{Cones, ContactState, Limits, Relaxation};
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use crate::model::Model;
 use crate::motion::properties::joint_of_row;
 use crate::scene::Scene;
@@ -75,7 +75,8 @@ impl Smoothing {
         }
         if let Some(limit) = limit_rows(scene).first().filter(|_| stops) {
             let joint = joint_of_row(scene, limit.row);
-            return refuse(format!("{length} with stops at joint {joint:?}"), "limits=\"report\", or smoothing=0");
+            let expected = in_language("Limits::Report, or smoothing 0", "limits=\"report\", or smoothing=0");
+            return refuse(format!("{length} with stops at joint {joint:?}"), expected);
         }
         let model = scene.model();
         let gravity = model.gravity.norm();
