@@ -1695,7 +1695,7 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
-        damping: bool = False,
+        springs_and_damping: bool = True,
         errors: _Errors = "raise",
     ) -> LinearSystem:
         """Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.
@@ -3533,7 +3533,8 @@ class Scene:
         tasks: Task | Collection[Task],
         q0: ArrayLike | None = None,
         *,
-        starts: int = 20,
+        follow: bool = False,
+        starts: int = 100,
         posture: float | None = None,
         limits: bool = True,
         tolerance: float = 1e-9,

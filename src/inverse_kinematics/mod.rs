@@ -8,6 +8,7 @@
 //!
 //! by Levenberg-Marquardt steps, each of which is the exact minimum of its model within the limits. If one start ends
 //! in a local minimum, others follow: random configurations within the limits, each the most probable of a few draws.
+//! For a path of targets, [`Solver::follow`] starts each search at the solution before.
 //! The inverse of the second derivative at the minimum is the covariance of the result. Connections of the scene are
 //! hard constraints, which each step and the result satisfy.
 //!
@@ -46,7 +47,8 @@ pub use task::{Goal, Task};
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Options {
-    /// Largest number of starting configurations; the given one is the first.
+    /// Largest number of starting configurations, 100 by default; the given one is the first. After 20 starts the search
+    /// ends once several of them have found the least minimum, because the tasks are then probably out of reach.
     pub starts: usize,
     /// Largest number of steps from each start.
     pub iterations: usize,
@@ -108,7 +110,7 @@ impl RateOptions<'_> {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            starts: 20,
+            starts: 100,
             iterations: 100,
             tolerance: 1e-9,
             limits: true,
@@ -172,6 +174,8 @@ pub struct Solver<'a> {
     start: Vec<f64>,
     drawn: Vec<f64>,
     best: Vec<f64>,
+    /// The solution before the one that is sought, in [`Solver::follow`].
+    previous: Vec<f64>,
 }
 
 /// A random start is the most probable of this number of draws, because such starts end less often at limits far from a
@@ -182,6 +186,13 @@ const DRAWS: u64 = 4;
 /// the most probable of a larger number of draws.
 const WITHIN: usize = 3;
 const LATER_DRAWS: u64 = 16;
+
+/// The search goes on to the largest number of starts while the tasks are open, but after this number of starts only
+/// until this number of them has ended near the least minimum, by a factor, because values of abandoned starts are not
+/// exact. Targets out of reach have such a minimum; those that 20 starts miss have many different ones.
+const ENOUGH_STARTS: usize = 20;
+const REPEATS: usize = 6;
+const SAME_MINIMUM: f64 = 1.25;
 
 impl Scene {
     /// A solver of inverse kinematics.
@@ -213,6 +224,7 @@ impl Scene {
             start: vec![f64::NAN; self.nq()],
             drawn: vec![f64::NAN; self.nq()],
             best: vec![f64::NAN; self.nq()],
+            previous: vec![f64::NAN; self.nq()],
         })
     }
 }
@@ -279,6 +291,42 @@ impl Solver<'_> {
         covariance: Option<&mut [f64]>,
         q: &mut [f64],
     ) -> Result<Outcome, Error> {
+        self.search(workspace, tasks, (start, false), covariance, q)
+    }
+
+    /// The next solution of a path of targets: as [`Solver::solve`] from `q` (nq), the solution before, which the new one
+    /// replaces.
+    ///
+    /// Other starts serve only to reach the tasks, or to close the connections. If none does, the result is the local
+    /// minimum next to the solution before, so that a path that leaves the reach of the robot does not jump.
+    ///
+    /// # Errors
+    ///
+    /// As [`Solver::solve`]; `q` is then unchanged.
+    pub fn follow(
+        &mut self,
+        workspace: &mut Workspace<f64>,
+        tasks: &[Task],
+        covariance: Option<&mut [f64]>,
+        q: &mut [f64],
+    ) -> Result<Outcome, Error> {
+        let mut previous = std::mem::take(&mut self.previous);
+        previous.clear();
+        previous.extend_from_slice(q);
+        let outcome = self.search(workspace, tasks, (&previous, true), covariance, q);
+        self.previous = previous;
+        outcome
+    }
+
+    /// The search from `start` of [`Solver::solve`], and with `follows` of [`Solver::follow`].
+    fn search(
+        &mut self,
+        workspace: &mut Workspace<f64>,
+        tasks: &[Task],
+        (start, follows): (&[f64], bool),
+        covariance: Option<&mut [f64]>,
+        q: &mut [f64],
+    ) -> Result<Outcome, Error> {
         let scene = self.scene;
         scene.check_workspace(workspace)?;
         scene.check_coordinates("q0", start)?;
@@ -289,6 +337,7 @@ impl Solver<'_> {
         let tolerance = self.options.tolerance;
         let mut found: Option<DescentResult> = None;
         let (mut used, mut iterations) = (0, 0);
+        let (mut least, mut repeats) = (f64::INFINITY, 0);
         while used < self.options.starts {
             match used {
                 0 => self.start.copy_from_slice(start),
@@ -299,11 +348,20 @@ impl Solver<'_> {
             let ending = self.descent.run(workspace, &tasks, &self.options, whole, &mut self.start)?;
             iterations += ending.iterations;
             let is_reached = ending.reached(tolerance);
-            if is_reached || found.as_ref().is_none_or(|best| ending.value < best.value) {
+            let is_better = |best: &DescentResult| ending.value < best.value && !(follows && best.open.is_none());
+            if is_reached || found.as_ref().is_none_or(is_better) {
                 self.best.copy_from_slice(&self.start);
                 found = Some(ending);
             }
             if is_reached || tasks.is_without_rows() && ending.open.is_none() {
+                break;
+            }
+            if SAME_MINIMUM * ending.value < least {
+                repeats = 0;
+            }
+            repeats += usize::from(ending.value <= SAME_MINIMUM * least);
+            least = least.min(ending.value);
+            if used >= ENOUGH_STARTS && repeats >= REPEATS {
                 break;
             }
         }
