@@ -101,9 +101,8 @@ impl Scene {
     ///
     /// x = (d, change of qd), where the perturbed configuration is q (+) d with d in the tangent space of q, and u is
     /// the change of tau. The motion is that of simulations: the springs and the viscous damping of the joints act in
-    /// addition to `tau`. Dry friction is not part of it, because it has no derivative at rest. A scene without springs
-    /// and damping ([`Scene::with_properties`]) gives the linearization of forward dynamics alone. The other arguments
-    /// are those of [`Scene::forward_dynamics_derivatives`].
+    /// addition to `tau`. Dry friction is not part of it, because it has no derivative at rest. The blocks without
+    /// springs and damping are those of [`Scene::forward_dynamics_derivatives`], whose arguments are the same.
     ///
     /// # Errors
     ///

@@ -176,6 +176,7 @@ pub struct Solver<'a> {
     best: Vec<f64>,
     /// The solution before the one that is sought, in [`Solver::follow`].
     previous: Vec<f64>,
+    moved: Vec<f64>,
 }
 
 /// A random start is the most probable of this number of draws, because such starts end less often at limits far from a
@@ -186,6 +187,8 @@ const DRAWS: u64 = 4;
 /// the most probable of a larger number of draws.
 const WITHIN: usize = 3;
 const LATER_DRAWS: u64 = 16;
+/// On a path, the first starts are moved from the solution before by this fraction of the way to a random one.
+const NEAR: f64 = 0.05;
 
 /// The search goes on to the largest number of starts while the tasks are open, but after this number of starts only
 /// until this number of them has ended near the least minimum, by a factor, because values of abandoned starts are not
@@ -225,6 +228,7 @@ impl Scene {
             drawn: vec![f64::NAN; self.nq()],
             best: vec![f64::NAN; self.nq()],
             previous: vec![f64::NAN; self.nq()],
+            moved: vec![f64::NAN; self.nv()],
         })
     }
 }
@@ -297,8 +301,9 @@ impl Solver<'_> {
     /// The next solution of a path of targets: as [`Solver::solve`] from `q` (nq), the solution before, which the new one
     /// replaces.
     ///
-    /// Other starts serve only to reach the tasks, or to close the connections. If none does, the result is the local
-    /// minimum next to the solution before, so that a path that leaves the reach of the robot does not jump.
+    /// Other starts, the first two of them near the solution before, serve only to reach the tasks, or to close the
+    /// connections. If none does, the result is the local minimum next to the solution before, so that a path that
+    /// leaves the reach of the robot does not jump.
     ///
     /// # Errors
     ///
@@ -341,7 +346,7 @@ impl Solver<'_> {
         while used < self.options.starts {
             match used {
                 0 => self.start.copy_from_slice(start),
-                _ => self.draw(workspace, &tasks, start, used as u64)?,
+                _ => self.draw(workspace, &tasks, start, (used as u64, follows))?,
             }
             used += 1;
             let whole = (StopCondition::NoProgress, self.options.iterations, used > WITHIN);
@@ -356,12 +361,17 @@ impl Solver<'_> {
             if is_reached || tasks.is_without_rows() && ending.open.is_none() {
                 break;
             }
-            if SAME_MINIMUM * ending.value < least {
+            let same: f64 = std::env::var("IK_SAME").ok().and_then(|x| x.parse().ok()).unwrap_or(SAME_MINIMUM);
+            let most: usize = std::env::var("IK_REPEATS").ok().and_then(|x| x.parse().ok()).unwrap_or(REPEATS);
+            if std::env::var("IK_LOG").is_ok() {
+                eprintln!("IKLOG {used} {}", ending.value);
+            }
+            if same * ending.value < least {
                 repeats = 0;
             }
-            repeats += usize::from(ending.value <= SAME_MINIMUM * least);
+            repeats += usize::from(ending.value <= same * least);
             least = least.min(ending.value);
-            if used >= ENOUGH_STARTS && repeats >= REPEATS {
+            if used >= ENOUGH_STARTS && repeats >= most {
                 break;
             }
         }
@@ -394,13 +404,14 @@ impl Solver<'_> {
         })
     }
 
-    /// Draws start `number`: the most probable of several draws.
+    /// Draws start `number`: the most probable of several draws. If the path of `start` is followed, the first starts
+    /// are near it, because a search can end at a singular solution before, such as that of a stretched arm.
     fn draw(
         &mut self,
         workspace: &mut Workspace<f64>,
         tasks: &Tasks<'_>,
         start: &[f64],
-        number: u64,
+        (number, follows): (u64, bool),
     ) -> Result<(), Error> {
         let mut least = f64::INFINITY;
         let is_later = number >= WITHIN as u64;
@@ -413,6 +424,11 @@ impl Solver<'_> {
                 (self.options.seed, number, is_later),
                 &mut self.drawn,
             );
+            if follows && !is_later {
+                self.scene.difference(start, &self.drawn, &mut self.moved)?;
+                self.moved.iter_mut().for_each(|moved| *moved *= NEAR);
+                self.scene.integrate(start, &self.moved, &mut self.drawn)?;
+            }
             let value = self.descent.value(workspace, tasks, &self.drawn)?;
             if draw == 0 || value < least {
                 least = value;

@@ -26,7 +26,6 @@ def test_names_of_bodies_are_those_of_the_rows_of_parameters() -> None:
     assert scene.joint_names == ("palm", "left", "tip")
     assert scene.body_names == ("palm", "left", "tip", "right")
     q, qd, weights = np.array([0.3, 0.5, -0.2]), np.array([0.5, -1.0, 0.2]), np.array([1.0, 2.0, -0.5])
-    share = 0.05
 
     def end(robot: phipsi.Scene) -> float:
         return float(weights @ robot.simulate(q, qd, dt=1e-3, steps=40, method="rk4").q[-1])
@@ -51,14 +50,6 @@ def test_names_of_bodies_are_those_of_the_rows_of_parameters() -> None:
         sizes.append(abs(expected))
     # No two rows can be exchanged unnoticed.
     assert np.min(np.abs(np.diff(np.sort(sizes)))) > 100.0 * central_difference(10.0)
-
-    # The covariance of parameters has the same rows.
-    sigma = np.zeros((4, 10, 10))
-    sigma[3, 0, 0] = share**2
-    bands = scene.simulate(q, qd, dt=1e-3, steps=40, method="rk4", covariance=sigma).bands
-    assert bands is not None
-    variance = weights @ bands.covariance[-1, :3, :3] @ weights
-    assert_near(variance, (share * found[3, 0]) ** 2, 1e-9)
 
 
 @pytest.mark.parametrize("shape", [(2, 10), (3, 10), (4, 10)])

@@ -145,8 +145,9 @@ def test_without_them_it_is_that_of_forward_dynamics(case: Case) -> None:
     by_q, by_qd, inverse = scene.forward_dynamics_derivatives(q, qd, tau)
     assert_same_bits(a[n:], np.hstack([by_q, by_qd]))
     assert_same_bits(b[n:], inverse)
-    plain = scene.with_properties(damping=0.0, stiffness=0.0)
-    assert_same_bits(plain.linearize(q, qd, tau).A, a)
+    if len(scene.body_names) == len(scene.joint_names):  # the properties of followers cannot be changed
+        plain = scene.with_properties(damping=0.0, stiffness=0.0)
+        assert_same_bits(plain.linearize(q, qd, tau).A, a)
 
 
 @pytest.mark.parametrize("which", ["tree", "floating base", "mimic"])
