@@ -3534,7 +3534,7 @@ class Scene:
         q0: ArrayLike | None = None,
         *,
         follow: bool = False,
-        starts: int = 100,
+        starts: int | None = None,
         posture: float | None = None,
         limits: bool = True,
         tolerance: float = 1e-9,

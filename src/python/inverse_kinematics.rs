@@ -1,7 +1,7 @@
 //! The methods `Scene.inverse_kinematics` and `Scene.inverse_kinematics_rates`.
 
 use super::choice::choose;
-use super::counts::{count_or, number};
+use super::counts::{count, count_or, number};
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::{self, Output};
@@ -45,10 +45,10 @@ impl PyScene {
     ///     the solution before, the first from q0, which has one configuration per path. Solutions of neighboring
     ///     targets are then near each other, and a target that no start reaches has the local minimum next to the
     ///     solution before. Axes before that of the path are a batch of paths.
-    /// starts : int, default 100
-    ///     Largest number of starts. Those after the first are drawn within the limits, of several draws the one
-    ///     nearest to the tasks. After 20 starts the search ends once several of them have found the least minimum,
-    ///     because the target is then probably out of reach.
+    /// starts : int, optional
+    ///     Largest number of starts; None: 100, or 20 with a posture. Those after the first are drawn within the limits,
+    ///     of several draws the one nearest to the tasks. The search ends early when the tasks are reached, or when 40
+    ///     starts have found the same least minimum, because the target is then probably out of reach.
     /// posture : float, optional
     ///     Standard deviation of the joints from q0, rad or m, for robots with more freedom than the tasks; with follow
     ///     from the solution before. None: no posture.
@@ -86,7 +86,7 @@ impl PyScene {
     /// (True, True)
     #[pyo3(signature = (tasks, q0=None, *, follow=false, starts=None, posture=None, limits=true, tolerance=1e-9,
                         iterations=None, metric="coordinates", covariance=false, seed=None, errors="raise"),
-           text_signature = "($self, tasks, q0=None, *, follow=False, starts=100, posture=None, limits=True, \
+           text_signature = "($self, tasks, q0=None, *, follow=False, starts=None, posture=None, limits=True, \
                              tolerance=1e-9, iterations=100, metric='coordinates', covariance=False, seed=0, \
                              errors='raise')")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
@@ -108,7 +108,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let metric = choose("metric", metric, &METRICS)?;
         let usual = Options::default();
-        let starts = count_or("starts", starts, 1, usual.starts)?;
+        let starts = starts.map(|starts| count("starts", starts, 1)).transpose()?;
         let iterations = count_or("iterations", iterations, 0, usual.iterations)?;
         let seed = seed.map_or(Ok(usual.seed), |seed| number("seed", seed))?;
         let options = Options { starts, iterations, tolerance, limits, posture, metric, seed };
