@@ -89,9 +89,10 @@ methods! {
     #[doc = raises!(singular dense arguments)]
     #[doc = section!(Notes)]
     /// A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]] and B = [[0], [M^-1]], with qdd = forward_dynamics(q, qd, tau -
-    /// stiffness (q - rest) - damping qd), where q - rest is the displacement as in simulate. The deviation difference(q, q + dq) is expressed in axes that move
-    /// with the motion: ad(qd) is zero at rest and for joints with one axis, the cross product with the angular velocity
-    /// for spherical joints, and the bracket of (linear, angular) velocities for free joints.
+    /// stiffness (q - rest) - damping qd), where q - rest is the displacement as in simulate. The deviation
+    /// difference(q, q + dq) is expressed in axes that move with the motion: ad(qd) is zero at rest and for joints with
+    /// one axis, the cross product with the angular velocity for spherical joints, and the bracket of (linear, angular)
+    /// velocities for free joints.
     ///
     /// Dry friction is not included, because it has no derivative at rest: A and B describe the motion of joints
     /// without it. Subtract friction * sign(qd) from tau for joints that slide.

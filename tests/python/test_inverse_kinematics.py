@@ -243,7 +243,7 @@ def test_the_search_for_a_target_out_of_reach_ends_early() -> None:
     found, few = ARM.inverse_kinematics(tasks.Pose(HAND, far)), ARM.inverse_kinematics(tasks.Pose(HAND, far), starts=20)
     assert not np.any(found.reached)
     assert np.all(found.starts >= 40) and np.all(found.starts < 100)
-    assert np.all(found.position_error**2 + found.rotation_error**2 <= few.position_error**2 + few.rotation_error**2)
+    assert_near(found.position_error, few.position_error, 1e-6)
 
 
 # Paths
@@ -311,14 +311,14 @@ def test_batches_of_paths_and_tasks_without_an_axis_of_the_path() -> None:
 def test_a_path_that_leaves_the_reach_does_not_jump() -> None:
     """The arm stretches toward targets out of reach, and follows the path again from there."""
     point = ARM.placement(START, HAND)[:3, 3]
-    out = np.concatenate([np.linspace(0.6, 2.0, 40), np.linspace(2.0, 0.6, 40)])
+    out = np.concatenate([np.linspace(0.6, 1.6, 25), np.linspace(1.6, 0.6, 25)])
     task = tasks.Position(HAND, point * out[:, None])
     found = ARM.inverse_kinematics(task, START, follow=True)
     reached = np.asarray(found.reached)
-    assert reached[0] and reached[-1] and not reached[30:50].any()
+    assert reached[0] and reached[-1] and not reached[20:30].any()
     assert np.array_equal(reached, ARM.inverse_kinematics(task).reached)
     assert largest_step(found.q) < 1.0 < largest_step(ARM.inverse_kinematics(task, START).q)
-    assert largest_step(found.q[30:50]) < 1e-2
+    assert largest_step(found.q[20:30]) < 1e-2
 
 
 def test_a_state_of_a_path_that_cannot_be_computed() -> None:
@@ -326,7 +326,7 @@ def test_a_state_of_a_path_that_cannot_be_computed() -> None:
     poses[3, 0, 3] = np.nan
     with pytest.raises(NotFiniteError, match=r"target of task 0: found NaN at index 3 in state 3;"):
         ARM.inverse_kinematics(tasks.Pose(HAND, poses), START, follow=True)
-    with pytest.raises(NotFiniteError, match=r"target of task 0: found NaN at index 3 in state \(1, 3\);"):
+    with pytest.raises(NotFiniteError, match=r"target of task 0: found NaN .*index \(1, 3\) of the batch"):
         ARM.inverse_kinematics(tasks.Pose(HAND, np.stack([circle(8), poses])), START, follow=True)
     with pytest.warns(BadStateWarning, match="1 of 8 states"):
         found = ARM.inverse_kinematics(tasks.Pose(HAND, poses), START, follow=True, errors="nan")
