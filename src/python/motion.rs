@@ -239,8 +239,10 @@ impl PyScene {
         let stopped = run(py, &mut rollout, &mut records, &plan).err();
         own.warn_of_linkage(py)?;
         fields.set_item("steps", rollout.steps())?;
-        let (impacts, made) =
-            (rollout.take_impacts(), (rollout.chosen_method(), rollout.friction_speed(), rollout.has_stops()));
+        let (impacts, made) = (
+            rollout.take_impacts(),
+            (rollout.chosen_method(), rollout.friction_speed(), [rollout.has_stops(), accuracy.is_some()]),
+        );
         set_outcome(&fields, &batch, own, made, |state| rollout.totals(state), &impacts)?;
         if of_contacts > 0 {
             if stopped.is_none() {

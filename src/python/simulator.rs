@@ -265,7 +265,11 @@ impl PySimulator {
     fn now<'py>(&self, py: Python<'py>, moving: &Simulator<Held>) -> PyResult<Object<'py>> {
         let fields = about(self.scene.bind(py), &moving.settings())?;
         fields.set_item("steps", moving.steps())?;
-        let made = (moving.chosen_method(), moving.friction_speed(), moving.has_stops());
+        let made = (
+            moving.chosen_method(),
+            moving.friction_speed(),
+            [moving.has_stops(), moving.settings().accuracy.is_some()],
+        );
         set_outcome(&fields, &self.batch, self.scene.get(), made, |state| moving.totals(state), &[])?;
         if let Some(contacts) = self.contacts_now(py, moving, &[1])? {
             fields.set_item("contacts", contacts)?;

@@ -153,7 +153,7 @@ pub(super) fn set_outcome<'py>(
     fields: &Bound<'py, PyDict>,
     batch: &[usize],
     own: &PyScene,
-    (chosen, friction_speed, stops): (Method, f64, bool),
+    (chosen, friction_speed, [stops, is_controlled]): (Method, f64, [bool; 2]),
     totals: impl Fn(usize) -> Totals,
     impacts: &[StopImpact],
 ) -> PyResult<()> {
@@ -170,7 +170,6 @@ pub(super) fn set_outcome<'py>(
         [&|t| t.torque, &|t| t.damping, &|t| t.friction, &|t| t.control, &|t| t.stops];
     let works = works.into_iter().map(each).collect::<PyResult<Vec<_>>>()?;
     fields.set_item("works", PyTuple::new(py, works)?)?;
-    let is_controlled = settings.accuracy.is_some();
     let error = |t: &Totals| if is_controlled { t.error } else { f64::NAN };
     let counts: [&dyn Fn(&Totals) -> f64; 4] = [&|t| t.most_substeps.max(1.0), &|t| t.events, &error, &|t| t.unsettled];
     let counts = counts.into_iter().map(each).collect::<PyResult<Vec<_>>>()?;

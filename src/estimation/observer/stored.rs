@@ -62,7 +62,7 @@ fn visit_records(
     records.truncate(count);
     for at in 0..count {
         if at == records.len() {
-            records.push_back(Box::new(Record::new(plan)));
+            records.push_back(Box::new(Record::new(plan)?));
         }
         records[at].visit(visit)?;
     }
