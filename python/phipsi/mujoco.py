@@ -159,7 +159,7 @@ class _Reader:
                 if child != name:
                     self.scene.link(child)
                 called = names.joint(names.joints[joint] + part.suffix) if part.suffix else names.joints[joint]
-                where = {"xyz": place.origin, "rotation": place.rotation, "axis": axis if part.axis is None else part.axis}
+                where: dict[str, Any] = {"xyz": place.origin, "rotation": place.rotation, "axis": axis if part.axis is None else part.axis}
                 self.scene.joint(called, self._kind(joint, part), parent, child, **where, **self._numbers(joint, part), **self.mimics.get(joint, {}))
                 parent, place = child, _Frame(np.eye(3), -anchor if kind in (HINGE, BALL) else np.zeros(3))
         inertia = rotation(model.body_iquat[body])
