@@ -445,8 +445,8 @@ class Scene:
     def limits(self) -> Limits:
         """Joint limits per degree of freedom, as phipsi.Limits with fields of shape (nv,), read-only; infinite for none.
 
-        The fields are lower, upper (rad or m), velocity, effort (N m or N), acceleration, deceleration and jerk. A joint
-        of several degrees of freedom repeats its limits. Position limits are stops in simulations, unless
+        The fields are lower, upper (rad or m), velocity, effort (N m or N), acceleration, deceleration and jerk. A
+        joint of several degrees of freedom repeats its limits. Position limits are stops in simulations, unless
         limits="report"; the other limits are reported only.
         """
 
@@ -4756,8 +4756,8 @@ class SceneBuilder:
         effort : float, optional
             Effort limit, N m or N; reported only.
         acceleration, deceleration, jerk : float, optional
-            Limits of the acceleration, of the deceleration, rad/s^2 or m/s^2, and of the jerk, rad/s^3 or m/s^3; reported
-            only.
+            Limits of the acceleration, of the deceleration, rad/s^2 or m/s^2, and of the jerk, rad/s^3 or m/s^3;
+            reported only.
         mimic : str, optional
             Name of a joint to follow, with build(mimic="couple").
         mimic_multiplier : float, default 1

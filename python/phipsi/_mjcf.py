@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._install import command
-from .errors import ArgumentError, MeshWarning, SceneError, warn
+from .errors import ArgumentError, MeshWarning, SceneError, of_argument, warn
 
 if TYPE_CHECKING:
     import mujoco
@@ -208,6 +209,75 @@ def _fresh(name: str, taken: set[str]) -> str:
         name += "_"
     taken.add(name)
     return name
+
+
+def link_name(source: mujoco.MjModel | mujoco.MjSpec | str | os.PathLike[str], body: int) -> str:
+    """Name of the link of a body; a body without a name in the file gets one, such as "body3".
+
+    Parameters
+    ----------
+    source : mujoco.MjModel, mujoco.MjSpec, str or path
+        Model, as in Scene.from_mujoco.
+    body : int
+        Index of the body in MuJoCo; 0 is the world.
+
+    Returns
+    -------
+    name : str
+        Name of the link in the scene.
+
+    Raises
+    ------
+    ArgumentError
+        If the model has no body with this index.
+
+    Examples
+    --------
+    >>> import mujoco, phipsi.mujoco  # doctest: +SKIP
+    >>> phipsi.mujoco.link_name("humanoid.xml", 1)  # doctest: +SKIP
+    'torso'
+    """
+    return _at("body", Names(compiled(source)[0]).bodies, body)
+
+
+def joint_name(source: mujoco.MjModel | mujoco.MjSpec | str | os.PathLike[str], joint: int) -> str:
+    """Name of a joint; a joint without a name in the file gets one, such as "joint3".
+
+    Parameters
+    ----------
+    source : mujoco.MjModel, mujoco.MjSpec, str or path
+        Model, as in Scene.from_mujoco.
+    joint : int
+        Index of the joint in MuJoCo.
+
+    Returns
+    -------
+    name : str
+        Name of the joint in the scene. For a free joint that is read as three slides and a ball joint, the name of the
+        ball joint; the slides are called name + "/x", "/y" and "/z".
+
+    Raises
+    ------
+    ArgumentError
+        If the model has no joint with this index.
+
+    Examples
+    --------
+    >>> import mujoco, phipsi.mujoco  # doctest: +SKIP
+    >>> phipsi.mujoco.joint_name("humanoid.xml", 0)  # doctest: +SKIP
+    'root'
+    """
+    return _at("joint", Names(compiled(source)[0]).joints, joint)
+
+
+def _at(what: str, names: list[str], index: int) -> str:
+    try:
+        at = operator.index(index)
+    except TypeError:
+        at = -1
+    if not 0 <= at < len(names):
+        raise of_argument(ArgumentError, what, f"found {index!r}; expected an integer from 0 to {len(names) - 1}")
+    return names[at]
 
 
 # Disabled features

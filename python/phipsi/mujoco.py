@@ -11,7 +11,6 @@ joints and free joints need no conversion.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ._arguments import leading, vectors
 from ._core import Scene, SceneBuilder
 from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, SLIDE, WIDTHS, Names
-from ._mjcf import along_world, compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, stops, ties_bodies
+from ._mjcf import along_world, compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, joint_name, link_name, stops, ties_bodies
 from ._mjcf_actuators import Actuators, actuators
 from ._mjcf_contacts import pairs, points
 from ._mujoco_gaps import check
@@ -160,7 +159,7 @@ class _Reader:
                 if child != name:
                     self.scene.link(child)
                 called = names.joint(names.joints[joint] + part.suffix) if part.suffix else names.joints[joint]
-                where = {"xyz": place.origin, "rotation": place.rotation, "axis": axis if part.axis is None else part.axis}
+                where: dict[str, Any] = {"xyz": place.origin, "rotation": place.rotation, "axis": axis if part.axis is None else part.axis}
                 self.scene.joint(called, self._kind(joint, part), parent, child, **where, **self._numbers(joint, part), **self.mimics.get(joint, {}))
                 parent, place = child, _Frame(np.eye(3), -anchor if kind in (HINGE, BALL) else np.zeros(3))
         inertia = rotation(model.body_iquat[body])
@@ -313,78 +312,6 @@ def rotation(quaternion: ArrayLike) -> _Array:
 def _turn(axis: _Array, angle: float) -> _Array:
     """Rotation matrix for an angle, rad, about a unit axis."""
     return rotation(np.concatenate([[np.cos(0.5 * angle)], np.sin(0.5 * angle) * axis]))
-
-
-# Names
-
-
-def link_name(source: mujoco.MjModel | mujoco.MjSpec | str | os.PathLike[str], body: int) -> str:
-    """Name of the link of a body; a body without a name in the file gets one, such as "body3".
-
-    Parameters
-    ----------
-    source : mujoco.MjModel, mujoco.MjSpec, str or path
-        Model, as in Scene.from_mujoco.
-    body : int
-        Index of the body in MuJoCo; 0 is the world.
-
-    Returns
-    -------
-    name : str
-        Name of the link in the scene.
-
-    Raises
-    ------
-    ArgumentError
-        If the model has no body with this index.
-
-    Examples
-    --------
-    >>> import mujoco, phipsi.mujoco  # doctest: +SKIP
-    >>> phipsi.mujoco.link_name("humanoid.xml", 1)  # doctest: +SKIP
-    'torso'
-    """
-    return _at("body", Names(compiled(source)[0]).bodies, body)
-
-
-def joint_name(source: mujoco.MjModel | mujoco.MjSpec | str | os.PathLike[str], joint: int) -> str:
-    """Name of a joint; a joint without a name in the file gets one, such as "joint3".
-
-    Parameters
-    ----------
-    source : mujoco.MjModel, mujoco.MjSpec, str or path
-        Model, as in Scene.from_mujoco.
-    joint : int
-        Index of the joint in MuJoCo.
-
-    Returns
-    -------
-    name : str
-        Name of the joint in the scene. For a free joint that is read as three slides and a ball joint, the name of the
-        ball joint; the slides are called name + "/x", "/y" and "/z".
-
-    Raises
-    ------
-    ArgumentError
-        If the model has no joint with this index.
-
-    Examples
-    --------
-    >>> import mujoco, phipsi.mujoco  # doctest: +SKIP
-    >>> phipsi.mujoco.joint_name("humanoid.xml", 0)  # doctest: +SKIP
-    'root'
-    """
-    return _at("joint", Names(compiled(source)[0]).joints, joint)
-
-
-def _at(what: str, names: list[str], index: int) -> str:
-    try:
-        at = operator.index(index)
-    except TypeError:
-        at = -1
-    if not 0 <= at < len(names):
-        raise of_argument(ArgumentError, what, f"found {index!r}; expected an integer from 0 to {len(names) - 1}")
-    return names[at]
 
 
 # Conventions

@@ -133,8 +133,8 @@ impl PySceneBuilder {
     /// effort : float, optional
     ///     Effort limit, N m or N; reported only.
     /// acceleration, deceleration, jerk : float, optional
-    ///     Limits of the acceleration, of the deceleration, rad/s^2 or m/s^2, and of the jerk, rad/s^3 or m/s^3; reported
-    ///     only.
+    ///     Limits of the acceleration, of the deceleration, rad/s^2 or m/s^2, and of the jerk, rad/s^3 or m/s^3;
+    ///     reported only.
     /// mimic : str, optional
     ///     Name of a joint to follow, with build(mimic="couple").
     /// mimic_multiplier : float, default 1
@@ -154,8 +154,8 @@ impl PySceneBuilder {
     /// array([0.5])
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
                         armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None,
-                        velocity=None, effort=None, acceleration=None, deceleration=None, jerk=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0,
-                        **unknown),
+                        velocity=None, effort=None, acceleration=None, deceleration=None, jerk=None, mimic=None,
+                        mimic_multiplier=1.0, mimic_offset=0.0, **unknown),
            text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, axis=(0, \
                              0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
                              lower=None, upper=None, velocity=None, effort=None, acceleration=None, deceleration=None, \

@@ -70,8 +70,8 @@ impl PyScene {
 
     /// Joint limits per degree of freedom, as phipsi.Limits with fields of shape (nv,), read-only; infinite for none.
     ///
-    /// The fields are lower, upper (rad or m), velocity, effort (N m or N), acceleration, deceleration and jerk. A joint
-    /// of several degrees of freedom repeats its limits. Position limits are stops in simulations, unless
+    /// The fields are lower, upper (rad or m), velocity, effort (N m or N), acceleration, deceleration and jerk. A
+    /// joint of several degrees of freedom repeats its limits. Position limits are stops in simulations, unless
     /// limits="report"; the other limits are reported only.
     #[getter]
     fn limits<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {

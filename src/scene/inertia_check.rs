@@ -52,7 +52,8 @@ pub(super) fn unphysical(inertial: &Inertial) -> Option<String> {
 /// the radius of those in kg m^2, which is at most 2.5 times the size in the files of example-robot-data.
 const LARGEST_GYRATION: f64 = 30.0;
 
-/// The root mean square distance of the mass of a link from its center, m, if it is far beyond the size of the scene, m.
+/// The root mean square distance of the mass of a link from its center, m, if that is far beyond the size of the
+/// scene, m.
 pub(super) fn far_gyration(inertial: &Inertial, size: f64) -> Option<f64> {
     // Half the trace is the integral of the squared distance from the center of mass.
     let [xx, _, _, yy, _, zz] = inertial.central.entries;

@@ -3,11 +3,12 @@
 //! The reader reads names, `<inertial>`, and type, parent, child, origin, axis, limit, dynamics and mimic of joints. An
 //! extension is `<dynamics armature="..." stiffness="..." rest="...">`, in kg m^2 or kg, N m/rad or N/m, and rad or m
 //! (rest: only for joints of one coordinate). `<robot version="...">` is 1.0, which is the default, 1.1, which adds
-//! `quat_xyzw` of `<origin>`, or 1.2, which adds acceleration, deceleration and jerk of `<limit>`, as in urdfdom. Rotor inertia in the notation of Drake is read as armature. Visual,
-//! collision, gazebo and similar elements, and elements and attributes with a foreign prefix, are ignored. All other
-//! content is reported by one [`SceneWarning::NotUnderstood`], or by an error in strict scenes. Invalid content of a
-//! link or joint is an error that names it. Invalid limits are ignored with a [`SceneWarning::Limits`], because they do
-//! not enter the dynamics. [`SceneBuilder::build`] checks that the links and joints form a tree of physical bodies.
+//! `quat_xyzw` of `<origin>`, or 1.2, which adds acceleration, deceleration and jerk of `<limit>`, as in urdfdom. Rotor
+//! inertia in the notation of Drake is read as armature. Visual, collision, gazebo and similar elements, and elements
+//! and attributes with a foreign prefix, are ignored. All other content is reported by one
+//! [`SceneWarning::NotUnderstood`], or by an error in strict scenes. Invalid content of a link or joint is an error
+//! that names it. Invalid limits are ignored with a [`SceneWarning::Limits`], because they do not enter the dynamics.
+//! [`SceneBuilder::build`] checks that the links and joints form a tree of physical bodies.
 
 mod known;
 mod lenient;
