@@ -159,8 +159,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let roots = if conserve_momentum { momentum::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
         let mut step_settings =
             StepSettings::new(holds.model(), dt, chosen, (properties, gains), roots).with_coupling(coupling);
-        step_settings.automatic = method == Method::Auto;
-        step_settings.divides = step_settings.automatic && is_tree;
+        step_settings.asked = method;
+        step_settings.divides = method == Method::Auto && is_tree;
         step_settings.restitution = restitution;
         step_settings.stops = stops;
         step_settings.accuracy = accuracy;
