@@ -43,12 +43,12 @@ pub(super) fn fault_of(
 
 /// Another fix for a motion that diverges: settings that the run does not have.
 fn remedy(settings: &StepSettings) -> &'static str {
-    let StepSettings { automatic, method, accuracy, coupling, .. } = settings;
+    let StepSettings { asked, accuracy, coupling, .. } = settings;
     let controls = settings.divides && accuracy.is_none() && coupling.is_none();
-    match (automatic, method) {
-        (false, Method::Contact) => "",
-        (false, _) => in_language(", or Method::Auto", ", or method=\"auto\""),
-        (true, _) if controls => in_language(", or set Settings::accuracy", ", or set accuracy=1e-6"),
-        (true, _) => ", or smaller gains and torques",
+    match asked {
+        Method::Auto if controls => in_language(", or set Settings::accuracy", ", or set accuracy=1e-6"),
+        Method::Auto => ", or smaller gains and torques",
+        Method::Contact => "",
+        _ => in_language(", or Method::Auto", ", or method=\"auto\""),
     }
 }

@@ -115,8 +115,8 @@ fn of_steps(
     };
     let stops = settings.limits == Limits::Stop;
     let mut of = StepSettings::new(scene.model(), dt, chosen, (properties, gains)).with_coupling(coupling);
-    of.automatic = method == Method::Auto;
-    of.divides = of.automatic && is_tree;
+    of.asked = method;
+    of.divides = method == Method::Auto && is_tree;
     of.restitution = settings.restitution;
     of.stops = stops;
     of.accuracy = accuracy;

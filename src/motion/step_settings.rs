@@ -24,8 +24,8 @@ pub(super) struct StepSettings {
     pub free: Option<Box<Self>>,
     /// True if [`Method::Auto`] selected the method; steps that are too long are then divided.
     pub divides: bool,
-    /// True if [`Method::Auto`] selected the method.
-    pub automatic: bool,
+    /// The method of the settings, which can be [`Method::Auto`].
+    pub asked: Method,
     /// The method with the time step of the run.
     pub scheme: Scheme,
     pub properties: Properties,
@@ -72,7 +72,7 @@ impl StepSettings {
             step,
             method,
             free: None,
-            automatic: false,
+            asked: method,
             divides: false,
             scheme: Scheme::new(method, step),
             coupling: None,

@@ -55,7 +55,7 @@ def in_seconds(time: ArrayLike) -> _Array:
 
 def checked_time(time: ArrayLike, count: int) -> _Array:
     """Return the times, (k,), s, after a check that they do not decrease. Warn about units, gaps and repeated times."""
-    found = in_seconds(time)
+    found = np.asarray(_core._numbers("time", time))
     if found.shape != (count,):
         raise of_argument(ShapeError, "time", f"found shape {found.shape}; expected ({count},), one time per row")
     if not np.isfinite(found).all():
@@ -69,6 +69,8 @@ def checked_time(time: ArrayLike, count: int) -> _Array:
             " by np.argsort(time)"
         )
         raise of_argument(ArgumentError, "time", message)
+    found = in_seconds(time)
+    steps = np.diff(found)
     if repeated := int(np.sum(steps == 0.0)):
         at = int(np.flatnonzero(steps == 0.0)[0])
         warn(
