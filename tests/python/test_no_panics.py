@@ -32,7 +32,7 @@ def cases(*arguments: str) -> dict[str, str]:
     assert found.returncode == 0, f"{lines[-1:]}\n{found.stderr[-4000:]}"
     faults = [line for line in lines if "FAULT" in line]
     assert not faults, "\n".join(faults)
-    return dict(line.rsplit(": ", 1) for line in lines)
+    return {name.rstrip(":,"): outcome for name, outcome in (line.rsplit(" ", 1) for line in lines)}
 
 
 def in_process(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
