@@ -175,8 +175,7 @@ pub(super) fn set_outcome<'py>(
     fields.set_item("works", PyTuple::new(py, works)?)?;
     let is_controlled = settings.accuracy.is_some();
     let error = |t: &Totals| if is_controlled { t.error } else { f64::NAN };
-    let counts: [&dyn Fn(&Totals) -> f64; 4] =
-        [&|t| t.most_substeps.max(1.0), &|t| t.events, &error, &|t| t.unsettled];
+    let counts: [&dyn Fn(&Totals) -> f64; 4] = [&|t| t.most_substeps.max(1.0), &|t| t.events, &error, &|t| t.unsettled];
     let counts = counts.into_iter().map(each).collect::<PyResult<Vec<_>>>()?;
     fields.set_item("counts", PyTuple::new(py, counts)?)?;
     fields.set_item("stops", stop_impacts(py, batch, own, impacts)?)

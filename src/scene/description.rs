@@ -215,9 +215,7 @@ impl SceneWarning {
                 format!("unrecognized content: {found}"),
                 "elements and attributes of URDF (strict)".to_owned(),
             ),
-            Self::Degrees { joint, found } => {
-                (format!("joint {joint:?}"), found, "limits in rad (strict)".to_owned())
-            }
+            Self::Degrees { joint, found } => (format!("joint {joint:?}"), found, "limits in rad (strict)".to_owned()),
             Self::Limits { found } => {
                 let expected = "lower not above upper, velocity and effort zero or positive (strict)";
                 ("limits".to_owned(), found, expected.to_owned())
@@ -248,7 +246,10 @@ impl std::fmt::Display for SceneWarning {
             }
             Self::NotUnderstood { source, found } => write!(f, "{source}: not recognized and ignored: {found}"),
             Self::Degrees { joint, found } => {
-                write!(f, "joint {joint:?}: {found}, which look like degrees; limits are in rad (degrees times pi / 180)")
+                write!(
+                    f,
+                    "joint {joint:?}: {found}, which look like degrees; limits are in rad (degrees times pi / 180)"
+                )
             }
             Self::Limits { found } => write!(f, "invalid limits, which are ignored: {found}"),
         }

@@ -99,7 +99,10 @@ impl Scene {
     ) -> Result<RandomModel, Error> {
         self.model().simplifications.check_every_body_moves("scene")?;
         self.check_configuration("q", q)?;
-        if !(acceleration_variance.is_finite() && acceleration_variance > 0.0 && acceleration_variance.recip().is_finite()) {
+        if !(acceleration_variance.is_finite()
+            && acceleration_variance > 0.0
+            && acceleration_variance.recip().is_finite())
+        {
             let found = acceleration_variance.to_string();
             return Err(Error::argument("acceleration_variance", found, "a positive number, (rad/s^2)^2"));
         }

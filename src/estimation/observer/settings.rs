@@ -343,7 +343,8 @@ impl Plan {
         let window = [1, WINDOW, self.nv + self.readings];
         let robot = [[4, self.states, column], [1, self.width, wide], [1, self.width, stride], window];
         let predicted = [1, self.width + self.walks.len(), column];
-        let thread = [[3, self.nv, self.nv], [1, self.width, stride], [2, self.width, self.reading_stride()], predicted];
+        let thread =
+            [[3, self.nv, self.nv], [1, self.width, stride], [2, self.width, self.reading_stride()], predicted];
         let bytes = all(robots, &robot).saturating_add(all(threads, &thread));
         room(if robots > 1 { "q" } else { "scene" }, bytes)
     }
