@@ -182,6 +182,8 @@ const DRAWS: u64 = 4;
 /// first minimize without limits, and begin with some joints at limits, where the first ones miss solutions; they are
 /// the most probable of a larger number of draws.
 const WITHIN: usize = 3;
+/// Matrices of nv x nv numbers in the scratch memory.
+const MATRICES: usize = 5;
 const LATER_DRAWS: u64 = 16;
 
 impl Scene {
@@ -205,8 +207,6 @@ impl Scene {
         }
         positive("tolerance", options.tolerance)?;
         options.posture.map_or(Ok(()), |posture| positive("posture", posture))?;
-        /// Matrices of nv x nv numbers in the scratch memory.
-        const MATRICES: usize = 5;
         memory::room("scene", memory::bytes_of::<f64>(&[MATRICES, self.nv(), self.nv()]))?;
         let limits = if options.limits { Bounds::of(self)? } else { Bounds::without(self) };
         Ok(Solver {
