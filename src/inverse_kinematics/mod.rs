@@ -182,9 +182,9 @@ const DRAWS: u64 = 4;
 /// first minimize without limits, and begin with some joints at limits, where the first ones miss solutions; they are
 /// the most probable of a larger number of draws.
 const WITHIN: usize = 3;
+const LATER_DRAWS: u64 = 16;
 /// Matrices of nv x nv numbers in the scratch memory.
 const MATRICES: usize = 5;
-const LATER_DRAWS: u64 = 16;
 
 impl Scene {
     /// A solver of inverse kinematics.
