@@ -218,6 +218,8 @@ const STARTS_WITH_POSTURE: usize = 20;
 /// not at their minima. The tasks are then probably out of reach: of 5,000 reachable poses, none is lost.
 const REPEATS: usize = 40;
 const SAME_MINIMUM: f64 = 1.05;
+/// Matrices of nv x nv numbers in the scratch memory.
+const MATRICES: usize = 5;
 
 impl Scene {
     /// A solver of inverse kinematics that borrows the scene; [`Solver::new`] can own it.
@@ -252,8 +254,6 @@ impl<S: Borrow<Scene>> Solver<S> {
         }
         positive("tolerance", options.tolerance)?;
         options.posture.map_or(Ok(()), |posture| positive("posture", posture))?;
-        /// Matrices of nv x nv numbers in the scratch memory.
-        const MATRICES: usize = 5;
         memory::room("scene", memory::bytes_of::<f64>(&[MATRICES, own.nv(), own.nv()]))?;
         let limits = if options.limits { Bounds::of(own)? } else { Bounds::without(own) };
         let room = || vec![f64::NAN; own.nq()];

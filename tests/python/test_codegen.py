@@ -107,7 +107,7 @@ def test_the_command_writes_what_make_tests(tmp_path: Path) -> None:
         ({"name": "7dof"}, "name"),
         ({"functions": ["fly"]}, "fly"),
         ({"functions": []}, "functions"),
-        ({"functions": "mass_matrix"}, "functions"),
+        ({"functions": "mass_matrices"}, "functions"),
         ({"functions": ["placement"]}, "link"),
         ({"functions": [("placement", "hand")]}, "hand"),
         ({"functions": [("mass_matrix", "link0")]}, "mass_matrix"),

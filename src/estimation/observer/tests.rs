@@ -539,6 +539,7 @@ fn settings_are_refused_by_name() {
     refused(&|s| s.sensors[1].name = "encoder".into(), "sensors: found two sensors with the name 'encoder'");
     refused(&|s| s.sensors[1].noise = vec![0.1; 2], "noise of 'gyro': found [0.1, 0.1]");
     refused(&|s| s.sensors[0].noise = vec![0.0], "noise of 'encoder'");
+    refused(&|s| s.sensors[0].delay = 10_001, "delay of 'encoder': found 10001; expected at most 10000 steps");
     refused(&|s| s.sensors[0].bias = 1.0, "bias of 'encoder'");
     refused(&|s| s.sensors[1].bias_walk = -1.0, "bias of 'gyro': found -1");
     refused(&|s| s.sensors[1].quantity = Quantity::Gyro("nowhere".into()), "nowhere");
