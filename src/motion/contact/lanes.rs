@@ -16,7 +16,7 @@ use super::faults::REFUSED;
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::project::{TOUCHES, out_of_planes};
 use super::report::ContactReport;
-use super::step::{ContactStep, LATE, Outcome, keep, report};
+use super::step::{ContactStep, LATE, Outcome, keep, report, rest_speed};
 use crate::batch::factor;
 use crate::batch::instruction_set::{Target, Vectorized, Work};
 use crate::contact::{Cone, Cones, ContactProblem, Effort, Limits, SolveReport, passive};
@@ -25,7 +25,7 @@ use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::sweeps::{SweepScratch, place};
 use crate::filter::Form;
 use crate::model::Model;
-use crate::scalar::{Real, lanes_but};
+use crate::scalar::lanes_but;
 use crate::scene::Scene;
 use nalgebra::{DMatrix, DVector};
 
@@ -170,8 +170,7 @@ impl<T: Vectorized<Number = f64>> Touching<T> {
             return false;
         }
         let cone = Cones::split(cone);
-        let mut limits = Limits::beside(&c);
-        limits.scale = limits.scale.max(free_here.amax());
+        let limits = Limits::of_step(&c, free_here);
         let warm = DVector::from_fn(m, |i, _| kept[row(i)]);
         let (held, found) = cone.impulses(&c, Some(&warm), &limits, Effort::default());
         let (held, part) = passive(&cone, free_here, held);
@@ -201,11 +200,6 @@ impl<T: Vectorized<Number = f64>> Touching<T> {
         outcome.report = report(solved, solved.iterations, *impulse_kept, (0.0, None), velocities, counted);
         true
     }
-}
-
-/// The velocity that gravity adds in a step.
-fn rest_speed<T: Real>(model: &Model<T>, settings: &StepSettings) -> f64 {
-    model.gravity.map(|g| g.lane(0)).norm() * settings.step
 }
 
 /// One state with all checks.

@@ -22,6 +22,8 @@ use crate::contact::{Cones, ContactProblem, ContactState, Effort, Impact, Limits
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;
+use crate::model::Model;
+use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
 use nalgebra::{DVector, Matrix3};
@@ -186,8 +188,7 @@ impl ContactStep {
         if rows.closed.is_none() {
             factorised(scene, (&s.model, &s.q), workspace)?;
         }
-        // The velocity that gravity adds in a step: slower rebounds would last less than two steps.
-        let rest_speed = s.model.gravity.norm() * h;
+        let rest_speed = rest_speed(&s.model, settings);
         let v_free = s.v_next.clone();
         // Velocities at the end of a free step are those of the time of its end, those of contact steps lag by half a
         // step. With an impact at the start of this step, and a displacement with the mean of the velocities of the free
@@ -224,8 +225,7 @@ impl ContactStep {
                 hit = Some(struck);
             }
             let mut c = to_least_velocities(&u, (&near, n), before, h);
-            let mut limits = Limits::beside(&c);
-            limits.scale = limits.scale.max(free_here.amax());
+            let limits = Limits::of_step(&c, &free_here);
             let (held, mut solved) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
             // A joint that returns from outside of its limits gains energy.
             let returns = near.iter().any(|&i| i >= n && gaps[i] < 0.0);
@@ -314,6 +314,11 @@ impl ContactStep {
             s.totals[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
         }
     }
+}
+
+/// The velocity that gravity adds in a step: slower rebounds would last less than two steps.
+pub(super) fn rest_speed<T: Real>(model: &Model<T>, settings: &StepSettings) -> f64 {
+    model.gravity.map(|g| g.lane(0)).norm() * settings.step
 }
 
 /// Velocities u of the contacts `near`, the first `n` of which are not joint limits, minus the least velocities with
