@@ -64,9 +64,9 @@ def test_every_method_has_its_bits_and_its_order(method: str) -> None:
 
 def test_a_far_contact_leaves_the_order_at_four() -> None:
     scene = with_plane(chain(3))
-    ends = [scene.simulate([0.4, -0.3, 0.5], [2.0, -1.0, 3.0], dt=0.4 / n, steps=n, method="rk4").q[-1] for n in (10, 20, 40)]
+    ends = [scene.simulate([0.4, -0.3, 0.5], [2.0, -1.0, 3.0], dt=0.4 / n, steps=n, method="rk4").q[-1] for n in (80, 160, 320)]
     order = np.log2(np.abs(ends[0] - ends[1]).max() / np.abs(ends[1] - ends[2]).max())
-    assert 3.5 < order < 4.6
+    assert 3.8 < order < 4.8
 
 
 def test_a_passive_chain_at_ten_milliseconds_does_not_diverge() -> None:
@@ -140,7 +140,7 @@ def test_states_of_a_batch_take_their_own_steps() -> None:
     free = scene.without_contacts()
     q = np.stack([at(z=z) for z in (0.1, 0.5, 30.0, 0.1, 2.0, 0.11, 0.3, 40.0, 0.1, 0.7, 50.0)])
     qd = np.random.default_rng(5).normal(size=(len(q), 6)) * [0.3, 0.3, 0.3, 2, 2, 2]
-    run = {"dt": 2e-3, "steps": 200, "record_every": 7}
+    run = {"dt": 2e-3, "steps": 70, "record_every": 7}
     path = scene.simulate(q, qd, **run)
     for i, (own_q, own_qd) in enumerate(zip(q, qd, strict=True)):
         alone = scene.simulate(own_q, own_qd, **run)
