@@ -26,11 +26,9 @@ scene = builder.build()
 n = scene.nv
 pushed = scene.v_index("slide")
 
-# Upright and at rest, where no torque is needed. Only the cart is actuated, and damping acts on the velocities.
+# Upright and at rest, where no torque is needed. Only the cart is actuated. The system includes the damping of the joints.
 upright, still = scene.neutral(), np.zeros(n)
 a, b = scene.linearize(upright, still, scene.bias_torque(upright, still))
-minv = b[n:]
-a[n:, n:] -= minv * scene.damping
 b = b[:, pushed]
 cost = solve_continuous_are(a, b, np.diag([1.0] + [10.0] * RODS + [1.0] * n), np.eye(1) * 0.01)
 gains = (b.T @ cost) / 0.01

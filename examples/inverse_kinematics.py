@@ -13,12 +13,9 @@ circle = np.tile(tool, (len(angle), 1, 1))
 circle[:, 1, 3] += 0.15 * np.sin(angle)
 circle[:, 2, 3] += 0.15 * (np.cos(angle) - 1.0)
 
-rows = [guess]
-for pose in circle:
-    found = scene.inverse_kinematics(tasks.Pose("flange", pose), rows[-1])  # starts from the previous configuration
-    assert found.reached
-    rows.append(found.q)
-q, t = np.array(rows[1:]), np.linspace(0.0, 4.0, len(angle))
+found = scene.inverse_kinematics(tasks.Pose("flange", circle), guess, follow=True)  # each pose from the solution before
+assert np.all(found.reached)
+q, t = found.q, np.linspace(0.0, 4.0, len(angle))
 
 error = np.linalg.norm(scene.placement(q, "flange")[:, :3, 3] - circle[:, :3, 3], axis=-1).max()
 print(f"{len(q)} poses on the circle, largest error {error:.1e} m, largest step {np.abs(np.diff(q, axis=0)).max():.2f} rad")

@@ -15,8 +15,7 @@ builder.joint("slide", "prismatic", "rail", "cart", axis=(1, 0, 0), damping=0.5)
 builder.joint("hinge", "revolute", "cart", "rod", axis=(0, 1, 0), damping=0.01)
 scene = builder.build()
 
-A, B_joints, *_ = scene.linearize([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])  # upright; x = (positions, velocities)
-A[2:, 2:] -= B_joints[2:] * scene.damping  # damping is a torque of -damping * qd
+A, B_joints, *_ = scene.linearize([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])  # upright, with damping; x = (positions, velocities)
 B = B_joints[:, :1]  # a motor at the cart only
 weights, effort = np.diag([10.0, 10.0, 1.0, 1.0]), 0.1
 # The Riccati equation by the stable eigenvectors of its Hamiltonian matrix; scipy.linalg.solve_continuous_are does the same.

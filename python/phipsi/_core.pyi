@@ -421,7 +421,10 @@ class Scene:
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names of the links that the movable joints carry, in the order of joint_names."""
+        """Names of the links that movable joints carry, in the order of joint_names: one for each entry of an axis of
+        bodies. With mimic joints they include the links of the joints that follow others, which joint_names does not
+        list.
+        """
 
     @property
     def link_names(self) -> tuple[str, ...]:
@@ -720,8 +723,8 @@ class Scene:
         the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
         differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. In closed loops,
         steps are recomputed too, a joint at a limit that acts as a stop raises, and the gradients by q and qd are those
-        of changes that satisfy the connections. With mimic joints, q, qd and tau are those of the independent joints, and
-        parameters has the links of all joints.
+        of changes that satisfy the connections. With mimic joints, q, qd and tau are those of the independent joints;
+        parameters has all links of body_names, which include those of the joints that follow.
 
         Examples
         --------
@@ -1695,7 +1698,7 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
-        damping: bool = False,
+        springs_and_damping: bool = True,
         errors: _Errors = "raise",
     ) -> LinearSystem:
         """Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.
@@ -1715,8 +1718,9 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
-        damping : bool, default False
-            If true, the viscous damping of the joints acts in addition to tau, as in simulate.
+        springs_and_damping : bool, default True
+            If true, the springs and the viscous damping of the joints act in addition to tau, as in simulate. False:
+            the linearization of forward_dynamics.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -1736,9 +1740,14 @@ class Scene:
 
         Notes
         -----
-        A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]] and B = [[0], [M^-1]]. The deviation difference(q, q + dq) is expressed
-        in axes that move with the motion: ad(qd) is zero at rest and for joints with one axis, the cross product with
-        the angular velocity for spherical joints, and the bracket of (linear, angular) velocities for free joints.
+        A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]] and B = [[0], [M^-1]], with qdd = forward_dynamics(q, qd, tau -
+        stiffness (q - rest) - damping qd), where q - rest is the displacement as in simulate. The deviation
+        difference(q, q + dq) is expressed in axes that move with the motion: ad(qd) is zero at rest and for joints with
+        one axis, the cross product with the angular velocity for spherical joints, and the bracket of (linear, angular)
+        velocities for free joints.
+
+        Dry friction is not included, because it has no derivative at rest: A and B describe the motion of joints
+        without it. Subtract friction * sign(qd) from tau for joints that slide.
 
         Examples
         --------
@@ -3533,7 +3542,8 @@ class Scene:
         tasks: Task | Collection[Task],
         q0: ArrayLike | None = None,
         *,
-        starts: int = 20,
+        follow: bool = False,
+        starts: int | None = None,
         posture: float | None = None,
         limits: bool = True,
         tolerance: float = 1e-9,
@@ -3552,12 +3562,18 @@ class Scene:
             axes of their targets are a batch, which broadcasts with that of q0.
         q0 : (..., nq) array_like, optional
             First start; the neutral configuration by default. A start outside of the limits begins at them.
-        starts : int, default 20
-            Largest number of starts. Those after the first are drawn within the limits, of several draws the one
-            nearest to the tasks.
+        follow : bool, default False
+            If true, the last batch axis of the targets is a path, (..., k, 4, 4) for Pose, and each search starts from
+            the solution before, the first from q0, which has one configuration per path. Solutions of neighboring
+            targets are then near each other, and a target that no start reaches has the local minimum next to the
+            solution before. Axes before that of the path are a batch of paths.
+        starts : int, optional
+            Largest number of starts; None: 100, or 20 with a posture. Those after the first are drawn within the limits,
+            of several draws the one nearest to the tasks. The search ends early when the tasks are reached, or when 40
+            starts have found the same least minimum, because the target is then probably out of reach.
         posture : float, optional
-            Standard deviation of the joints from q0, rad or m, for robots with more freedom than the tasks. None: no
-            posture.
+            Standard deviation of the joints from q0, rad or m, for robots with more freedom than the tasks; with follow
+            from the solution before. None: no posture.
         limits : bool, default True
             If true, joints, and joints coupled to them, stay within their limits.
         tolerance : float, default 1e-9

@@ -100,7 +100,9 @@ impl Scene {
     /// Linearization dx/dt = A x + B u of the motion about one state, with A (2nv x 2nv) and B (2nv x nv), row-major.
     ///
     /// x = (d, change of qd), where the perturbed configuration is q (+) d with d in the tangent space of q, and u is
-    /// the change of tau. The other arguments are those of [`Scene::forward_dynamics_derivatives`].
+    /// the change of tau. The motion is that of simulations: the springs and the viscous damping of the joints act in
+    /// addition to `tau`. Dry friction is not part of it, because it has no derivative at rest. The blocks without
+    /// springs and damping are those of [`Scene::forward_dynamics_derivatives`], whose arguments are the same.
     ///
     /// # Errors
     ///
@@ -118,13 +120,21 @@ impl Scene {
         let nv = self.nv();
         check_length("a", a.len(), 4 * nv * nv)?;
         check_length("b", b.len(), 2 * nv * nv)?;
-        let mut three = std::mem::take(&mut workspace.matrices);
-        three.resize(3 * nv * nv, 0.0);
-        let done = self.forward_dynamics_derivatives(workspace, q, qd, tau, wrenches, &mut three);
+        self.check_coordinates("q", q)?;
+        self.check_rates("qd", qd)?;
+        self.check_rates("tau", tau)?;
+        let mut numbers = std::mem::take(&mut workspace.matrices);
+        numbers.resize(3 * nv * nv + nv, 0.0);
+        let (three, torque) = numbers.split_at_mut(3 * nv * nv);
+        torque.copy_from_slice(tau);
+        let done = self
+            .add_linear_joint_forces(q, qd, torque)
+            .and_then(|()| self.forward_dynamics_derivatives(workspace, q, qd, torque, wrenches, three));
         if done.is_ok() {
-            self.linear_system(qd, &three, (a, b));
+            self.linear_system(qd, three, (&mut *a, &mut *b));
+            self.add_linear_joint_forces_to_system(q, (a, b));
         }
-        workspace.matrices = three;
+        workspace.matrices = numbers;
         done
     }
 }

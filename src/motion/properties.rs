@@ -2,9 +2,8 @@
 //! form.
 
 use crate::error::{Error, check_finite, check_length};
-use crate::scene::Scene;
+use crate::scene::{JointForces, Scene};
 use crate::setters::setters;
-use std::collections::HashMap;
 
 /// Default speed of regularized friction, rad/s or m/s; see [`Properties::friction_speed`].
 pub const FRICTION_SPEED: f64 = 1e-2;
@@ -42,30 +41,15 @@ impl Properties {
     /// The properties in the description of the scene.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
-        let scene = scene.tree();
-        let nv = scene.nv();
-        let described: HashMap<&str, _> =
-            scene.source().joints().iter().map(|joint| (joint.name.as_str(), joint)).collect();
-        let mut properties = Self {
+        let JointForces { damping, stiffness, rest, friction } = &*scene.joint_forces();
+        Self {
             armature: scene.model().system.noise.clone(),
-            damping: vec![0.0; nv],
-            stiffness: vec![0.0; nv],
-            rest: scene.neutral(),
-            friction: vec![0.0; nv],
+            damping: damping.clone(),
+            stiffness: stiffness.clone(),
+            rest: rest.clone(),
+            friction: friction.clone(),
             friction_speed: 0.0,
-        };
-        let root = scene.source().root_joint(String::new());
-        for joint in scene.joints() {
-            // The free joint of a floating base has no description.
-            let of = described.get(joint.name.as_str()).copied().unwrap_or(&root);
-            properties.damping[joint.v.clone()].fill(of.damping);
-            properties.friction[joint.v.clone()].fill(of.friction);
-            properties.stiffness[joint.v.clone()].fill(of.spring.stiffness);
-            if !of.spring.rest.is_empty() {
-                properties.rest[joint.q.clone()].copy_from_slice(&of.spring.rest);
-            }
         }
-        properties
     }
 
     pub(super) fn check(&self, scene: &Scene) -> Result<(), Error> {

@@ -174,17 +174,41 @@ impl<'py> BatchCall<'_, 'py> {
     where
         K: for<'a> Fn(&Scene, &mut Scratch, &dyn Fn(usize) -> &'a [f64], &mut [f64]) -> Result<(), Error> + Sync,
     {
+        self.along_paths(py, results, 1, |scene, scratch, of, _, out| kernel(scene, scratch, of, out))
+    }
+
+    /// The same for paths of `length` states, one after another: the kernel also receives the results of the last valid
+    /// state before on the same path.
+    pub fn along_paths<K>(&self, py: Python<'py>, results: &mut [f64], length: usize, kernel: K) -> PyResult<()>
+    where
+        K: for<'a> Fn(
+                &Scene,
+                &mut Scratch,
+                &dyn Fn(usize) -> &'a [f64],
+                Option<&[f64]>,
+                &mut [f64],
+            ) -> Result<(), Error>
+            + Sync,
+    {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
         let (bodies, errors, tolerance) = (scene.model().bodies.len(), &self.errors, self.tolerance);
         self.run(py, self.cost.of_one(), |batch| {
-            batch.run(results, |scratch, i, out| {
+            batch.run_pieces(length.max(1), results, |scratch, states, results| {
                 scratch.workspace.tolerance = tolerance;
-                let outcome = wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces[0])
-                    .and_then(|()| kernel(scene, scratch, &|k: usize| arguments[k].state(i), out));
-                if let Err(error) = outcome {
-                    errors.note(Fault { state: i, error }).map_err(|fault| fault.error)?;
-                    out.fill(f64::NAN);
+                let (width, mut last) = (results.len() / states.len().max(1), None);
+                for (at, i) in states.enumerate() {
+                    last = last.filter(|_| i % length != 0);
+                    let (before, rest) = results.split_at_mut(at * width);
+                    let (previous, out) = (last.map(|last| &before[last * width..][..width]), &mut rest[..width]);
+                    let outcome = wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces[0])
+                        .and_then(|()| kernel(scene, scratch, &|k: usize| arguments[k].state(i), previous, out));
+                    if let Err(error) = outcome {
+                        errors.note(Fault { state: i, error })?;
+                        out.fill(f64::NAN);
+                    } else {
+                        last = Some(at);
+                    }
                 }
                 Ok(())
             })

@@ -6,17 +6,18 @@ use super::cost::Cost;
 use super::errors::asked_by;
 use super::evaluate::Keywords;
 use super::object::{Object, imported};
-use super::output::{Output, from_numbers, part};
-use super::scene::{PyScene, numbers};
+use super::output::{Output, part};
+use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Derivatives};
-use crate::batch::broadcast_axes;
-use crate::motion::Properties;
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 /// Number of linear systems between two checks for signals.
 const AT_A_TIME: usize = 1024;
+
+/// Approximate time of springs and damping of one body, ns.
+const COST_OF_FORCES: usize = 20;
 
 methods! {
     /// Analytical derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M.
@@ -78,29 +79,40 @@ methods! {
 
     /// Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.
     #[doc = parameters!(q qd tau form tolerance_of_derivatives wrenches)]
-    /// damping : bool, default False
-    ///     If true, the viscous damping of the joints acts in addition to tau, as in simulate.
+    /// springs_and_damping : bool, default True
+    ///     If true, the springs and the viscous damping of the joints act in addition to tau, as in simulate. False:
+    ///     the linearization of forward_dynamics.
     #[doc = entries!(errors)]
     #[doc = section!(Returns)]
     /// system : LinearSystem
     ///     Named tuple (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
     #[doc = raises!(singular dense arguments)]
     #[doc = section!(Notes)]
-    /// A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]] and B = [[0], [M^-1]]. The deviation difference(q, q + dq) is expressed
-    /// in axes that move with the motion: ad(qd) is zero at rest and for joints with one axis, the cross product with
-    /// the angular velocity for spherical joints, and the bracket of (linear, angular) velocities for free joints.
+    /// A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]] and B = [[0], [M^-1]], with qdd = forward_dynamics(q, qd, tau -
+    /// stiffness (q - rest) - damping qd), where q - rest is the displacement as in simulate. The deviation
+    /// difference(q, q + dq) is expressed in axes that move with the motion: ad(qd) is zero at rest and for joints with
+    /// one axis, the cross product with the angular velocity for spherical joints, and the bracket of (linear, angular)
+    /// velocities for free joints.
+    ///
+    /// Dry friction is not included, because it has no derivative at rest: A and B describe the motion of joints
+    /// without it. Subtract friction * sign(qd) from tau for joints that slide.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> A, B = scene.linearize([0.3, 0.2, 0.1], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     /// >>> A.shape, B.shape
     /// ((6, 6), (6, 3))
-    fn linearize(q, qd, tau; form, tolerance, wrenches, damping, errors) |scene, py| {
+    fn linearize(q, qd, tau; form, tolerance, wrenches, springs_and_damping, errors) |scene, py| {
         scene.check_dense("linearize", "differences of forward_dynamics")?;
-        let losses = &scene.properties_of_scene(&Properties::of(&scene.scene)).damping;
-        let damped;
-        let tau = if damping {
-            damped = damped_torque(py, scene, losses, (qd, tau))?;
-            &damped
+        let has_forces = springs_and_damping && scene.scene.joint_forces().are_linear();
+        let torque;
+        let tau = if has_forces {
+            let given = [("q", q), ("qd", qd), ("tau", tau)];
+            let cost = COST_OF_FORCES * scene.size();
+            torque = scene.each(py, given, &[scene.scene.nv()], cost, errors, |scene, _, [q, qd, tau], out| {
+                out.copy_from_slice(tau);
+                scene.add_linear_joint_forces(q, qd, out)
+            })?;
+            &torque
         } else {
             tau
         };
@@ -110,11 +122,11 @@ methods! {
         let nv = scene.scene.nv();
         let all = all.cast::<PyArrayDyn<f64>>()?.try_readonly()?;
         let batch = &all.shape()[..all.shape().len() - 3];
-        let rates = scene.rate("qd", qd)?;
-        let over = rates.over(batch)?;
+        let (configurations, rates) = (scene.configuration("q", q)?, scene.rate("qd", qd)?);
+        let (over_q, over) = (configurations.over(batch)?, rates.over(batch)?);
         let output = |shape: &[usize]| {
             Output::unwritten(py, &[batch, shape].concat()).or_else(|failed| {
-                let inputs = vec![scene.configuration::<f64>("q", q)?, scene.rate("qd", qd)?, scene.rate("tau", tau)?];
+                let inputs = scene.inputs::<f64>([("q", q), ("qd", qd), ("tau", tau)])?;
                 let call = BatchCall::new(scene, inputs, Wrench::read(&scene.scene, wrenches)?, Cost::of(0))?;
                 asked_by(py, &call.asking(), Err(failed))
             })
@@ -131,13 +143,8 @@ methods! {
                     b.fill(f64::NAN);
                 } else {
                     scene.scene.linear_system(over.state(i), of_state, (&mut *a, &mut *b));
-                    if damping {
-                        // The block dqdd_dqd of A, less M^-1 (in B) times the diagonal matrix of the damping.
-                        for (a, b) in a.chunks_exact_mut(2 * nv).zip(b.chunks_exact(nv)).skip(nv) {
-                            for ((a, b), loss) in a[nv..].iter_mut().zip(b).zip(losses) {
-                                *a -= b * loss;
-                            }
-                        }
+                    if has_forces {
+                        scene.scene.add_linear_joint_forces_to_system(over_q.state(i), (a, b));
                     }
                 }
                 if i % AT_A_TIME == 0 {
@@ -203,17 +210,4 @@ impl PyScene {
         self.scene.check_tolerance(algorithm, keywords.tolerance)?;
         self.evaluate(py, algorithm, state, keywords)
     }
-}
-
-/// tau minus the torque of the viscous damping.
-fn damped_torque<'py>(
-    py: Python<'py>,
-    scene: &PyScene,
-    losses: &[f64],
-    (qd, tau): (&Object<'py>, &Object<'py>),
-) -> PyResult<Object<'py>> {
-    let (rates, torque) = (scene.rate::<f64>("qd", qd)?, scene.rate::<f64>("tau", tau)?);
-    broadcast_axes([("qd", rates.leading()), ("tau", torque.leading())])?;
-    let lost = numbers("qd", qd, Some(scene), false)?.mul(from_numbers(py, losses, &[losses.len()])?)?;
-    numbers("tau", tau, Some(scene), false)?.sub(lost)
 }

@@ -101,6 +101,12 @@ impl<'py, P: Precision + Element> Input<'py, P> {
         Ok(input)
     }
 
+    /// The same values with another batch axis of length one, the last, such as that of paths.
+    pub fn for_paths(self) -> PyResult<Self> {
+        let shape = [self.leading(), &[1, self.width]].concat();
+        Self::of(self.name, self.array.reshape(shape)?, self.width)
+    }
+
     /// Checks the last axis.
     fn of(name: Cow<'static, str>, array: Bound<'py, PyArrayDyn<P>>, width: usize) -> PyResult<Self> {
         if array.shape().last() != Some(&width) {
@@ -118,6 +124,11 @@ impl<'py, P: Precision + Element> Input<'py, P> {
     pub fn leading(&self) -> &[usize] {
         let shape = self.array.shape();
         &shape[..shape.len().saturating_sub(self.own_axes)]
+    }
+
+    /// Number of values of one state.
+    pub fn width(&self) -> usize {
+        self.width
     }
 
     /// Broadcasts the states to a batch.

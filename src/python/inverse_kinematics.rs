@@ -1,12 +1,13 @@
 //! The methods `Scene.inverse_kinematics` and `Scene.inverse_kinematics_rates`.
 
 use super::choice::choose;
-use super::counts::{count_or, number};
+use super::counts::{count, count_or, number};
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::{self, Output};
 use super::scene::PyScene;
 use crate::api::TaskFrame;
+use crate::batch::shape_text;
 use crate::error::{Error, check_finite};
 use crate::inverse_kinematics::{Goal, Metric, Options, RateOptions, Task};
 use crate::scene::Scene;
@@ -39,12 +40,18 @@ impl PyScene {
     ///     axes of their targets are a batch, which broadcasts with that of q0.
     /// q0 : (..., nq) array_like, optional
     ///     First start; the neutral configuration by default. A start outside of the limits begins at them.
-    /// starts : int, default 20
-    ///     Largest number of starts. Those after the first are drawn within the limits, of several draws the one
-    ///     nearest to the tasks.
+    /// follow : bool, default False
+    ///     If true, the last batch axis of the targets is a path, (..., k, 4, 4) for Pose, and each search starts from
+    ///     the solution before, the first from q0, which has one configuration per path. Solutions of neighboring
+    ///     targets are then near each other, and a target that no start reaches has the local minimum next to the
+    ///     solution before. Axes before that of the path are a batch of paths.
+    /// starts : int, optional
+    ///     Largest number of starts; None: 100, or 20 with a posture. Those after the first are drawn within the limits,
+    ///     of several draws the one nearest to the tasks. The search ends early when the tasks are reached, or when 40
+    ///     starts have found the same least minimum, because the target is then probably out of reach.
     /// posture : float, optional
-    ///     Standard deviation of the joints from q0, rad or m, for robots with more freedom than the tasks. None: no
-    ///     posture.
+    ///     Standard deviation of the joints from q0, rad or m, for robots with more freedom than the tasks; with follow
+    ///     from the solution before. None: no posture.
     /// limits : bool, default True
     ///     If true, joints, and joints coupled to them, stay within their limits.
     /// tolerance : float, default 1e-9
@@ -77,16 +84,18 @@ impl PyScene {
     /// >>> found = scene.inverse_kinematics(phipsi.tasks.Pose("flange", goal))
     /// >>> found.reached, np.allclose(scene.placement(found.q, "flange"), goal)
     /// (True, True)
-    #[pyo3(signature = (tasks, q0=None, *, starts=None, posture=None, limits=true, tolerance=1e-9, iterations=None,
-                        metric="coordinates", covariance=false, seed=None, errors="raise"),
-           text_signature = "($self, tasks, q0=None, *, starts=20, posture=None, limits=True, tolerance=1e-9, \
-                             iterations=100, metric='coordinates', covariance=False, seed=0, errors='raise')")]
+    #[pyo3(signature = (tasks, q0=None, *, follow=false, starts=None, posture=None, limits=true, tolerance=1e-9,
+                        iterations=None, metric="coordinates", covariance=false, seed=None, errors="raise"),
+           text_signature = "($self, tasks, q0=None, *, follow=False, starts=None, posture=None, limits=True, \
+                             tolerance=1e-9, iterations=100, metric='coordinates', covariance=False, seed=0, \
+                             errors='raise')")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics<'py>(
         &self,
         py: Python<'py>,
         tasks: &Object<'py>,
         q0: Option<&Object<'py>>,
+        follow: bool,
         starts: Option<&Object<'py>>,
         posture: Option<f64>,
         limits: bool,
@@ -99,25 +108,35 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let metric = choose("metric", metric, &METRICS)?;
         let usual = Options::default();
-        let starts = count_or("starts", starts, 1, usual.starts)?;
+        let starts = starts.map(|starts| count("starts", starts, 1)).transpose()?;
         let iterations = count_or("iterations", iterations, 0, usual.iterations)?;
         let seed = seed.map_or(Ok(usual.seed), |seed| number("seed", seed))?;
         let options = Options { starts, iterations, tolerance, limits, posture, metric, seed };
         // Checks the options before any other argument.
         self.scene.inverse_kinematics(&options)?;
         let neutral = output::from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])?;
-        let (fixed, inputs) = self.tasks(tasks, ("q0", q0.unwrap_or(&neutral)))?;
+        let (fixed, mut inputs) = self.tasks(tasks, ("q0", q0.unwrap_or(&neutral)))?;
+        if follow {
+            inputs = on_paths(inputs)?;
+        }
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let width = nq + BESIDE + if covariance { nv * nv } else { 0 };
         let call = self.call(inputs, COST, errors)?;
         let mut results = call.output(py, &[width], None, Output::new)?;
         let numbers = results.numbers()?;
-        call.each_state(py, numbers, |scene, scratch, of, out| {
+        let length = call.batch.last().copied().filter(|_| follow).unwrap_or(1);
+        call.along_paths(py, numbers, length, |scene, scratch, of, previous, out| {
             let tasks = all_aimed(&fixed, of)?;
             let (q, rest) = out.split_at_mut(nq);
             let (beside, room) = rest.split_at_mut(BESIDE);
+            let room = covariance.then_some(room);
             let mut solver = scene.inverse_kinematics(&options)?;
-            let found = solver.solve(&mut scratch.workspace, &tasks, of(0), covariance.then_some(room), q)?;
+            let found = if follow {
+                q.copy_from_slice(previous.map_or_else(|| of(0), |previous| &previous[..nq]));
+                solver.follow(&mut scratch.workspace, &tasks, room, q)?
+            } else {
+                solver.solve(&mut scratch.workspace, &tasks, of(0), room, q)?
+            };
             #[allow(clippy::cast_precision_loss)] // counts
             beside.copy_from_slice(&[
                 f64::from(u8::from(found.reached)),
@@ -234,6 +253,25 @@ impl PyScene {
         }
         Ok((fixed, inputs))
     }
+}
+
+/// The arguments, a configuration and targets, with the axis of the path also for the configuration.
+fn on_paths(mut inputs: Vec<Input<'_>>) -> PyResult<Vec<Input<'_>>> {
+    let axes = inputs.iter().skip(1).map(|target| target.leading().len()).max().unwrap_or(0);
+    if axes == 0 {
+        let expected = "targets with an axis of the path, (k, 4, 4) for Pose, or follow=False";
+        return Err(Error::argument("follow", "True with a single target per task", expected).into());
+    }
+    let start = inputs.remove(0);
+    if start.leading().len() >= axes {
+        let found = shape_text(&[start.leading(), &[start.width()]].concat());
+        let expected =
+            "one configuration per path, without an axis of the path; each target starts from the solution before"
+                .to_owned();
+        return Err(Error::Shape { argument: start.name.into_owned(), found, expected }.into());
+    }
+    inputs.insert(0, start.for_paths()?);
+    Ok(inputs)
 }
 
 /// Creates a task without its target, which differs between states.

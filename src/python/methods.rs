@@ -31,7 +31,7 @@ macro_rules! methods {
     (@typed (kind $k:ident) $($more:tt)*) => { methods!(@add ($k: &str = "spatial") $($more)*); };
     (@typed (tolerance $k:ident) $($more:tt)*) => { methods!(@add ($k: Option<f64> = None) $($more)*); };
     (@typed (parameters $k:ident) $($more:tt)*) => { methods!(@add ($k: bool = false) $($more)*); };
-    (@typed (damping $k:ident) $($more:tt)*) => { methods!(@add ($k: bool = false) $($more)*); };
+    (@typed (springs_and_damping $k:ident) $($more:tt)*) => { methods!(@add ($k: bool = true) $($more)*); };
     (@typed (return_info $k:ident) $($more:tt)*) => { methods!(@add ($k: bool = false) $($more)*); };
     (@typed ($other:ident $k:ident) $($more:tt)*) => { methods!(@add ($k: Option<&Object<'py>> = None) $($more)*); };
     (@add ($k:ident: $kind:ty = $default:tt) $docs:tt $name:ident [$($typed:tt)*] [$($names:tt)*] $($more:tt)*) => {

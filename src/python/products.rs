@@ -34,9 +34,15 @@ pub(super) fn parameters_of(links: &[Place], bodies: &[Parameters<f64>]) -> impl
     links.iter().map(move |(body, placement)| body.map_or(NONE, |body| moved(placement, &bodies[body])))
 }
 
-/// Places of the links that joints carry, in the order of the joints.
+/// Names of the links that joints carry, also those of joints that follow others: the bodies of every argument and
+/// result with an axis of bodies, and `Scene.body_names`.
+pub(super) fn body_names(scene: &Scene) -> impl ExactSizeIterator<Item = &str> {
+    scene.tree().joints().iter().map(|joint| joint.child.as_str())
+}
+
+/// Places of these links.
 pub(super) fn places_of_links(scene: &Scene) -> Result<Vec<Place>, Error> {
-    scene.joints().iter().map(|joint| scene.link(&joint.child).map(|link| (link.body, link.placement))).collect()
+    body_names(scene).map(|name| scene.link(name).map(|link| (link.body, link.placement))).collect()
 }
 
 /// q, qd and the third argument, then a direction or a cotangent, or both.
@@ -356,7 +362,7 @@ impl Constant {
             read.push((input, Self::Wrench(place)));
         }
         if let Some(value) = parameters {
-            read.push((Input::table("dparameters", value, scene.joints().len(), 10)?, Self::Parameters));
+            read.push((Input::table("dparameters", value, body_names(scene).len(), 10)?, Self::Parameters));
         }
         if let Some(value) = armature {
             read.push((Input::new("darmature", value, Axis::Rates(scene))?, Self::Armature));

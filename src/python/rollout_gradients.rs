@@ -55,8 +55,8 @@ impl PyScene {
     /// the square root of the number of steps between two rows. Steps after the last row have no effect. Contacts are
     /// differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. In closed loops,
     /// steps are recomputed too, a joint at a limit that acts as a stop raises, and the gradients by q and qd are those
-    /// of changes that satisfy the connections. With mimic joints, q, qd and tau are those of the independent joints, and
-    /// parameters has the links of all joints.
+    /// of changes that satisfy the connections. With mimic joints, q, qd and tau are those of the independent joints;
+    /// parameters has all links of body_names, which include those of the joints that follow.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=100, method="rk4")
@@ -178,7 +178,7 @@ impl PyScene {
         let recorded = RecordedRows { q: &q, qd: &qd, every, by_q: &by_q, by_qd: &by_qd };
         let found = detached(py, || rollout.gradients(&torque, steps, &recorded, parameters))?;
         let found = found.map_err(|stopped| fault(py, Fault { state: stopped.state, error: stopped.error }, &batch))?;
-        let links = if parameters { places_of_links(scene.tree())? } else { Vec::new() };
+        let links = if parameters { places_of_links(scene)? } else { Vec::new() };
         let of_steps = matches!(given, Given::Steps(_)).then_some(steps);
         Output { py, batch: &batch, nv: scene.nv(), scene }.tuple(&found, of_steps, parameters.then_some(&links[..]))
     }

@@ -6,6 +6,7 @@ use super::cost::WORTH_DETACHING;
 use super::description::{self, Description};
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
+use super::products::body_names;
 use super::scratch::Scratch;
 use super::{errors, input, output};
 use crate::batch::{self, Pool};
@@ -335,10 +336,12 @@ impl PyScene {
         PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.name).collect::<Vec<_>>())
     }
 
-    /// Names of the links that the movable joints carry, in the order of joint_names.
+    /// Names of the links that movable joints carry, in the order of joint_names: one for each entry of an axis of
+    /// bodies. With mimic joints they include the links of the joints that follow others, which joint_names does not
+    /// list.
     #[getter]
     fn body_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.child).collect::<Vec<_>>())
+        PyTuple::new(py, body_names(&self.scene))
     }
 
     /// Names of all links in depth-first order, including links on fixed joints.

@@ -95,11 +95,11 @@ pub struct JointDescription {
     pub axis: Vector3<f64>,
     /// Armature (rotor inertia reflected to the joint) at each degree of freedom: kg m^2 or kg.
     pub armature: f64,
-    /// Viscous damping, N m s/rad or N s/m (simulation only).
+    /// Viscous damping, N m s/rad or N s/m (simulation and linearization only).
     pub damping: f64,
     /// Coulomb friction, N m or N (simulation only).
     pub friction: f64,
-    /// Spring (simulation only).
+    /// Spring (simulation and linearization only).
     pub spring: Spring,
     /// Limits.
     pub limits: Limits,

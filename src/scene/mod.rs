@@ -41,6 +41,7 @@ mod coupling;
 mod description;
 mod inertia_check;
 mod joint_check;
+mod joint_forces;
 mod linkage;
 mod lock;
 mod part;
@@ -63,6 +64,7 @@ pub use connection::{Connection, ConnectionKind};
 pub use contact::{Contact, Surface};
 pub use coupling::Coupling;
 pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, MimicJoints, SceneWarning};
+pub(crate) use joint_forces::JointForces;
 pub use properties::Property;
 pub use spring::Spring;
 

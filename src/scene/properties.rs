@@ -11,11 +11,11 @@ use std::collections::HashMap;
 pub enum Property {
     /// Armature (rotor inertia reflected to the joint), kg m^2 or kg: part of M.
     Armature,
-    /// Viscous damping, N m s/rad or N s/m (simulation only).
+    /// Viscous damping, N m s/rad or N s/m (simulation and linearization only).
     Damping,
     /// Coulomb friction, N m or N (simulation only).
     Friction,
-    /// Stiffness of the spring, N m/rad or N/m (simulation only).
+    /// Stiffness of the spring, N m/rad or N/m (simulation and linearization only).
     Stiffness,
 }
 

@@ -1,4 +1,4 @@
-//! Joint springs: stiffness and rest position. Simulation only.
+//! Joint springs: stiffness and rest position. Simulation and linearization only.
 
 use crate::error::{Error, number};
 use crate::joints::JointKind;

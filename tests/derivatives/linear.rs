@@ -2,6 +2,7 @@
 
 use super::support::{State, of_accelerations_by_method, trees};
 use crate::common::tolerance::{self, assert_near, size};
+use phipsi::scene::Property;
 use phipsi::{Form, Scene};
 
 /// A and B, row by row.
@@ -30,6 +31,34 @@ fn its_lower_half_is_the_derivatives_and_its_upper_right_the_identity() {
             assert_eq!((b[at], b[nv * nv + at]), (0.0, inverse[at]));
         }
     }
+}
+
+#[test]
+fn springs_and_damping_of_the_joints_are_part_of_it_and_no_call_allocates() {
+    let (stiffness, damping) = ([2.0, 0.0, 5.0], [0.3, 0.4, 0.0]);
+    let properties = [(Property::Stiffness, stiffness), (Property::Damping, damping)];
+    let changes = properties
+        .iter()
+        .flat_map(|(of, values)| ["j0", "j1", "j2"].into_iter().zip(values).map(|(j, x)| (j, *of, *x)));
+    let scene = phipsi::scenes::chain(3).unwrap().with_properties(changes).unwrap();
+    let state = State::random(&scene, 7);
+    let (a, b) = linearized(&scene, &state);
+    // The springs are at rest at zero.
+    let u = (0..3).map(|i| state.u[i] - stiffness[i] * state.q[i] - damping[i] * state.qd[i]).collect();
+    let bare = State { u, ..state.clone() };
+    let [by_q, by_qd, inverse] = of_accelerations_by_method(&scene, Form::Auto, &bare).unwrap();
+    for (row, column) in (0..3).flat_map(|row| (0..3).map(move |column| (row, column))) {
+        let at = 3 * row + column;
+        let expected = [by_q[at] - inverse[at] * stiffness[column], by_qd[at] - inverse[at] * damping[column]];
+        let found = [a[6 * (3 + row) + column], a[6 * (3 + row) + 3 + column]];
+        assert_near("system", &found, &expected, 1e-13);
+        assert!(b[9 + at].to_bits() == inverse[at].to_bits());
+    }
+    let (mut workspace, mut a, mut b) = (scene.workspace(), [f64::NAN; 36], [f64::NAN; 18]);
+    let State { q, qd, u, wrenches } = &state;
+    let mut call = || scene.linearize(&mut workspace, q, qd, u, wrenches, (&mut a, &mut b)).unwrap();
+    call();
+    assert_eq!(allocation_counter::measure(call).count_total, 0);
 }
 
 /// Two neighboring motions: the growth of their difference, compared with A.

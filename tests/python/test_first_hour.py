@@ -12,7 +12,7 @@ import numpy as np
 import phipsi
 import pytest
 from phipsi.errors import ArgumentError, MimicWarning, NotFiniteError, ShapeError
-from tolerances import EPS, assert_near, central_difference, product, size
+from tolerances import EPS, assert_near, size
 
 GRIPPER = """<robot name="gripper"><link name="palm"/>{}{}</robot>""".format(
     *(
@@ -205,30 +205,6 @@ def test_one_gain_for_a_floating_robot(floating: phipsi.Scene) -> None:
         floating.simulator(q, still, dt=1e-3, pd=phipsi.PD(gains, 1.0, q))
     with pytest.raises(ArgumentError, match="pd.kp: found one number"):
         floating.ode(pd=phipsi.PD(100.0, gains, q))
-
-
-def test_linearization_with_damping() -> None:
-    """Compared with differences of forward dynamics in which the damping acts, and with the definition."""
-    scene = phipsi.scenes.chain(3).with_properties(damping=[0.1, 0.2, 0.3])
-    q, qd, tau = np.array([[0.3, 0.2, 0.1], [0.5, -0.4, 0.3]]), np.array([1.0, 0.5, 0.2]), np.array([0.1, 0.2, 0.3])
-    found, without = scene.linearize(q, qd, tau, damping=True), scene.linearize(q, qd, tau - scene.damping * qd)
-    h = EPS ** (1 / 3)
-    for state in range(2):
-        f = lambda q, qd: scene.forward_dynamics(q, qd, tau - scene.damping * qd)  # noqa: E731
-        by_q = np.stack([(f(q[state] + h * unit, qd) - f(q[state] - h * unit, qd)) / (2 * h) for unit in np.eye(3)], axis=-1)
-        by_qd = np.stack([(f(q[state], qd + h * unit) - f(q[state], qd - h * unit)) / (2 * h) for unit in np.eye(3)], axis=-1)
-        assert_near(found.A[state, 3:], np.hstack([by_q, by_qd]), 1e3 * central_difference(size(by_q)))
-    assert np.array_equal(found.B, without.B)
-    expected = without.A.copy()
-    expected[:, 3:, 3:] -= scene.mass_matrix_inverse(q) * scene.damping
-    assert_near(found.A, expected, product(6, size(expected)))
-    assert np.array_equal(scene.linearize(q, qd, tau, damping=False).A, scene.linearize(q, qd, tau).A)
-
-
-def test_linearization_with_damping_of_a_broken_state() -> None:
-    scene = phipsi.scenes.chain(3)
-    with pytest.raises(ShapeError, match="tau: found shape"):
-        scene.linearize(np.zeros(3), np.zeros(3), np.zeros(4), damping=True)
 
 
 def saved(path: phipsi.Trajectory, folder: Path) -> phipsi.Trajectory:

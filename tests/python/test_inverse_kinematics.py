@@ -226,6 +226,127 @@ def test_targets_with_all_joints_at_limits(file: str, link: str) -> None:
     assert np.count_nonzero(found.reached) >= 380
 
 
+def test_the_search_goes_on_while_a_reachable_target_is_open() -> None:
+    """Poses that 20 starts miss: those left of 5,000."""
+    missed = {1: [252, 593, 769], 2: [190, 264, 617, 652, 794], 3: [100, 425, 502, 690, 725], 4: [855], 5: [19, 829]}
+    q = np.concatenate([within(ARM, 1000, seed)[at] for seed, at in missed.items()])
+    task = tasks.Pose(HAND, ARM.placement(q, HAND))
+    assert not np.any(ARM.inverse_kinematics(task, starts=20).reached)
+    found = ARM.inverse_kinematics(task)
+    assert np.all(found.reached) and np.all(found.starts > 20) and np.all(found.starts <= 100)
+
+
+def test_the_search_for_a_target_out_of_reach_ends_early() -> None:
+    """The starts end in one minimum, which is the least."""
+    far = ARM.placement(within(ARM, 4, 3), HAND)
+    far[:, :3, 3] *= 5.0
+    found, few = ARM.inverse_kinematics(tasks.Pose(HAND, far)), ARM.inverse_kinematics(tasks.Pose(HAND, far), starts=20)
+    assert not np.any(found.reached)
+    assert np.all(found.starts >= 40) and np.all(found.starts < 100)
+    assert_near(found.position_error, few.position_error, 1e-6)
+
+
+# Paths
+
+
+START = np.array([0.3, -0.6, 0.9, 0.1, 0.4, 0.0])
+
+
+def circle(count: int, radius: float = 0.1) -> np.ndarray:
+    """Poses on a circle that begins at that of START, (count, 4, 4)."""
+    poses = np.tile(ARM.placement(START, HAND), (count, 1, 1))
+    angle = np.linspace(0.0, 2.0 * np.pi, count)
+    poses[:, 1, 3] += radius * np.sin(angle)
+    poses[:, 2, 3] += radius * (np.cos(angle) - 1.0)
+    return poses
+
+
+def largest_step(q: np.ndarray) -> float:
+    return float(np.abs(np.diff(q, axis=-2)).max())
+
+
+def test_neighbors_on_a_path_stay_close() -> None:
+    q = np.linspace(START, START + [2.0, 0.5, -0.6, 1.0, -0.8, 1.5], 150)
+    task = tasks.Pose(HAND, ARM.placement(q, HAND))
+    alone = ARM.inverse_kinematics(task)
+    found = ARM.inverse_kinematics(task, START, follow=True)
+    assert np.all(alone.reached) and np.all(found.reached)
+    assert largest_step(alone.q) > 1.0 > 0.1 > largest_step(found.q)
+    assert np.abs(found.q - q).max() < 0.1  # the branch of the path that the targets were computed from
+
+
+def test_a_path_is_a_loop_in_which_each_target_begins_at_the_solution_before() -> None:
+    poses, q = circle(30), START
+    found = ARM.inverse_kinematics(tasks.Pose(HAND, poses), START, follow=True, covariance=True)
+    assert found.q.shape == (30, 6) and found.covariance is not None and found.covariance.shape == (30, 6, 6)
+    for at, pose in enumerate(poses):
+        one = ARM.inverse_kinematics(tasks.Pose(HAND, pose), q, covariance=True)
+        assert one.reached and one.covariance is not None
+        assert_same_bits(found.q[at], one.q)
+        assert_same_bits(found.covariance[at], one.covariance)
+        q = one.q
+
+
+def test_batches_of_paths_and_tasks_without_an_axis_of_the_path() -> None:
+    radii = np.array([[0.05], [0.1]])
+    there = np.stack([[circle(20, radius)[:, :3, 3] for radius in row] for row in radii])  # (2, 1, 20, 3)
+    starts = START + 0.1 * within(ARM, 3, 8)
+    level = tasks.Direction(HAND, ARM.placement(START, HAND)[:3, 2])
+    threads = phipsi.get_num_threads()
+    try:
+        results = []
+        for count in (1, 3):
+            phipsi.set_num_threads(count)
+            results.append(ARM.inverse_kinematics([tasks.Position(HAND, there), level], starts, follow=True, posture=1.0, tolerance=1e-3))
+    finally:
+        phipsi.set_num_threads(threads)
+    found = results[0]
+    assert found.q.shape == (2, 3, 20, 6) and np.shape(found.reached) == (2, 3, 20) and np.all(found.reached)
+    assert_same_bits(results[1].q, found.q)
+    for i, j in ((0, 2), (1, 0)):
+        one = ARM.inverse_kinematics([tasks.Position(HAND, there[i, 0]), level], starts[j], follow=True, posture=1.0, tolerance=1e-3)
+        assert_same_bits(one.q, found.q[i, j])
+
+
+def test_a_path_that_leaves_the_reach_does_not_jump() -> None:
+    """The arm stretches toward targets out of reach, and follows the path again from there."""
+    point = ARM.placement(START, HAND)[:3, 3]
+    out = np.concatenate([np.linspace(0.6, 1.6, 25), np.linspace(1.6, 0.6, 25)])
+    task = tasks.Position(HAND, point * out[:, None])
+    found = ARM.inverse_kinematics(task, START, follow=True)
+    reached = np.asarray(found.reached)
+    assert reached[0] and reached[-1] and not reached[20:30].any()
+    assert np.array_equal(reached, ARM.inverse_kinematics(task).reached)
+    assert largest_step(found.q) < 1.0 < largest_step(ARM.inverse_kinematics(task, START).q)
+    assert largest_step(found.q[20:30]) < 1e-2
+
+
+def test_a_state_of_a_path_that_cannot_be_computed() -> None:
+    poses = circle(8)
+    poses[3, 0, 3] = np.nan
+    with pytest.raises(NotFiniteError, match=r"target of task 0: found NaN at index 3 in state 3;"):
+        ARM.inverse_kinematics(tasks.Pose(HAND, poses), START, follow=True)
+    with pytest.raises(NotFiniteError, match=r"target of task 0: found NaN .*index \(1, 3\) of the batch"):
+        ARM.inverse_kinematics(tasks.Pose(HAND, np.stack([circle(8), poses])), START, follow=True)
+    with pytest.warns(BadStateWarning, match="1 of 8 states"):
+        found = ARM.inverse_kinematics(tasks.Pose(HAND, poses), START, follow=True, errors="nan")
+    kept = np.arange(8) != 3
+    assert np.isnan(found.q[3]).all() and not found.reached[3]  # type: ignore[index]
+    assert_same_bits(found.q[kept], ARM.inverse_kinematics(tasks.Pose(HAND, poses[kept]), START, follow=True).q)
+
+
+def test_arguments_of_paths() -> None:
+    poses = circle(5)
+    assert ARM.inverse_kinematics(tasks.Pose(HAND, poses[:0]), START, follow=True).q.shape == (0, 6)
+    assert ARM.inverse_kinematics(tasks.Pose(HAND, poses[:1]), follow=True).q.shape == (1, 6)
+    with pytest.raises(ArgumentError, match="follow: found True with a single target per task; expected targets with an axis of the path"):
+        ARM.inverse_kinematics(tasks.Pose(HAND, poses[0]), START, follow=True)
+    with pytest.raises(ShapeError, match=r"q0: found shape \(5, 6\); expected one configuration per path"):
+        ARM.inverse_kinematics(tasks.Pose(HAND, poses), np.tile(START, (5, 1)), follow=True)
+    with pytest.raises(ShapeError, match="tasks.1..target"):
+        ARM.inverse_kinematics([tasks.Pose(HAND, poses), tasks.JointPosition("joint1", np.zeros(4))], START, follow=True)
+
+
 # States that cannot be computed
 
 

@@ -23,7 +23,7 @@ from .text import plural
 @click.option("--position", nargs=3, type=float, metavar="X Y Z", help="Target of the origin of the link, m.")
 @click.option("--rpy", nargs=3, type=float, metavar="R P Y", help="Target orientation of the link, rad: Rz(Y) Ry(P) Rx(R).")
 @click.option("--state", type=click.Path(path_type=Path, dir_okay=False), help="First starting configuration: JSON or npz with q.  [default: neutral]")
-@click.option("--starts", type=click.IntRange(1), default=20, show_default=True, help="Largest number of starting configurations.")
+@click.option("--starts", type=click.IntRange(1), default=100, show_default=True, help="Largest number of starting configurations.")
 @click.option("--limits/--no-limits", default=True, help="Whether joints stay within their limits.")
 @JSON
 def ik(
