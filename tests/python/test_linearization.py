@@ -116,7 +116,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 def differences(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, of: Torque) -> np.ndarray:
-    """The derivatives of a function by q, in its tangent space, and by qd, side by side."""
+    """The derivatives of a function by q, in its tangent space, and by qd, concatenated."""
     columns = []
     for unit in STEP * np.eye(scene.nv):
         columns.append(of(scene.integrate(q, unit), qd) - of(scene.integrate(q, -unit), qd))
