@@ -22,7 +22,7 @@ import phipsi
 
 #: Time of one test, s, after which the run ends with the stack of each thread. Waits in tests have timeouts of their own;
 #: this one also ends a test whose compiled code does not return. Processor load of other programs counts.
-HANGING = 1200
+HANGING = 1800
 #: Environment variable: a folder for one file per run of the tests, which .ci/check_skips.py reads: why each test was
 #: skipped, or "" if it ran.
 OUTCOMES = "PHIPSI_TEST_OUTCOMES"

@@ -21,8 +21,8 @@ WAITS = ("communicate", "get", "join", "result", "wait")
 def run(folder: Path, source: str, *, name: str = "test_one.py", limit: float = 60.0, **environment: str) -> subprocess.CompletedProcess[str]:
     """Runs pytest on one file with the conftest.py of this folder and another limit of the time."""
     conftest = CONFTEST.read_text(encoding="utf-8")
-    assert conftest.count("\nHANGING = 1200\n") == 1
-    (folder / "conftest.py").write_text(conftest.replace("\nHANGING = 1200\n", f"\nHANGING = {limit}\n"), encoding="utf-8")
+    assert conftest.count("\nHANGING = 1800\n") == 1
+    (folder / "conftest.py").write_text(conftest.replace("\nHANGING = 1800\n", f"\nHANGING = {limit}\n"), encoding="utf-8")
     (folder / name).write_text(source, encoding="utf-8")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", ".", "-c", os.devnull, name]
     return subprocess.run(command, cwd=folder, env={**os.environ, OUTCOMES: "", **environment}, capture_output=True, text=True, timeout=300, check=False)
