@@ -4,6 +4,8 @@
 #   make test      Rust tests, then the Python tests against the built wheel
 #   make dev       debug build with fewer kernels in .venv-dev, for development (.venv-dev/bin/python, or -m pytest tests/python)
 #   make test-jax  the tests of phipsi.jax, and its page, in .venv-jax (two minutes)
+#   make test-optional   the tests that need PyTorch, Polars, PyArrow, xarray, Astropy, rosbags, NVRTC, Drake or dynibo, in .venv-optional (8 GB, of
+#                  which the libraries of CUDA that PyTorch requires take half)
 #   make docs      the pages of docs/ as a site, target/site/index.html, in .venv-docs; warnings are errors
 #   make check     further checks of CI: format, clippy (including benches and generated Rust code), docs, stubs, abi3
 #   make manylinux    Linux: the wheel for make test, linked by zig, so that it runs on glibc 2.17
@@ -51,7 +53,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax test-optional docs check manylinux sdist oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
 
 # A separate environment; the packages of the system are not changed.
 $(BIN)/python:
@@ -108,6 +110,19 @@ $(VENV)-jax/there: $(VENV)/wheel pyproject.toml
 
 test-jax: $(VENV)-jax/there
 	cd tests/python && ../../$(VENV)-jax/bin/python -m pytest -q --rootdir . -c ../../pyproject.toml test_jax.py 'test_docs.py::test_python_blocks_run[docs/how-to/jax.md]'
+
+# The package index has PyTorch for Linux on x86_64 with CUDA only, which takes 5 GB and two minutes; without its libraries it cannot be imported.
+# No cache, which would take half of that again. The versions of the peers are those of the benchmarks.
+$(VENV)-optional/there: $(VENV)/wheel pyproject.toml benches/peers/requirements.txt
+	$(PYTHON) -m venv $(VENV)-optional
+	$(VENV)-optional/bin/python -m pip install --quiet --no-cache-dir -c benches/peers/requirements.txt "$$(ls $(WHEELS)/phipsi-*.whl)[torch,logs,mujoco,report]" 'pytest>=8' \
+	  hypothesis mpmath scipy matplotlib pandas pin example-robot-data drake dynibo pyarrow xarray astropy "nvidia-cuda-nvrtc-cu12; sys_platform == 'linux'"
+	touch $@
+
+test-optional: $(VENV)-optional/there
+	cd tests/python && ../../$(VENV)-optional/bin/python -m pytest -q --rootdir . -c ../../pyproject.toml \
+	  test_torch.py test_logs.py test_labels.py test_stability_peers.py test_codegen_cuda.py \
+	  'test_docs.py::test_python_blocks_run[docs/how-to/pytorch.md]' 'test_docs.py::test_python_blocks_run[docs/coming-from/drake.md]'
 
 # The wheel is needed to run the notebooks; the reference is read from the sources.
 $(VENV)-docs/there: $(VENV)/wheel pyproject.toml
@@ -255,4 +270,4 @@ peers:
 	bash benches/peers/install.sh
 
 clean:
-	rm -rf target $(VENV) $(VENV)-jax $(VENV)-docs $(VENV)-ik $(DEV) report python/phipsi/_core.abi3.so
+	rm -rf target $(VENV) $(VENV)-jax $(VENV)-optional $(VENV)-docs $(VENV)-ik $(DEV) report python/phipsi/_core.abi3.so

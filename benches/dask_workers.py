@@ -70,7 +70,7 @@ def process(*command: str) -> Iterator[subprocess.Popen[bytes]]:
             raise
         finally:
             started.kill()
-            started.wait()
+            started.wait(timeout=60)
 
 
 @contextmanager

@@ -87,8 +87,8 @@ def apart(file: Path) -> Result:
     except EOFError:
         found = Result(file, "crashed", ("process ended",), "the process ended")
     if process.is_alive():
-        process.terminate()
-    process.join()
+        process.kill()
+    process.join(timeout=60)
     return found
 
 

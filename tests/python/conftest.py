@@ -1,17 +1,83 @@
-"""Random scenes with all types of joints, and states of them, from a seed."""
+"""Random scenes with all types of joints, and states of them, from a seed; what every run of the tests does: it ends, and
+it records the tests that were skipped.
+"""
 
 from __future__ import annotations
 
+import faulthandler
+import json
 import os
 import shutil
+import signal
+import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import phipsi
+
+#: Time of one test, s, after which the run ends with the stack of each thread. Waits in tests have timeouts of their own;
+#: this one also ends a test whose compiled code does not return. Processor load of other programs counts.
+HANGING = 1800
+#: Environment variable: a folder for one file per run of the tests, which .ci/check_skips.py reads: why each test was
+#: skipped, or "" if it ran.
+OUTCOMES = "PHIPSI_TEST_OUTCOMES"
+
+
+class Outcomes:
+    """Records the reason of each skip, also of files that are skipped as a whole."""
+
+    def __init__(self, folder: Path) -> None:
+        self.file, self.reasons = folder / f"{Path(sys.prefix).name}-{os.getpid()}.json", dict[str, str]()
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        if report.skipped:
+            self.reasons[report.nodeid] = report.longrepr[2]  # type: ignore[index]
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.skipped and not hasattr(report, "wasxfail"):
+            self.reasons[report.nodeid] = report.longrepr[2]  # type: ignore[index]
+        else:
+            self.reasons.setdefault(report.nodeid, "")
+
+    def pytest_sessionfinish(self) -> None:
+        self.file.parent.mkdir(parents=True, exist_ok=True)
+        self.file.write_text(json.dumps(self.reasons, indent=1), encoding="utf-8")
+
+
+STDERR = pytest.StashKey[int]()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    # A duplicate of stderr, because the tests run while it is redirected.
+    with config.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
+        config.stash[STDERR] = os.dup(2)
+    if folder := os.environ.get(OUTCOMES):
+        config.pluginmanager.register(Outcomes(Path(folder)))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    faulthandler.dump_traceback_later(HANGING, exit=True, file=item.config.stash[STDERR])
+    try:
+        return (yield)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """SIGINT raises KeyboardInterrupt: a background process of a shell, or one under nohup, may inherit that it is
+    ignored.
+    """
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
 
 KINDS = ("revolute", "prismatic", "continuous", "screw", "planar", "spherical", "floating", "fixed")
 
@@ -73,13 +139,23 @@ class State(NamedTuple):
     tau: np.ndarray
 
 
+#: Time after which a test does not wait any longer for another thread or process, s, on a busy machine.
+PATIENCE = 300.0
+
+
+def join(thread: threading.Thread) -> None:
+    """Wait for a thread, which is a daemon so that Python can end without it."""
+    thread.join(PATIENCE)
+    assert not thread.is_alive(), f"{thread.name} did not end in {PATIENCE} s"
+
+
 def at_once(work: Callable[[int], None], count: int) -> None:
     """Run work(0), work(1), ... on one thread each, and wait for all."""
-    threads = [threading.Thread(target=work, args=(number,)) for number in range(count)]
+    threads = [threading.Thread(target=work, args=(number,), daemon=True) for number in range(count)]
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join()
+        join(thread)
 
 
 def random_states(scene: phipsi.Scene, seed: int, batch: tuple[int, ...] = ()) -> State:

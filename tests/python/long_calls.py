@@ -267,7 +267,7 @@ def main(name: str) -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     except KeyboardInterrupt as error:
         found.update(raised=type(error).__name__, late=time.process_time() - sent[0])
-    timer.join()
+    timer.join(timeout=60)
     # An interrupted call can be repeated.
     small = chain(3)
     found["after"] = bool(np.isfinite(small.forward_dynamics(np.zeros((100, 3)), np.zeros(3), np.zeros(3))).all())

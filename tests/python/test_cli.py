@@ -79,10 +79,10 @@ def test_bash_completes(tmp_path: Path) -> None:
         pytest.skip("no bash")
     script = tmp_path / "completion.bash"
     script.write_text(run("completion", "bash").output)
-    assert subprocess.run([bash, "-n", str(script)], check=False).returncode == 0
+    assert subprocess.run([bash, "-n", str(script)], check=False, timeout=300).returncode == 0
     asked = {"_PHIPSI_COMPLETE": "bash_complete", "COMP_WORDS": "phipsi sim", "COMP_CWORD": "1"}
     call = [sys.executable, "-c", "from phipsi.cli import main; main()"]
-    answer = subprocess.run(call, env=os.environ | asked, capture_output=True, text=True, check=False)
+    answer = subprocess.run(call, env=os.environ | asked, capture_output=True, text=True, check=False, timeout=300)
     assert answer.stdout.split() == ["plain,simulate"]
 
 
@@ -197,7 +197,7 @@ def test_ik_without_a_goal_exits_with_2(measured: Path) -> None:
 
 
 def test_the_package_is_the_command() -> None:
-    done = subprocess.run([sys.executable, "-m", "phipsi", "info", "--json"], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-m", "phipsi", "info", "--json"], capture_output=True, text=True, check=True, timeout=300)
     assert json.loads(done.stdout)["joints"][0]["name"] == "joint1"
 
 
@@ -343,7 +343,7 @@ def test_commands_without_pages_need_no_extra(command: str, tmp_path: Path) -> N
     )
 
     def called(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False, cwd=tmp_path)
+        return subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False, cwd=tmp_path, timeout=300)
 
     done = called(*arguments)
     assert done.returncode == 0, done.stderr
@@ -377,7 +377,7 @@ def test_without_a_requirement_the_message_names_it(name: str) -> None:
         "import phipsi.cli\n"
         "phipsi.cli.main()\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 2
     assert f"found no {name}; install with: pip install {name}" in done.stderr
     assert "Traceback" not in done.stderr
@@ -395,12 +395,12 @@ def test_the_library_needs_numpy_alone() -> None:
         "import phipsi, phipsi.cli\n"
         "print(phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM).nv)\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=300)
     assert done.stdout.split() == ["6"]
 
 
 def test_the_command_is_installed() -> None:
-    done = subprocess.run([sys.executable, "-m", "phipsi.cli", "--version"], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-m", "phipsi.cli", "--version"], capture_output=True, text=True, check=True, timeout=300)
     assert phipsi.__version__ in done.stdout
 
 

@@ -61,7 +61,7 @@ def _small_batches(c_compiler: str, monkeypatch: pytest.MonkeyPatch) -> None:
 def library(scene: phipsi.Scene, into: Path) -> ctypes.CDLL:
     scene.to_c(into, name="arm")
     made = into / "arm.so"
-    subprocess.run([COMPILER, "-std=c99", "-O0", "-shared", "-fPIC", "arm.c", "-lm", "-o", str(made)], cwd=into, check=True)
+    subprocess.run([COMPILER, "-std=c99", "-O0", "-shared", "-fPIC", "arm.c", "-lm", "-o", str(made)], cwd=into, check=True, timeout=300)
     return ctypes.CDLL(str(made))
 
 
@@ -97,7 +97,7 @@ def test_the_command_writes_what_make_tests(tmp_path: Path) -> None:
     done = CliRunner().invoke(codegen, ["-o", str(into), "--name", "bundled", "-f", "forward_dynamics", "-f", "mass_matrix"])
     assert done.exit_code == 0, done.output
     assert str(into / "bundled.c") in done.output
-    made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=into, check=True, capture_output=True, text=True)
+    made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=into, check=True, capture_output=True, text=True, timeout=300)
     assert [line.split(":")[0] for line in made.stdout.splitlines()][-2:] == ["forward_dynamics", "mass_matrix"]
 
 

@@ -72,7 +72,7 @@ class Kernels:
                 )
         for name, text in {"one_thread.h": one_thread, "robot.cu": source, "twin.c": '#include "one_thread.h"\n#include "robot.cu"\n' + "".join(calls)}.items():
             (into / name).write_text(text)
-        subprocess.run([COMPILER, "-std=c99", "-O0", "-shared", "-fPIC", "twin.c", "-lm", "-o", "twin.so"], cwd=into, check=True)
+        subprocess.run([COMPILER, "-std=c99", "-O0", "-shared", "-fPIC", "twin.c", "-lm", "-o", "twin.so"], cwd=into, check=True, timeout=300)
         self.code = ctypes.CDLL(str(into / "twin.so"))
 
     def __call__(self, function: str, threads: int, count: int, *arrays: np.ndarray) -> None:
@@ -100,12 +100,12 @@ def test_kernels_give_what_the_methods_give(seed: int, dtype: str, tmp_path: Pat
 def test_the_c_compiler_runs_the_test_that_is_written(tmp_path: Path) -> None:
     files = random_scene(2, 6).to_cuda(tmp_path, name="arm", functions=["forward_dynamics", "mass_matrix"])
     assert list(files) == ["arm.cu", "one_thread.h", "test_arm.cu", "Makefile"]
-    made = subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}"], cwd=tmp_path, check=True, capture_output=True, text=True)
+    made = subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=300)
     assert [line.split(":")[0] for line in made.stdout.splitlines()] == ["forward_dynamics", "mass_matrix"]
     # A result that differs from that of the scene is an error.
     broken = (tmp_path / "arm.cu").read_text().replace("sine_and_cosine(g", "sine_and_cosine(1.0 + g")
     (tmp_path / "arm.cu").write_text(broken)
-    assert subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}"], cwd=tmp_path, check=False, capture_output=True).returncode != 0
+    assert subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}"], cwd=tmp_path, check=False, capture_output=True, timeout=300).returncode != 0
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

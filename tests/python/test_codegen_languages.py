@@ -40,9 +40,9 @@ def test_the_command_writes_a_crate_that_passes_its_test(tmp_path: Path) -> None
     if shutil.which("rustc") is None:
         pytest.skip("no rustc here; what was written is there")
     rustc = ["rustc", "--edition", "2021", "-D", "warnings", "-L", "."]
-    subprocess.run([*rustc, "--crate-type", "rlib", "--crate-name", "bundled", "--cfg", 'feature="std"', "--check-cfg", 'cfg(feature, values("std"))', "src/lib.rs"], cwd=tmp_path, check=True)
-    subprocess.run([*rustc, "--test", "tests/reference.rs", "-o", "reference", "--extern", "bundled"], cwd=tmp_path, check=True)
-    said = subprocess.run([str(tmp_path / "reference")], check=True, capture_output=True, text=True).stdout
+    subprocess.run([*rustc, "--crate-type", "rlib", "--crate-name", "bundled", "--cfg", 'feature="std"', "--check-cfg", 'cfg(feature, values("std"))', "src/lib.rs"], cwd=tmp_path, check=True, timeout=300)
+    subprocess.run([*rustc, "--test", "tests/reference.rs", "-o", "reference", "--extern", "bundled"], cwd=tmp_path, check=True, timeout=300)
+    said = subprocess.run([str(tmp_path / "reference")], check=True, capture_output=True, text=True, timeout=300).stdout
     assert "2 passed; 0 failed" in said
 
 
@@ -56,7 +56,7 @@ def test_the_command_writes_kernels_in_float(tmp_path: Path) -> None:
 def test_the_command_writes_batches_in_float(tmp_path: Path) -> None:
     done = CliRunner().invoke(codegen, ["-o", str(tmp_path), "-f", "bias_torque", "--float32", "--batches"])
     assert done.exit_code == 0, done.output
-    made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O1"], cwd=tmp_path, check=True, capture_output=True, text=True)
+    made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O1"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=300)
     assert {line.rpartition(":")[0] for line in made.stdout.splitlines()} == {"bias_torque", "bias_torque, in lanes"}
 
 
@@ -119,8 +119,8 @@ def test_code_in_float_asks_for_nothing_but_sines(compiler: str, tmp_path: Path)
             pytest.skip(f"no {program} here")
     chip = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"] if compiler.startswith("arm") else []
     random_scene(0, 8, armature=0.1).to_c(tmp_path, dtype="float32")
-    subprocess.run([compiler, "-std=c99", "-O1", "-fno-math-errno", *chip, "-c", "robot.c"], cwd=tmp_path, check=True)
-    said = subprocess.run([nm, "-u", "robot.o"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    subprocess.run([compiler, "-std=c99", "-O1", "-fno-math-errno", *chip, "-c", "robot.c"], cwd=tmp_path, check=True, timeout=300)
+    said = subprocess.run([nm, "-u", "robot.o"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=300).stdout
     asked = {line.split()[-1].lstrip("_") for line in said.splitlines() if line.strip()}
     assert {"sinf", "cosf"} & asked or "sincosf" in asked
     # Neither memory nor arithmetic in double.

@@ -15,16 +15,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import PATIENCE, join
 from tolerances import assert_same_bits
 
 import phipsi
 from phipsi.errors import ArgumentError, CacheWarning
 
 COMPILER = os.environ.get("CC", "cc")
-#: Longest wait for another process, s.
-PATIENCE = 30.0
-
-
 pytestmark = pytest.mark.usefixtures("c_compiler")
 
 
@@ -134,7 +131,7 @@ def test_commands_that_are_none_are_refused(scene: phipsi.Scene, tmp_path: Path,
 
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="no groups of processes")
-def test_an_interrupted_compiler_ends_and_leaves_no_files(scene: phipsi.Scene, tmp_path: Path) -> None:
+def test_an_interrupted_compiler_ends_and_leaves_no_files(scene: phipsi.Scene, tmp_path: Path, interruptible: None) -> None:
     """With its child processes, which do not receive Ctrl-C."""
     child, cache = tmp_path / "child", tmp_path / "cache"
     text = f"""if [ "$1" = --version ]; then echo 1; exit; fi
@@ -148,11 +145,11 @@ sleep 1000 & echo $! > {child}.new; mv {child}.new {child}; wait"""
             time.sleep(0.01)
         os.kill(os.getpid(), signal.SIGINT)
 
-    thread = threading.Thread(target=interrupt)
+    thread = threading.Thread(target=interrupt, daemon=True)
     thread.start()
     with pytest.raises(KeyboardInterrupt):
         compiled(scene, cache, compiler=str(compiler))
-    thread.join()
+    join(thread)
     assert child.exists()
     assert [path for path in cache.rglob("*") if path.is_file()] == []
     until = time.monotonic() + PATIENCE

@@ -254,7 +254,7 @@ def test_constrained_dynamics_of_trees_has_no_code(cache: Path) -> None:
 def test_the_c_code_passes_its_test(name: str, dtype: Any, tmp_path: Path) -> None:
     names = [*BOTH, *(f"{name}_watched" for name in BOTH)] if dtype == "float64" else BOTH
     SCENES[name]().to_c(tmp_path, functions=names, dtype=dtype, batches=True)  # type: ignore[arg-type]
-    made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True)
+    made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert made.returncode == 0, made.stdout + made.stderr
 
 
@@ -268,7 +268,7 @@ def test_the_kernels_pass_their_test_in_c(make: Callable[[], phipsi.Scene], tmp_
     scene = make()
     names = ["forward_dynamics_watched", "constrained_dynamics" if scene.constraint_names else "forward_dynamics_vjp_watched"]
     scene.to_cuda(tmp_path, functions=names)  # type: ignore[arg-type]
-    made = subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True)
+    made = subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert made.returncode == 0, made.stdout + made.stderr
 
 
@@ -281,9 +281,9 @@ def test_the_crate_passes_its_test(make: Callable[[], phipsi.Scene], tmp_path: P
     scene.to_rust(tmp_path, name="held", functions=names)  # type: ignore[arg-type]
     rustc = ["rustc", "--edition", "2021", "-D", "warnings", "-L", "."]
     library = ["--crate-type", "rlib", "--crate-name", "held", "--cfg", 'feature="std"', "--check-cfg", 'cfg(feature, values("std"))', "src/lib.rs"]
-    subprocess.run([*rustc, *library], cwd=tmp_path, check=True)
-    subprocess.run([*rustc, "--test", "tests/reference.rs", "-o", "reference", "--extern", "held"], cwd=tmp_path, check=True)
-    said = subprocess.run([str(tmp_path / "reference")], capture_output=True, text=True)
+    subprocess.run([*rustc, *library], cwd=tmp_path, check=True, timeout=300)
+    subprocess.run([*rustc, "--test", "tests/reference.rs", "-o", "reference", "--extern", "held"], cwd=tmp_path, check=True, timeout=300)
+    said = subprocess.run([str(tmp_path / "reference")], capture_output=True, text=True, timeout=300)
     assert said.returncode == 0, said.stdout + said.stderr
 
 
@@ -319,5 +319,5 @@ def test_links_of_scenes_with_mimic_joints(cache: Path) -> None:
 
 def test_the_c_code_of_mimic_joints_passes_its_test(tmp_path: Path) -> None:
     geared().to_c(tmp_path, batches=True)
-    made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True)
+    made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert made.returncode == 0, made.stdout + made.stderr

@@ -135,5 +135,5 @@ def test_contacts_of_scenes_without_have_no_code() -> None:
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_the_c_code_of_contacts_passes_its_test(dtype: Any, tmp_path: Path) -> None:
     scene_of(1).to_c(tmp_path, functions=CONTACTS, dtype=dtype, batches=True)  # type: ignore[arg-type]
-    made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True)
+    made = subprocess.run(["make", "-s", "test", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert made.returncode == 0, made.stdout + made.stderr

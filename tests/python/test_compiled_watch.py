@@ -59,7 +59,7 @@ def margins(case: Case, into: Path) -> list[float]:
     """The margin of the factor, and the margins of the three functions."""
     names = ["factor_watched", *(f"{name}_watched" for name in PRODUCTS)]
     case.scene.to_c(into, functions=names)  # type: ignore[arg-type]
-    subprocess.run([COMPILER, "-std=c99", "-O0", "-shared", "-fPIC", "robot.c", "-lm", "-o", "robot.so"], cwd=into, check=True)
+    subprocess.run([COMPILER, "-std=c99", "-O0", "-shared", "-fPIC", "robot.c", "-lm", "-o", "robot.so"], cwd=into, check=True, timeout=300)
     code, nv, found = ctypes.CDLL(str(into / "robot.so")), case.scene.nv, []
     others = {PRODUCTS[0]: [], PRODUCTS[1]: [*case.directions.values()], PRODUCTS[2]: [case.cotangent]}
     results = {PRODUCTS[0]: [nv * nv] * 3, PRODUCTS[1]: [nv], PRODUCTS[2]: [nv] * 3}

@@ -53,8 +53,8 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-# A separate process for each page, because JAX and Dask start threads and processes. `make test-jax` runs the page on
-# JAX.
+# A separate process for each page, because JAX and Dask start threads and processes. `make test-jax` and `make
+# test-optional` run the pages on JAX, PyTorch and Drake.
 @pytest.mark.parametrize("page", sorted(SCRIPTS))
 def test_python_blocks_run(page: str, tmp_path: Path) -> None:
     text = SCRIPTS[page]

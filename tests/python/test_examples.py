@@ -157,7 +157,10 @@ def test_the_sweep_on_two_workers_has_the_same_bits(direct: dict[str, np.ndarray
             try:
                 arrays, text = swept(tmp_path / "dask", "--address", cluster.stdout.readline().strip())
             finally:
-                cluster.communicate("done\n", timeout=60)
+                try:
+                    cluster.communicate("done\n", timeout=60)
+                finally:
+                    cluster.kill()
     assert list(arrays) == list(direct)
     for name in ("settling", "effort"):
         assert_same_bits(arrays[name], direct[name])

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import join
 from long_calls import LONG
 from tolerances import assert_same_bits
 
@@ -106,20 +107,16 @@ def test_an_interrupted_scene_and_factor_go_on_as_they_were(alarm: None) -> None
     assert_same_bits(scene.forward_dynamics(q, q, q), qdd)
 
 
-def test_other_threads_are_not_interrupted() -> None:
+def test_other_threads_are_not_interrupted(interruptible: None) -> None:
     """Only the main thread handles Ctrl-C."""
     model = phipsi.scenes.chain(7).random_model(np.zeros(7))
     found: list[phipsi.MassEstimate] = []
-    other = threading.Thread(target=lambda: found.append(model.mass_matrix(1_000_000, seed=1)))
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        other.start()
-        with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(60)
-    finally:
-        signal.signal(signal.SIGINT, before)
-    other.join()
+    other = threading.Thread(target=lambda: found.append(model.mass_matrix(1_000_000, seed=1)), daemon=True)
+    other.start()
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(60)
+    join(other)
     assert len(found) == 1 and np.isfinite(found[0].mass_matrix).all()
 
 

@@ -8,12 +8,11 @@ import os
 import pickle
 import signal
 import threading
-from collections.abc import Iterator
 
 import numpy as np
 import phipsi
 import pytest
-from conftest import random_scene, random_states
+from conftest import PATIENCE, join, random_scene, random_states
 from phipsi import errors
 from tolerances import assert_near, assert_same_bits, inverse, product, size
 
@@ -208,24 +207,17 @@ def test_a_lost_pivot_is_a_cause_with_its_joint() -> None:
     assert np.isfinite(scene.simulate([0.0], [0.0], dt=1e-3, steps=3, damping=1.0, method="implicit-euler").q).all()
 
 
-@pytest.fixture
-def interruptible() -> Iterator[None]:
-    """A background process of a shell inherits ignored SIGINT."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @pytest.mark.skipif(os.name == "nt", reason="signals to oneself")
 def test_ctrl_c_keeps_what_was_computed(arm: phipsi.Scene, interruptible: None) -> None:
     started = threading.Event()
-    timer = threading.Thread(target=lambda: (started.wait(), os.kill(os.getpid(), signal.SIGINT)))
+    # Not sent without the call: it would end the run of the tests.
+    timer = threading.Thread(target=lambda: started.wait(PATIENCE) and os.kill(os.getpid(), signal.SIGINT), daemon=True)
     timer.start()
     with pytest.raises(KeyboardInterrupt) as caught:
         arm.simulate(
             np.zeros(7), np.zeros(7), dt=1e-6, steps=10**9, record_every=10**4, progress=lambda done, steps: started.set()
         )
-    timer.join()
+    join(timer)
     assert isinstance(caught.value, errors.SimulationInterrupted)
     path = caught.value.trajectory
     assert len(path) == caught.value.step // 10**4 + 1 and np.all(np.isfinite(path.q))

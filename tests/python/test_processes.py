@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import State, methods, random_scene, random_states
+from conftest import PATIENCE, State, join, methods, random_scene, random_states
 from tolerances import assert_same_bits
 
 import phipsi
@@ -215,9 +215,9 @@ def test_the_gil_is_released(arm: phipsi.Scene) -> None:
             rounds += 1
             arm.forward_dynamics(*state)
 
-    worker = threading.Thread(target=work)
+    worker = threading.Thread(target=work, daemon=True)
     worker.start()
-    started.acquire()
+    assert started.acquire(timeout=PATIENCE)
     at, seen = rounds, True
-    worker.join()
+    join(worker)
     assert at < limit

@@ -288,7 +288,7 @@ def test_the_wheel_says_where_the_study_is(arguments: list[str]) -> None:
 
 @pytest.mark.parametrize("arguments", [["motion"], ["nothing", "-o", "out"], ["stability", "--seed", "x", "-o", "out"]])
 def test_the_command_says_what_is_missing(arguments: list[str]) -> None:
-    done = subprocess.run([sys.executable, str(BENCHES / "study.py"), *arguments], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, str(BENCHES / "study.py"), *arguments], capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 2 and "usage:" in done.stderr and "Traceback" not in done.stderr
 
 

@@ -188,7 +188,7 @@ def test_bad_options_exit_with_2(options: tuple[str, str], tmp_path: Path) -> No
 
 
 def test_the_command_is_installed() -> None:
-    done = subprocess.run([sys.executable, "-m", "phipsi.cli", "--help"], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-m", "phipsi.cli", "--help"], capture_output=True, text=True, check=True, timeout=300)
     assert "simulate" in done.stdout
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import at_once, random_states
+from conftest import at_once, join, random_states
 from tolerances import assert_near, assert_same_bits, product
 
 import phipsi
@@ -320,7 +320,7 @@ def test_two_calls_at_once_are_refused_and_not_mixed(arm: phipsi.Scene) -> None:
         while not stop.is_set():
             simulator.step(steps=200)
 
-    other = threading.Thread(target=work)
+    other = threading.Thread(target=work, daemon=True)
     other.start()
     try:
         deadline = time.monotonic() + 60
@@ -329,24 +329,22 @@ def test_two_calls_at_once_are_refused_and_not_mixed(arm: phipsi.Scene) -> None:
                 _ = simulator.q
     finally:
         stop.set()
-        other.join()
+        join(other)
     assert simulator.steps % 200 == 0
 
 
 @of_start
 @pytest.mark.skipif(os.name == "nt", reason="signals to oneself")
-def test_ctrl_c_leaves_it_at_a_step(arm: phipsi.Scene) -> None:
+def test_ctrl_c_leaves_it_at_a_step(arm: phipsi.Scene, interruptible: None) -> None:
     q, qd, tau = random_states(arm, 13, (2,))
     simulator = arm.simulator(q, qd, dt=1e-6)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     timer = threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT))
     timer.start()
     try:
         with pytest.raises(errors.SimulationInterrupted) as caught:
             simulator.step(tau, steps=10**9)
     finally:
-        timer.join()
-        signal.signal(signal.SIGINT, before)
+        join(timer)
     assert caught.value.step == simulator.steps > 0
     assert_same_bits(caught.value.trajectory.q[:, 0], simulator.q)
     assert np.isfinite(simulator.q).all()
