@@ -1,9 +1,10 @@
-//! Decisions at the start of a rollout: the method that `Method::Auto` selects, and the rows with exact friction or
-//! stops.
+//! Decisions at the start of a rollout: the settings of its steps, the method that `Method::Auto` selects, and the rows
+//! with exact friction or stops.
 
 use super::method::Method;
-use super::properties::{Gains, Properties};
-use super::settings::{Settings, Stabilization};
+use super::properties::{FRICTION_SPEED, Gains, Properties};
+use super::settings::{Limits, Settings, Stabilization};
+use super::step_settings::StepSettings;
 use super::stops::SetValued;
 use crate::dynamics::{factorise, solve};
 use crate::error::{Error, in_language};
@@ -11,15 +12,48 @@ use crate::filter::Form;
 use crate::scene::{Coupling, Scene};
 use crate::workspace::Workspace;
 use std::collections::HashMap;
+use std::sync::Arc;
+
+/// The settings of the steps of a scene, with its contacts or as without them, from the configurations `q`.
+pub(super) fn step_settings(
+    scene: &Scene,
+    settings: &Settings,
+    coupling: Option<Arc<Coupling>>,
+    (q, touches): (&[f64], bool),
+) -> StepSettings {
+    let Settings { dt, method, accuracy, stabilization, .. } = *settings;
+    let (mut properties, gains) = (settings.properties.clone(), settings.gains.clone());
+    let is_tree = scene.constraints().is_empty() && !touches;
+    if !is_tree && properties.friction_speed == 0.0 {
+        properties.friction_speed = FRICTION_SPEED;
+    }
+    let chosen = match method {
+        _ if touches => Method::Contact,
+        // With error control the accuracy determines the step, and explicit methods are stable for longer steps.
+        Method::Auto if accuracy.is_some() => match choose(scene, CONTROLLED, &properties, gains.as_ref(), q) {
+            Method::RungeKutta4 => Method::DormandPrince5,
+            _ => Method::Rosenbrock3,
+        },
+        Method::Auto => choose(scene, dt, &properties, gains.as_ref(), q),
+        method => method,
+    };
+    let stops = settings.limits == Limits::Stop;
+    let mut of = StepSettings::new(scene.model(), dt, chosen, (properties, gains)).with_coupling(coupling);
+    of.asked = method;
+    of.divides = method == Method::Auto && is_tree;
+    of.restitution = settings.restitution;
+    of.stops = stops;
+    of.accuracy = accuracy;
+    of.set_valued = set_valued(scene, of.coupling.as_deref(), &of.properties, stops && is_tree);
+    of.tolerance = settings.tolerance;
+    of.connected = (!scene.constraints().is_empty()).then_some(stabilization);
+    of.compliance.clone_from(&settings.compliance);
+    of
+}
 
 /// The rows with exact friction or stops. For coupled joints, these are the independent rows, with the friction and
 /// limits of the joints that follow them.
-pub(super) fn set_valued(
-    scene: &Scene,
-    coupling: Option<&Coupling>,
-    properties: &Properties,
-    stops: bool,
-) -> Vec<SetValued> {
+fn set_valued(scene: &Scene, coupling: Option<&Coupling>, properties: &Properties, stops: bool) -> Vec<SetValued> {
     let exact = properties.friction_speed == 0.0;
     let reduced = coupling.map(|coupling| {
         let friction = coupling.torques(&coupling.reduce_friction(&properties.friction));
@@ -57,11 +91,11 @@ const SLOW: f64 = 0.5;
 
 /// The explicit method is tested with this step, s, under error control: a tenth of the steps it takes for motion of a
 /// few rad/s.
-pub(super) const CONTROLLED: f64 = 1e-3;
+const CONTROLLED: f64 = 1e-3;
 
 /// The method that [`Method::Auto`] selects: the explicit method of order 4 if springs, damping and gains are slow for
 /// this step, by the bounds sum d (M^-1)_jj and sum k (M^-1)_jj at the first state, and friction is exact.
-pub(super) fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>, q: &[f64]) -> Method {
+fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>, q: &[f64]) -> Method {
     let (nq, nv) = (scene.nq(), scene.nv());
     let with = |own: &[f64], settings: Option<&[f64]>| -> Vec<f64> {
         own.iter().enumerate().map(|(i, x)| x + settings.map_or(0.0, |settings| settings[i])).collect()

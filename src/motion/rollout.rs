@@ -1,10 +1,9 @@
 //! A rollout: time integration of a batch of states, vectorized and on several threads, a number of steps per call.
 
-use super::choice::{CONTROLLED, check_connections_of_contacts, check_method, choose, set_valued};
+use super::choice::{check_connections_of_contacts, check_method, step_settings};
 use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Rows, States};
 use super::method::Method;
-use super::properties::FRICTION_SPEED;
 use super::settings::{Limits, Settings, Stabilization};
 use super::step_settings::StepSettings;
 use super::stepper::Stepper;
@@ -17,11 +16,11 @@ use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::scene::{Coupling, Scene};
+use crate::scene::Scene;
 use crate::setters::setters;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 /// Destination of recorded rows: (states, rows, nq) and (states, rows, nv). Row 0 is the state at the start, row i the
 /// state after i * every steps.
@@ -90,43 +89,6 @@ impl std::fmt::Debug for Stepper {
     }
 }
 
-/// The settings of the steps of a scene, with its contacts or as without them, from the configurations `q`.
-fn of_steps(
-    scene: &Scene,
-    settings: &Settings,
-    coupling: Option<Arc<Coupling>>,
-    (q, touches): (&[f64], bool),
-) -> Result<StepSettings, Error> {
-    let Settings { dt, method, accuracy, stabilization, .. } = *settings;
-    let (mut properties, gains) = (settings.properties.clone(), settings.gains.clone());
-    let is_tree = scene.constraints().is_empty() && !touches;
-    if !is_tree && properties.friction_speed == 0.0 {
-        properties.friction_speed = FRICTION_SPEED;
-    }
-    let chosen = match method {
-        _ if touches => Method::Contact,
-        // With error control the accuracy determines the step, and explicit methods are stable for longer steps.
-        Method::Auto if accuracy.is_some() => match choose(scene, CONTROLLED, &properties, gains.as_ref(), q) {
-            Method::RungeKutta4 => Method::DormandPrince5,
-            _ => Method::Rosenbrock3,
-        },
-        Method::Auto => choose(scene, dt, &properties, gains.as_ref(), q),
-        method => method,
-    };
-    let stops = settings.limits == Limits::Stop;
-    let mut of = StepSettings::new(scene.model(), dt, chosen, (properties, gains)).with_coupling(coupling);
-    of.asked = method;
-    of.divides = method == Method::Auto && is_tree;
-    of.restitution = settings.restitution;
-    of.stops = stops;
-    of.accuracy = accuracy;
-    of.set_valued = set_valued(scene, of.coupling.as_deref(), &of.properties, stops && is_tree);
-    of.tolerance = settings.tolerance;
-    of.connected = (!scene.constraints().is_empty()).then_some(stabilization);
-    of.compliance.clone_from(&settings.compliance);
-    Ok(of)
-}
-
 /// Threads receive multiples of this number of states, which is at least the number of lanes of every instruction set.
 pub(super) const GRAIN: usize = 16;
 
@@ -188,10 +150,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
         }
         let stops = settings.limits == Limits::Stop;
         let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
-        let of_steps = |touches: bool| of_steps(holds, &settings, coupling.clone(), (q, touches));
-        let mut step_settings = of_steps(!holds.contacts().is_empty())?;
+        let of_steps = |touches: bool| step_settings(holds, &settings, coupling.clone(), (q, touches));
+        let mut step_settings = of_steps(!holds.contacts().is_empty());
         if !holds.contacts().is_empty() && method != Method::Contact && smoothing.is_none() {
-            step_settings.free = Some(Box::new(of_steps(false)?));
+            step_settings.free = Some(Box::new(of_steps(false)));
         }
         step_settings.smoothing = smoothing;
         let current = memory::filled("q, qd", states.saturating_mul(step_settings.width(holds)), 0.0)?;
