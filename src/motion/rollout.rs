@@ -2,7 +2,7 @@
 
 use super::choice::{CONTROLLED, check_connections_of_contacts, check_method, choose, set_valued};
 use super::contact::{self, ContactReport, RECORD};
-use super::job::{Impacts, Job, Rows};
+use super::job::{Impacts, Job, Records, Rows};
 use super::method::Method;
 use super::momentum::{self, CONSERVED, Correction, MomentumProjection};
 use super::properties::FRICTION_SPEED;
@@ -19,40 +19,12 @@ use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::Scene;
-use crate::setters::setters;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
 use std::sync::{Mutex, PoisonError};
 
-/// Destination of recorded rows: (states, rows, nq) and (states, rows, nv). Row 0 is the state at the start, row i the
-/// state after i * every steps.
-#[derive(Debug)]
-#[non_exhaustive]
-pub struct Records<'a> {
-    /// Configurations.
-    pub q: &'a mut [f64],
-    /// Joint velocities.
-    pub qd: &'a mut [f64],
-    /// For a scene with contacts, (states, rows, contacts, 11) in the base frame: gap (m), slip velocity (3, m/s),
-    /// force on the first link during the step that ends at the row (3, N), sum of the impulses of impacts since the
-    /// previous row (3, N s), and the index of the [`ContactState`](super::ContactState) during that step, open in the
-    /// first row. Empty if contacts are not recorded.
-    pub contacts: &'a mut [f64],
-    /// Number of steps between rows.
-    pub every: usize,
-}
-
-impl<'a> Records<'a> {
-    /// A row per step, without contacts.
-    #[must_use]
-    pub fn new(q: &'a mut [f64], qd: &'a mut [f64]) -> Self {
-        Self { q, qd, contacts: &mut [], every: 1 }
-    }
-}
-
-setters!(Records<'a> { with_contacts: contacts: &'a mut [f64], with_every: every: usize });
-
-/// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`. A clone continues independently.
+/// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`. A clone continues
+/// independently.
 ///
 /// ```
 /// use phipsi::motion::{Method, Rollout, Settings, Torque};
