@@ -5,6 +5,7 @@ use super::derivatives::{
     self, ConstantParts, Constants, DerivativeScratch, Directions, GradientParts, HessianScratch, ProductScratch,
     constants_of,
 };
+use super::forces::Motion;
 use crate::algorithm::{Arguments, Derivatives, Products};
 use crate::error::{Error, check_finite};
 use crate::interrupt;
@@ -65,7 +66,8 @@ impl Scene {
         let (system, wrenches, cotangent) = ((self.model(), self.constraints()), state.wrenches, state.seed[0]);
         self.at_constrained_state(workspace, state, |workspace, (rows, adjoint), at| {
             let room = ((workspace, rows), (adjoint, hessian));
-            constraints::constrained_hvp(system, room.0, room.1, (at, wrenches), (cotangent, direction), out)
+            let motion = Motion { q: at.0, qd: at.1, qdd: Some(at.2), wrenches };
+            constraints::constrained_hvp(system, room.0, room.1, motion, (cotangent, direction), out)
         })
     }
 

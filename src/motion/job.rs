@@ -5,6 +5,7 @@ use super::step_settings::StepSettings;
 use super::substeps::StopImpact;
 use super::torque::Torque;
 use crate::scene::Scene;
+use crate::setters::setters;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
@@ -108,6 +109,34 @@ pub(super) struct Job<'a, 'r> {
     /// Destination of the substeps of a step without contacts.
     pub divisions: Option<&'a mut Divisions>,
 }
+
+/// Destination of recorded rows: (states, rows, nq) and (states, rows, nv). Row 0 is the state at the start, row i the
+/// state after i * every steps.
+#[derive(Debug)]
+#[non_exhaustive]
+pub struct Records<'a> {
+    /// Configurations.
+    pub q: &'a mut [f64],
+    /// Joint velocities.
+    pub qd: &'a mut [f64],
+    /// For a scene with contacts, (states, rows, contacts, 11) in the base frame: gap (m), slip velocity (3, m/s),
+    /// force on the first link during the step that ends at the row (3, N), sum of the impulses of impacts since the
+    /// previous row (3, N s), and the index of the [`ContactState`](super::ContactState) during that step, open in the
+    /// first row. Empty if contacts are not recorded.
+    pub contacts: &'a mut [f64],
+    /// Number of steps between rows.
+    pub every: usize,
+}
+
+impl<'a> Records<'a> {
+    /// A row per step, without contacts.
+    #[must_use]
+    pub fn new(q: &'a mut [f64], qd: &'a mut [f64]) -> Self {
+        Self { q, qd, contacts: &mut [], every: 1 }
+    }
+}
+
+setters!(Records<'a> { with_contacts: contacts: &'a mut [f64], with_every: every: usize });
 
 /// Impacts on stops, collected from all threads.
 #[derive(Debug, Default)]

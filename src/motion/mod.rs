@@ -81,9 +81,10 @@ mod works;
 
 pub use contact::{ContactReport, ContactState, ModeChange};
 pub use gradient::{ContactGradients, RecordedRows, RolloutGradients};
+pub use job::Records;
 pub use method::{METHODS, Method};
 pub use properties::{FRICTION_SPEED, Gains, Properties};
-pub use rollout::{Records, Rollout};
+pub use rollout::Rollout;
 pub use settings::{Limits, Settings, Stabilization};
 pub use simulator::Simulator;
 pub use substeps::StopImpact;

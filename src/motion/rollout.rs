@@ -2,7 +2,7 @@
 
 use super::choice::{check_connections_of_contacts, check_method, step_settings};
 use super::contact::{self, ContactReport, RECORD};
-use super::job::{Impacts, Job, Rows, States};
+use super::job::{Impacts, Job, Records, Rows, States};
 use super::method::Method;
 use super::settings::{Limits, Settings, Stabilization};
 use super::step_settings::StepSettings;
@@ -17,40 +17,12 @@ use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::Scene;
-use crate::setters::setters;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
 use std::sync::{Mutex, PoisonError};
 
-/// Destination of recorded rows: (states, rows, nq) and (states, rows, nv). Row 0 is the state at the start, row i the
-/// state after i * every steps.
-#[derive(Debug)]
-#[non_exhaustive]
-pub struct Records<'a> {
-    /// Configurations.
-    pub q: &'a mut [f64],
-    /// Joint velocities.
-    pub qd: &'a mut [f64],
-    /// For a scene with contacts, (states, rows, contacts, 11) in the base frame: gap (m), slip velocity (3, m/s),
-    /// force on the first link during the step that ends at the row (3, N), sum of the impulses of impacts since the
-    /// previous row (3, N s), and the index of the [`ContactState`](super::ContactState) during that step, open in the
-    /// first row. Empty if contacts are not recorded.
-    pub contacts: &'a mut [f64],
-    /// Number of steps between rows.
-    pub every: usize,
-}
-
-impl<'a> Records<'a> {
-    /// A row per step, without contacts.
-    #[must_use]
-    pub fn new(q: &'a mut [f64], qd: &'a mut [f64]) -> Self {
-        Self { q, qd, contacts: &mut [], every: 1 }
-    }
-}
-
-setters!(Records<'a> { with_contacts: contacts: &'a mut [f64], with_every: every: usize });
-
-/// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`. A clone continues independently.
+/// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`. A clone continues
+/// independently.
 ///
 /// ```
 /// use phipsi::motion::{Method, Rollout, Settings, Torque};
@@ -102,6 +74,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ///
     /// A step that is not finite and positive; a form other than auto and covariance; wrong lengths; values that are
     /// not finite; negative properties; quaternions that are not of unit norm; a state that violates the connections ([`Scene::project`] corrects it).
+    #[allow(clippy::needless_pass_by_value)] // the settings are those of this rollout
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();
         let holds: &Scene = scene.borrow().tree();

@@ -16,10 +16,9 @@ use std::borrow::Borrow;
 /// States that are advanced call by call. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`.
 ///
 /// Results are bit-identical to those of a [`Rollout`], for any division of the steps into calls and any number of
-/// threads and states. The first step allocates scratch memory; later steps allocate nothing on the calling thread, with
-/// these exceptions: steps with contacts, coupled joints or error control ([`Settings::accuracy`]), and steps in which a
-/// joint reaches a stop or begins or ceases to stick, allocate temporary arrays. A clone continues independently from
-/// the same states.
+/// threads and states. The first step allocates scratch memory. Later steps allocate nothing on the calling thread, but
+/// for temporary arrays of steps with contacts, coupled joints or error control ([`Settings::accuracy`]), and of those
+/// in which a joint reaches a stop or begins or ceases to stick. A clone continues independently from the same states.
 ///
 /// ```
 /// use phipsi::motion::{Settings, Simulator, Torque};

@@ -181,7 +181,9 @@ impl CheckedState {
         } else {
             let Self { scratch, solver, substeps, .. } = self;
             substeps.advance(settings, scratch, solver, &mut |scheme, s, _| {
-                divisions.iter_mut().for_each(|divisions| divisions.add(lane, scheme.step, (&s.q, &s.v)));
+                if let Some(divisions) = &mut divisions {
+                    divisions.add(lane, scheme.step, (&s.q, &s.v));
+                }
             });
             lost = solver.lost.take();
         }

@@ -13,11 +13,11 @@ use super::adjoint::ConstraintAdjoint;
 use super::products::RowGradients;
 use super::scratch::ConstraintScratch;
 use crate::dynamics::derivatives::{Directions, HessianScratch, join};
+use crate::dynamics::forces::Motion;
 use crate::model::Model;
 use crate::scalar::Dual;
 use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
-use nalgebra::Vector6;
 
 /// The derivative of the gradients of [`ConstraintAdjoint::of_dynamics`] along (dq, dqd, dtau), (3 x nv) into `out`, at
 /// a state of [`constrained_dynamics`](super::constrained_dynamics) with rigid connections and the forces in the scratch.
@@ -25,25 +25,25 @@ pub(crate) fn constrained_hvp(
     system: (&Model<f64>, &Constraints),
     (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
     (adjoint, hessian): (&mut ConstraintAdjoint, &mut HessianScratch),
-    (state, wrenches): ((&[f64], &[f64], &[f64]), &[Vector6<f64>]),
+    motion: Motion<'_, f64>,
     (cotangent, [dq, dqd, dtau]): (&[f64], [&[f64]; 3]),
     out: &mut [f64],
 ) -> Result<(), RowFault> {
-    let ((q, qd, qdd), nv) = (state, cotangent.len());
+    let (Motion { q, qd, qdd, wrenches }, nv) = (motion, cotangent.len());
     let along = Directions { q: dq, qd: dqd, u: dtau, ..Directions::default() };
     let mut qdd_change = vec![0.0; nv];
+    let state = (q, qd, qdd.unwrap_or_default());
     adjoint.along_dynamics(system, (workspace, scratch), state, (wrenches, &along), &mut qdd_change)?;
     let forces = joined(&scratch.forces, adjoint.r.iter().map(|r| -r));
     let ([x, r], [x_change, r_change]) = adjoint.along_adjoint(system, (workspace, scratch), (q, dq), cotangent)?;
     let minus = |x: &[f64]| -> Vec<f64> { x.iter().map(|x| -x).collect() };
-    let cotangents = [&minus(&x)[..], &minus(&x_change)];
-    let found = hessian.along(system.0, ((q, qd), wrenches), [dq, dqd], [[qdd, &qdd_change], cotangents]);
+    let found = hessian.along(system.0, motion, [dq, dqd, &qdd_change], [&minus(&x), &minus(&x_change)]);
     let (by_state, y) = (&mut found.out[..2 * nv], joined(&x, x_change.iter().copied()));
     let (by_q, by_qd) = by_state.split_at_mut(nv);
     let (rows, dual) = (&mut RowGradients::new(found.model), (found.model, system.1));
-    rows.add_row_gradient(dual, found.shifts, (found.state.0, &y), &forces, by_q)?;
+    rows.add_row_gradient(dual, found.shifts, (found.q, &y), &forces, by_q)?;
     let negative = joined(&minus(&r), r_change.iter().map(|r| -r));
-    rows.add_acceleration_gradient(dual, found.shifts, found.state, &negative, [by_q, by_qd])?;
+    rows.add_acceleration_gradient(dual, found.shifts, (found.q, found.qd, found.qdd), &negative, [by_q, by_qd])?;
     for (to, from) in out.iter_mut().zip(by_state) {
         *to = from.tangent;
     }

@@ -80,16 +80,16 @@ impl<S: Real<Parameter = S>> HessianScratch<S> {
     pub(crate) fn along(
         &mut self,
         model: &Model<S>,
-        ((q, qd), wrenches): ((&[S], &[S]), &[Vector6<S>]),
-        [dq, dqd]: [&[S]; 2],
-        [qdd, x]: [[&[S]; 2]; 2],
+        Motion { q, qd, qdd, wrenches }: Motion<'_, S>,
+        [dq, dqd, dqdd]: [&[S]; 3],
+        [x, dx]: [&[S]; 2],
     ) -> DualGradients<'_, S> {
         self.set(model, (q, qd), wrenches, [dq, dqd]);
-        join(&mut self.u, qdd[0], qdd[1]);
-        join(&mut self.cotangent, x[0], x[1]);
+        join(&mut self.u, qdd.unwrap_or_default(), dqdd);
+        join(&mut self.cotangent, x, dx);
         self.gradients(!wrenches.is_empty());
         let Self { model, workspace, q, qd, u, out, .. } = self;
-        DualGradients { model, shifts: &workspace.store.shifts, state: (q, qd, u), out }
+        DualGradients { model, shifts: &workspace.store.shifts, q, qd, qdd: u, out }
     }
 
     /// q along the tangent dq, qd along dqd, and constant wrenches.
@@ -107,7 +107,9 @@ impl<S: Real<Parameter = S>> HessianScratch<S> {
 pub(crate) struct DualGradients<'a, S: Real<Parameter = S>> {
     pub model: &'a Model<Dual<S>>,
     pub shifts: &'a [RigidShift<Dual<S>>],
-    pub state: (&'a [Dual<S>], &'a [Dual<S>], &'a [Dual<S>]),
+    pub q: &'a [Dual<S>],
+    pub qd: &'a [Dual<S>],
+    pub qdd: &'a [Dual<S>],
     pub out: &'a mut [Dual<S>],
 }
 
@@ -133,7 +135,8 @@ pub fn inverse_dynamics_hvp(
     out: &mut [f64],
 ) {
     let zeros = vec![0.0; cotangent.len()];
-    let found = scratch.along(model, ((q, qd), wrenches), [dq, dqd], [[qdd, dqdd], [cotangent, &zeros]]);
+    let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
+    let found = scratch.along(model, motion, [dq, dqd, dqdd], [cotangent, &zeros]);
     for (to, from) in out.iter_mut().zip(found.out) {
         *to = from.tangent;
     }

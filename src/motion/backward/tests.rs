@@ -104,7 +104,7 @@ impl Case {
             target,
             target_rate: many(&mut random, nv, 0.3),
         };
-        let settings = StepSettings::new(scene.model(), step, method, (properties, Some(gains)), Vec::new()).backward();
+        let settings = StepSettings::new(scene.model(), step, method, (properties, Some(gains))).backward();
         let (v, torque, end) = (
             many(&mut random, nv, 1.0),
             many(&mut random, nv, 5.0),

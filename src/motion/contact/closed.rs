@@ -171,7 +171,7 @@ mod tests {
         const STEP: f64 = 1e-3;
         let scene = scene();
         let (model, points, nv) = (scene.model(), scene.contact_points(), scene.nv());
-        let settings = StepSettings::new(model, 1e-3, Method::Contact, (Properties::of(&scene), None), Vec::new());
+        let settings = StepSettings::new(model, 1e-3, Method::Contact, (Properties::of(&scene), None));
         let (mut workspace, mut rows) = (scene.workspace(), ContactScratch::new(model, points, Vec::new()));
         let mut connections = Connections::new(&scene, &settings, model, false);
         let (workspace, rows, connections) = (&mut workspace, &mut rows, &mut connections);

@@ -190,7 +190,9 @@ impl Reach {
             let (row, count, coordinates) = (stage.first_row, stage.rows.count(), body.q..body.q + body.motion.nq());
             let mut mean = [0.0; 6];
             body.motion.displacement(&start.q[coordinates.clone()], &end.q[coordinates], &mut mean[..count]);
-            mean.iter_mut().for_each(|x| *x /= h);
+            for x in &mut mean {
+                *x /= h;
+            }
             let velocity = |u: &[f64]| body.motion.velocity(u, 0.0);
             let of =
                 [velocity(&start.v[row..row + count]), velocity(&end.v[row..row + count]), velocity(&mean[..count])];

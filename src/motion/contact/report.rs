@@ -24,7 +24,7 @@ pub(in crate::motion) fn begin(kept: &mut [f64]) {
 
 /// The first contact that acted in the last step.
 pub(super) fn acting(kept: &[f64], contacts: usize) -> Option<usize> {
-    kept[6 * contacts..7 * contacts].iter().position(|&state| state != ContactState::Open.number())
+    kept[6 * contacts..7 * contacts].iter().position(|&state| state.to_bits() != ContactState::Open.number().to_bits())
 }
 
 /// Diagnostics of the contacts of one state, accumulated since it began.

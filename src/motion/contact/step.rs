@@ -165,6 +165,7 @@ impl ContactStep {
     }
 
     /// Applies impacts and contact forces of the step to `v_next`.
+    #[allow(clippy::too_many_lines)] // one solve of the law, with the rows that it adds
     fn touch(
         &mut self,
         scene: &Scene,
