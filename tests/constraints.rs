@@ -547,7 +547,7 @@ fn steps_have_their_order_through_connections() {
         rollout.state(0).0.to_vec()
     };
     let fine = end(Method::RungeKutta4, 800);
-    for (name, method) in METHODS {
+    for &(name, method) in METHODS {
         let (coarse, twice) = (distance(&end(method, 40), &fine), distance(&end(method, 80), &fine));
         let order = (coarse / twice).log2();
         println!("{name}: {coarse:.1e}, {twice:.1e}, order {order:.2}");

@@ -8,7 +8,6 @@ use phipsi::batch::Broadcast;
 use phipsi::batch::{INSTRUCTION_SETS, InstructionSet};
 use phipsi::filter::Form;
 use phipsi::motion::{METHODS, Method, RecordedRows, Records, Rollout, RolloutGradients, Settings, Torque};
-use phipsi::scene::JointKind;
 use phipsi::{Error, Scene};
 
 const STATES: usize = 11;

@@ -133,7 +133,7 @@ mod tests {
             assert!((after - expected).abs().max() < 1e-13, "axis {i}, noise {noise}: {after} {expected}");
             assert!((dropped.gain - gain).abs().max() < 1e-13);
             let is_zero = root.to_matrix().row(i).iter().all(|&entry| entry == 0.0);
-            assert_eq!((is_zero, dropped.gain[i] == 1.0), (noise == 0.0, noise == 0.0), "axis {i}: {root:?}");
+            assert_eq!((is_zero, dropped.gain[i] >= 1.0), (noise == 0.0, noise == 0.0), "axis {i}: {root:?}");
         }
     }
 }

@@ -8,9 +8,10 @@
 
 use super::backward::ACTING;
 use super::contact::{ContactReverse, ModeChange, check_reproduced};
+use super::job::Records;
 use super::method::Method;
 use super::reverser::{Job, Reverser};
-use super::rollout::{GRAIN, Records, Rollout};
+use super::rollout::{GRAIN, Rollout};
 use super::torque::{StepFault, Torque};
 use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Batch, Fault, Pool};

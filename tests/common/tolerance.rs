@@ -199,9 +199,6 @@ pub fn square_root_component(sensitivity: f64) -> f64 {
 /// Largest deviation of a measured order of convergence from that of the method.
 pub const ORDER: f64 = 0.1;
 
-/// The same for the largest error of one step, which occurs at different times for different steps.
-pub const ORDER_OF_A_STEP: f64 = 0.3;
-
 /// Largest deflection of a spring of 1e8 N m/rad or more under the torques of the tests, rad.
 pub const BENT: f64 = 1e-6;
 
