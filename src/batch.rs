@@ -43,6 +43,12 @@ mod work_queue;
 #[cfg(feature = "parallel")]
 pub use threads::{set_threads, threads};
 
+/// The number of threads of a batch without the feature `parallel`.
+#[cfg(all(not(feature = "parallel"), feature = "estimation"))]
+pub(crate) fn threads() -> usize {
+    1
+}
+
 pub use evaluator::{Evaluated, Evaluator};
 pub use instruction_set::{INSTRUCTION_SETS, InstructionSet};
 #[doc(hidden)]

@@ -3,6 +3,7 @@
 //! It has no kernels for the square-root form and for kinematic quantities, so that every state of these is computed by
 //! the fallback.
 #![cfg(not(any(feature = "derivatives", feature = "lanes")))]
+#![allow(clippy::disallowed_methods)] // references decompose matrices that are finite and square
 
 #[allow(dead_code)] // most of it is for tests of features
 mod common;

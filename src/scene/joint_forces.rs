@@ -84,6 +84,7 @@ impl JointForces {
     }
 
     /// True if any spring or damping acts.
+    #[cfg(feature = "python")]
     pub fn are_linear(&self) -> bool {
         self.damping.iter().chain(&self.stiffness).any(|&value| value != 0.0)
     }
