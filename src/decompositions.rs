@@ -23,7 +23,8 @@ pub(crate) fn singular_values(matrix: DMatrix<f64>, left: bool, right: bool) -> 
     matrix.try_svd(left, right, 5.0 * f64::EPSILON, most).filter(is_whole)
 }
 
-/// The eigenvalues of a symmetric matrix, in no order, with the eigenvectors. None if the matrix is empty or not finite.
+/// The eigenvalues of a symmetric matrix, in no order, with the eigenvectors. None if the matrix is empty or not
+/// finite.
 pub(crate) fn eigenvalues<D>(matrix: OMatrix<f64, D, D>) -> Option<SymmetricEigen<f64, D>>
 where
     D: Dim + DimSub<Const<1>>,

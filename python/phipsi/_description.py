@@ -153,8 +153,9 @@ def joint_of(described: tuple[Any, ...], has_axis: bool) -> Joint:
     """A joint from the tuple of names and values that pickles contain."""
     name, kind, pitch, parent, child, (rotation, xyz), axis, losses, limits, mimic, (stiffness, rest) = described
     place = np.array(xyz), np.array(rotation).reshape(3, 3), np.array(axis) if has_axis else None
-    numbers = pitch, *losses, stiffness, np.array(rest, float), *limits
-    for array in (*place, numbers[-5]):
+    at_rest = np.array(rest, float)
+    numbers = pitch, *losses, stiffness, at_rest, *limits
+    for array in (*place, at_rest):
         if array is not None:
             array.setflags(write=False)
     return Joint._make((name, kind, parent or None, child, *place, *numbers, Mimic(*mimic) if mimic else None))

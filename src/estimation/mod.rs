@@ -1,7 +1,7 @@
 //! Estimation: observers, and covariances of parameters and torques propagated through forward and inverse dynamics in
-//! O(N). Identification of inertial parameters from logs exists in the Python package alone; the crate has its parts: the
-//! regressor ([`Scene::regressor`](crate::Scene::regressor)), the smoother of logs ([`log_smoother`]) and the information
-//! form of least squares ([`triangle`]).
+//! O(N). Identification of inertial parameters from logs exists in the Python package alone; the crate has its parts:
+//! the regressor ([`Scene::regressor`](crate::Scene::regressor)), the smoother of logs ([`log_smoother`]) and the
+//! information form of least squares ([`triangle`]).
 //!
 //! An error in the parameters of a body is a random force on that body, an error in the parameters of a joint is torque
 //! noise. The filter and the smoother of the model then use gains that were computed for another process noise, and the

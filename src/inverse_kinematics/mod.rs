@@ -330,8 +330,8 @@ impl<S: Borrow<Scene>> Solver<S> {
         self.search.solve(self.scene.borrow(), workspace, tasks, (start, false), (covariance, q))
     }
 
-    /// The next solution of a path of targets: as [`Solver::solve`] from `q` (nq), the solution before, which the new one
-    /// replaces.
+    /// The next solution of a path of targets: as [`Solver::solve`] from `q` (nq), the solution before, which the new
+    /// one replaces.
     ///
     /// Other starts, the first two of them near the solution before, serve only to reach the tasks, or to close the
     /// connections. If none does, the result is the local minimum next to the solution before, so that a path that

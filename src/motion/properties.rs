@@ -23,8 +23,9 @@ pub struct Properties {
     /// Coulomb friction f, (nv), N m or N.
     pub friction: Vec<f64>,
     /// Speed v0 of friction, rad/s or m/s. Zero selects exact Coulomb friction, which can hold a joint at rest; in
-    /// scenes with connections, and in steps in which contacts act, zero stands for [`FRICTION_SPEED`]. A positive value selects the regularized
-    /// torque -f v / sqrt(v^2 + v0^2), which is within 1 % of f above 7 v0 and viscous below v0, so that joints creep.
+    /// scenes with connections, and in steps in which contacts act, zero stands for [`FRICTION_SPEED`]. A positive
+    /// value selects the regularized torque -f v / sqrt(v^2 + v0^2), which is within 1 % of f above 7 v0 and viscous
+    /// below v0, so that joints creep.
     pub friction_speed: f64,
 }
 

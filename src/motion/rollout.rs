@@ -73,7 +73,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Errors
     ///
     /// A step that is not finite and positive; a form other than auto and covariance; wrong lengths; values that are
-    /// not finite; negative properties; quaternions that are not of unit norm; a state that violates the connections ([`Scene::project`] corrects it).
+    /// not finite; negative properties; quaternions that are not of unit norm; a state that violates the connections
+    /// ([`Scene::project`] corrects it).
     #[allow(clippy::needless_pass_by_value)] // the settings are those of this rollout
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();

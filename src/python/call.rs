@@ -127,7 +127,8 @@ impl<'a, 'py, P: Precision + Element> BatchCall<'a, 'py, P> {
         Ok((arguments, wrenches))
     }
 
-    /// True if there is nothing to evaluate: states without numbers, of which an array without memory can have any count.
+    /// True if there is nothing to evaluate: states without numbers, of which an array without memory can have any
+    /// count.
     pub fn is_void(&self, results: &[P]) -> bool {
         results.is_empty() && self.scene.scene.nv() == 0 && self.wrenches.is_empty()
     }

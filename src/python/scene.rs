@@ -449,7 +449,8 @@ impl PyScene {
     ///     Title of the page and of the panel. None: the name of the robot.
     /// browser : bool, optional
     ///     True: open a browser with a server. None: that at a prompt; in a notebook, the viewer is displayed below the
-    ///     cell; in a script, a temporary self-contained page opens, which outlives the script, and its address is printed.
+    ///     cell; in a script, a temporary self-contained page opens, which outlives the script, and its address is
+    ///     printed.
     #[doc = section!(Returns)]
     /// viewer : phipsi.view.Viewer or pathlib.Path
     ///     update(q) moves the robot, wait() serves it until Ctrl-C, close() ends it. With `to`, the path of the page.

@@ -109,7 +109,8 @@ impl JointForces {
         }
     }
 
-    /// Adds the gradients of a function by q, in its tangent space, and qd through this torque, from that by the torque.
+    /// Adds the gradients of a function by q, in its tangent space, and qd through this torque, from that by the
+    /// torque.
     fn add_cotangents(
         &self,
         model: &Model<f64>,

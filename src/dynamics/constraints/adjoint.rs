@@ -149,8 +149,8 @@ impl ConstraintAdjoint {
         Ok(())
     }
 
-    /// y and r of the adjoint of [`ConstraintAdjoint::of_dynamics`] for the cotangent of qdd, and their changes along dq,
-    /// with the factors of M and of the rows at `q`.
+    /// y and r of the adjoint of [`ConstraintAdjoint::of_dynamics`] for the cotangent of qdd, and their changes along
+    /// dq, with the factors of M and of the rows at `q`.
     #[allow(clippy::type_complexity)] // two vectors and their changes
     pub fn along_adjoint(
         &mut self,
@@ -172,8 +172,8 @@ impl ConstraintAdjoint {
         Ok((solution, [self.y.clone(), self.r.clone()]))
     }
 
-    /// One Newton step x = M^-1 J* p, p = -(G + c)^+ (error + c sum of the steps before), at `q`: adds the gradient by q
-    /// to `by_q`, from the cotangents of x and of p. That of the sum is -c r.
+    /// One Newton step x = M^-1 J* p, p = -(G + c)^+ (error + c sum of the steps before), at `q`: adds the gradient by
+    /// q to `by_q`, from the cotangents of x and of p. That of the sum is -c r.
     fn of_position_step(
         &mut self,
         system: (&Model<f64>, &Constraints),

@@ -1,8 +1,9 @@
 //! Hessians of forward dynamics through connections times a direction, in O(N + m^2 depth + m^3).
 //!
 //! The gradients of c* qdd are those of -y* ID(q, qd, qdd) + p* J y - r* (J qdd + J' qd), where p are the forces of the
-//! rows, and y and r solve the adjoint system of c ([`adjoint`](super::adjoint)). Their derivative along (dq, dqd, dtau)
-//! is one evaluation in dual numbers, with the changes of qdd and p along that direction, and with those of y and r:
+//! rows, and y and r solve the adjoint system of c ([`adjoint`](super::adjoint)). Their derivative along (dq, dqd,
+//! dtau) is one evaluation in dual numbers, with the changes of qdd and p along that direction, and with those of y and
+//! r:
 //!
 //! ```text
 //! M dy + J* dr = -dM y - dJ* r,    J dy = -dJ y
@@ -20,7 +21,8 @@ use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
 
 /// The derivative of the gradients of [`ConstraintAdjoint::of_dynamics`] along (dq, dqd, dtau), (3 x nv) into `out`, at
-/// a state of [`constrained_dynamics`](super::constrained_dynamics) with rigid connections and the forces in the scratch.
+/// a state of [`constrained_dynamics`](super::constrained_dynamics) with rigid connections and the forces in the
+/// scratch.
 pub(crate) fn constrained_hvp(
     system: (&Model<f64>, &Constraints),
     (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),

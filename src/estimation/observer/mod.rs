@@ -155,7 +155,8 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
     /// # Errors
     ///
     /// [`Error::Shape`]; [`Error::NotFinite`] for tau, for an infinite reading, and for an estimate that overflows;
-    /// [`Error::SingularJoint`]; [`Error::Memory`] if the history does not fit in memory. The observer is then unchanged.
+    /// [`Error::SingularJoint`]; [`Error::Memory`] if the history does not fit in memory. The observer is then
+    /// unchanged.
     pub fn step(&mut self, tau: &[f64], readings: &[f64]) -> Result<(), Fault> {
         let Self { scene, plan, robots, pool } = self;
         let (scene, plan) = ((*scene).borrow(), &*plan);

@@ -10,8 +10,8 @@
 //!
 //! For a body that approaches without turning back, b = 0, and the test is g1 > 0: the last step before the contact is
 //! found exactly. A test with the state at the start alone (gap > h |rate| + h^2 bound) needs a bound of accelerations
-//! and would exclude more steps. Testing only the gaps at the end, or at the stages of the method, would miss the tip of
-//! a link that rotates through a surface and returns within the step.
+//! and would exclude more steps. Testing only the gaps at the end, or at the stages of the method, would miss the tip
+//! of a link that rotates through a surface and returns within the step.
 //!
 //! The bounds follow from those of the joints, base to tip: a joint moves at most at the largest of its velocities at
 //! both ends and its mean velocity (displacement / h) plus their largest difference. For each body, with parent p, the
@@ -29,11 +29,11 @@
 //!
 //! A point at the distance r from the origin moves at most at V + W r, and its velocity changes by at most E + D r + h
 //! W^2 r. a is the smaller of this speed and of the velocity at the start plus the change, and so is b. Surfaces are
-//! planes, spheres and boxes; the distance from them is a convex function of the position outside of them, so that it is
-//! at least that from the tangent plane at either end. Divided steps are tested substep by substep.
+//! planes, spheres and boxes; the distance from them is a convex function of the position outside of them, so that it
+//! is at least that from the tangent plane at either end. Divided steps are tested substep by substep.
 //!
-//! The velocity of a joint within a step is known at its ends only; twice the largest difference of the three velocities
-//! bounds its change for motion that the step resolves.
+//! The velocity of a joint within a step is known at its ends only; twice the largest difference of the three
+//! velocities bounds its change for motion that the step resolves.
 
 use crate::dynamics::contacts::ContactScratch;
 use crate::model::Model;
@@ -42,8 +42,8 @@ use crate::scene::contact_point::ContactPoint;
 use crate::spatial::{angular, linear};
 use nalgebra::Vector6;
 
-/// A contact with at most this gap touches: the distance of a fall in a step of `h`, m, so that contacts at rest are not
-/// released by rounding.
+/// A contact with at most this gap touches: the distance of a fall in a step of `h`, m, so that contacts at rest are
+/// not released by rounding.
 pub(super) fn touching_gap(model: &Model<f64>, h: f64) -> f64 {
     const ROUNDING: f64 = 1e-9;
     model.gravity.norm() * h * h + ROUNDING

@@ -59,8 +59,8 @@ pub(super) struct Outcome {
     pub held: DVector<f64>,
     pub states: Vec<ContactState>,
     pub report: ContactReport,
-    /// Velocities at the end, if they are not those of the displacement: if joints that reach a stop end the step slower
-    /// than they moved in it, or if a contact strikes.
+    /// Velocities at the end, if they are not those of the displacement: if joints that reach a stop end the step
+    /// slower than they moved in it, or if a contact strikes.
     slowed: Option<Vec<f64>>,
     /// True if the displacement is that of a free step with an impact at its start.
     pub strikes: bool,
@@ -192,8 +192,8 @@ impl ContactStep {
         let rest_speed = rest_speed(&s.model, settings);
         let v_free = s.v_next.clone();
         // Velocities at the end of a free step are those of the time of its end, those of contact steps lag by half a
-        // step. With an impact at the start of this step, and a displacement with the mean of the velocities of the free
-        // motion after it, an elastic impact after a flight keeps the sum of all energies.
+        // step. With an impact at the start of this step, and a displacement with the mean of the velocities of the
+        // free motion after it, an elastic impact after a flight keeps the sum of all energies.
         let least = touching_gap(&s.model, h);
         let rests = |i: usize| gaps[i] <= least && h * start[3 * i + 2].abs() <= least;
         let is_free = settings.free.is_some() && !(0..n).any(rests);

@@ -1,9 +1,9 @@
-//! Steps of scenes with contacts: a state whose contacts cannot act takes the step of the scene without contacts, by the
-//! same code and with the same bits; another takes the contact step.
+//! Steps of scenes with contacts: a state whose contacts cannot act takes the step of the scene without contacts, by
+//! the same code and with the same bits; another takes the contact step.
 //!
-//! The step without contacts is made first, and accepted if [`Reach`] finds that no contact acts in it. States that touch
-//! at the start are not tried. The decision depends on the state and on the torques of the step alone, so that results
-//! do not depend on other states, on threads or on the division into calls.
+//! The step without contacts is made first, and accepted if [`Reach`] finds that no contact acts in it. States that
+//! touch at the start are not tried. The decision depends on the state and on the torques of the step alone, so that
+//! results do not depend on other states, on threads or on the division into calls.
 
 use super::super::job::{Divisions, Impacts, Job, States};
 use super::super::stepper::Stepper;
