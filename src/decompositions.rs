@@ -78,7 +78,7 @@ mod tests {
 
     /// A matrix of a rank, with entries of either sign.
     fn product(rows: usize, columns: usize, rank: usize) -> DMatrix<f64> {
-        let wave = |i: usize, j: usize| f64::from(u16::try_from(1 + 7 * i + 3 * j * j).expect("small")).sin();
+        let wave = |i: usize, j: usize| f64::from(u16::try_from((1 + i) * (1 + i + 3 * j)).expect("small")).sin();
         DMatrix::from_fn(rows, rank, wave) * DMatrix::from_fn(rank, columns, |i, j| wave(j, i + 1))
     }
 

@@ -576,10 +576,10 @@ fn a_start_off_the_connections_is_refused() {
     let settings = Settings::new(&scene, 1e-3);
     qd[0] += 1e-3;
     let found = Rollout::new(&scene, settings.clone(), &q, &qd).unwrap_err().to_string();
-    assert!(found.contains("\"pin\"") && found.contains("scene.project") && found.contains("qd"), "{found}");
+    assert!(found.contains("\"pin\"") && found.contains("Scene::project") && found.contains("qd"), "{found}");
     q[1] += 1e-3;
     let found = Rollout::new(&scene, settings, &q, &qd).unwrap_err().to_string();
-    assert!(found.contains("\"pin\"") && found.contains("scene.project"), "{found}");
+    assert!(found.contains("\"pin\"") && found.contains("Scene::project"), "{found}");
 }
 
 #[test]

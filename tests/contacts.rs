@@ -68,6 +68,11 @@ fn moving<'a>(scene: &'a Scene, dt: f64, q: &[f64], qd: &[f64]) -> Simulator<&'a
     Simulator::new(scene, Settings::new(scene, dt), q, qd).unwrap()
 }
 
+/// The same in steps of contacts, also if none can act.
+fn touching<'a>(scene: &'a Scene, dt: f64, q: &[f64], qd: &[f64]) -> Simulator<&'a Scene> {
+    Simulator::new(scene, Settings::new(scene, dt).with_method(Method::Contact), q, qd).unwrap()
+}
+
 fn go(simulator: &mut Simulator<&Scene>, steps: usize) {
     simulator.step(&Torque::Zero, steps).map_err(|fault| fault.error).unwrap();
 }
@@ -108,7 +113,7 @@ fn a_contact_rebounds_above_the_speed_that_gravity_adds_in_a_step() {
     let scene = ball(0.0, restitution);
     for (speed, rebounds) in [(0.7, false), (0.99, false), (1.01, true), (2.0, true)] {
         let fall = [0.0, 0.0, -speed * G * dt, 0.0, 0.0, 0.0];
-        let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.1]), &fall);
+        let mut simulator = touching(&scene, dt, &at(&scene, [0.0, 0.0, 0.1]), &fall);
         go(&mut simulator, 1);
         let (found, lost) = (simulator.state(0).1[2], simulator.contact_report(0).unwrap().lost_in_impacts);
         // The impact acts on the mean of the velocities with and without gravity.
@@ -127,7 +132,7 @@ fn a_slip_is_one_relative_to_the_speed_of_the_robot() {
     for (slip, state) in [(3e-10, ContactState::Sticking), (3e-8, ContactState::Sliding)] {
         // Without the contact, the step ends 1e-11 m below the surface.
         let height = 0.1 + dt * (down + G * dt - 1e-8);
-        let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, height]), &[slip, 0.0, -down, 0.0, 0.0, 0.0]);
+        let mut simulator = touching(&scene, dt, &at(&scene, [0.0, 0.0, height]), &[slip, 0.0, -down, 0.0, 0.0, 0.0]);
         go(&mut simulator, 1);
         let (q, qd) = simulator.state(0);
         assert!((q[2] - 0.1).abs() < 1e-13 && qd[0] > 0.9 * slip, "{q:?} {qd:?}");
