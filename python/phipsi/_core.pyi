@@ -424,9 +424,10 @@ class Scene:
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names of the links that movable joints carry, in the order of joint_names: one for each entry of an axis of
-        bodies. With mimic joints they include the links of the joints that follow others, which joint_names does not
-        list.
+        """Names of the links that movable joints carry, one for each entry of an axis of bodies.
+
+        They are in the order of joint_names. With mimic joints they include the links of the joints that follow others,
+        which joint_names does not list.
         """
 
     @property

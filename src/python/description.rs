@@ -15,6 +15,12 @@ use nalgebra::Matrix3;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
+/// Names of the links that joints carry, also those of joints that follow others: the bodies of every argument and
+/// result with an axis of bodies, and `Scene.body_names`.
+pub(super) fn body_names(scene: &Scene) -> impl ExactSizeIterator<Item = &str> {
+    scene.tree().joints().iter().map(|joint| joint.child.as_str())
+}
+
 /// Version of the tuples.
 const VERSION: u32 = 11;
 

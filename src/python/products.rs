@@ -4,6 +4,7 @@ use super::axis::Axis;
 use super::call::BatchCall;
 use super::choice::{items, read_form};
 use super::cost::Cost;
+use super::description::body_names;
 use super::errors::asked_by;
 use super::evaluate::Keywords;
 use super::input::Input;
@@ -32,12 +33,6 @@ pub(super) fn parameters_of(links: &[Place], bodies: &[Parameters<f64>]) -> impl
     let moved =
         |placement, of_body: &Parameters<f64>| if *of_body == NONE { NONE } else { of_link(placement, of_body) };
     links.iter().map(move |(body, placement)| body.map_or(NONE, |body| moved(placement, &bodies[body])))
-}
-
-/// Names of the links that joints carry, also those of joints that follow others: the bodies of every argument and
-/// result with an axis of bodies, and `Scene.body_names`.
-pub(super) fn body_names(scene: &Scene) -> impl ExactSizeIterator<Item = &str> {
-    scene.tree().joints().iter().map(|joint| joint.child.as_str())
 }
 
 /// Places of these links.

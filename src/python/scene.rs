@@ -3,10 +3,9 @@
 use super::axis::Axis;
 use super::choice::{names, read_mimic};
 use super::cost::WORTH_DETACHING;
-use super::description::{self, Description};
+use super::description::{self, Description, body_names};
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
-use super::products::body_names;
 use super::scratch::Scratch;
 use super::{errors, input, output};
 use crate::batch::{self, Pool};
@@ -329,9 +328,10 @@ impl PyScene {
         PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.name).collect::<Vec<_>>())
     }
 
-    /// Names of the links that movable joints carry, in the order of joint_names: one for each entry of an axis of
-    /// bodies. With mimic joints they include the links of the joints that follow others, which joint_names does not
-    /// list.
+    /// Names of the links that movable joints carry, one for each entry of an axis of bodies.
+    ///
+    /// They are in the order of joint_names. With mimic joints they include the links of the joints that follow others,
+    /// which joint_names does not list.
     #[getter]
     fn body_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, body_names(&self.scene))

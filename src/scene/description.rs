@@ -304,8 +304,8 @@ fn large_inertia(radius: f64, size: f64) -> String {
 }
 
 fn locked(joints: &[String]) -> String {
-    let (joint, limits) = if joints.len() == 1 { ("joint", "limits") } else { ("joints", "limits each") };
-    format!("{joint} {} with {limits} lower=0, upper=0, effort=0 and velocity=0", first(joints))
+    let (joint, limits) = if joints.len() == 1 { ("joint", "limits of") } else { ("joints", "limits each of") };
+    format!("{joint} {} with {limits} zero for lower, upper, effort and velocity", first(joints))
 }
 
 impl std::fmt::Display for SceneWarning {

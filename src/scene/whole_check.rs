@@ -108,11 +108,14 @@ impl SceneBuilder {
         Ok(warnings)
     }
 
-    /// Moving links whose radius of gyration is far beyond the size of the scene.
+    /// Moving links whose radius of gyration is far beyond the size of the scene, which the origins of its joints show:
+    /// a body alone has no known size.
     fn large_inertias(&self, tree: &Tree) -> Vec<SceneWarning> {
         let mut moving = Vec::new();
-        let (mut size, mut stack) = (0.0_f64, vec![(tree.root, self.floating_base, 0.0)]);
+        let (mut size, mut stack) = (0.0_f64, vec![(tree.root, self.floating_base, 0.0_f64)]);
+        let mut reach = 0.0_f64;
         while let Some((link, moves, distance)) = stack.pop() {
+            reach = reach.max(distance);
             if let Some(inertial) = &self.links[link].inertial {
                 size = size.max(distance + inertial.center.norm());
                 moving.extend(moves.then_some((&self.links[link].name, inertial)));
@@ -122,7 +125,7 @@ impl SceneBuilder {
                 (child, moves || joint.kind != JointKind::Fixed, distance + joint.origin.lever.norm())
             }));
         }
-        let large = moving.into_iter().filter_map(|(link, inertial)| {
+        let large = moving.into_iter().filter(|_| reach > 0.0).filter_map(|(link, inertial)| {
             far_gyration(inertial, size).map(|radius| SceneWarning::LargeInertia { link: link.clone(), radius, size })
         });
         large.collect()

@@ -166,15 +166,15 @@ def rates(q: np.ndarray) -> np.ndarray:
     return np.zeros(q.shape[-1])
 
 
-def observed(history: int = 0, robots: int = 1) -> Callable[[phipsi.Scene], Call]:
+def observed(robots: int = 1) -> Callable[[phipsi.Scene], Call]:
     """An observer of a chain of 1000 joints, or of many robots, with its covariances."""
 
     def prepare(scene: phipsi.Scene) -> Call:
-        own = phipsi.scenes.chain(1000) if robots == 1 and not history else scene
+        own = phipsi.scenes.chain(1000) if robots == 1 else scene
         q, readings = np.zeros((robots, own.nq)), {"encoder": np.zeros(own.nq)}
 
         def call() -> None:
-            observer = own.observer(1e-3, [phipsi.estimation.Encoder(noise=1e-3)], q=q, torque_noise=0.1, history=history)
+            observer = own.observer(1e-3, [phipsi.estimation.Encoder(noise=1e-3)], q=q, torque_noise=0.1, history=0)
             while True:
                 observer.step(np.zeros(own.nv), readings)
 
@@ -186,7 +186,6 @@ def observed(history: int = 0, robots: int = 1) -> Callable[[phipsi.Scene], Call
 LARGE: dict[str, Large] = {
     "observer of a long chain": Large("scene", observed()),
     "observer of many robots": Large("q", observed(robots=20_000)),
-    "history of an observer": Large("history", observed(history=10**9), room=20),
     "inverse kinematics of a long chain": Large(
         "scene", of_long_chain(lambda scene, q: scene.inverse_kinematics(phipsi.tasks.Position(scene.link_names[-1], (1, 0, 0))))
     ),

@@ -315,7 +315,7 @@ def test_joints_whose_limits_are_all_zero_warn_by_name(file: str) -> None:
     texts = [str(warning.message) for warning in caught if warning.category is LimitWarning]
     assert [text for text in texts if "locked in simulations" in text] == texts and len(texts) == (file in LOCKED)
     for text in texts:
-        assert text.startswith('joints "joint1", "joint2" with limits each lower=0, upper=0, effort=0 and velocity=0')
+        assert text.startswith('joints "joint1", "joint2" with limits each of zero for lower, upper, effort and velocity')
         with pytest.raises(SceneError, match="strict"):
             load(file, False, strict=True)
 

@@ -229,7 +229,7 @@ def test_urdfdom_reads_the_same_versions(version: str | None, origin: str) -> No
 def test_joints_whose_limits_are_all_zero(kind: str) -> None:
     """As exporters write limits that were not entered."""
     zero = 'lower="0" upper="0" effort="0" velocity="0"'
-    with pytest.warns(LimitWarning, match='^joint "hinge" with limits lower=0, upper=0, effort=0 and velocity=0: locked in simulations; .*remove <limit>'):
+    with pytest.warns(LimitWarning, match='^joint "hinge" with limits of zero for lower, upper, effort and velocity: locked in simulations; .*remove <limit>'):
         scene = phipsi.Scene.from_urdf(of_version(None, limit=zero, kind=kind))
     assert scene.joint("hinge").upper == 0.0
     with pytest.raises(SceneError, match="limits: found joint .hinge. with limits .* expected joints that can move"):
