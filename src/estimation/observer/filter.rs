@@ -172,6 +172,7 @@ impl Scratch {
         if record.count > 0 {
             with_widest(Process { scratch: self, plan, record });
         }
+        scene.check_result("normalized innovation squared", &[record.nis])?;
         let change = &self.change;
         scene.integrate(&prior.q, &change[plan.q()..plan.qd()], &mut record.q)?;
         for (to, from) in [
@@ -331,7 +332,6 @@ impl Scratch {
         for root in [&record.root, &next.root] {
             scene.check_result("covariance of the estimate", &[root.iter().map(|x| x * x).sum()])?;
         }
-        scene.check_result("normalized innovation squared", &[record.nis])?;
         record.next_q.copy_from_slice(&next.q);
         record.next_qd.copy_from_slice(&next.qd);
         record.next_rest.copy_from_slice(&next.rest);
