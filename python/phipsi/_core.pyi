@@ -3578,9 +3578,9 @@ class Scene:
             targets are then near each other, and a target that no start reaches has the local minimum next to the
             solution before. Axes before that of the path are a batch of paths.
         starts : int, optional
-            Largest number of starts; None: 100, or 20 with a posture. Those after the first are drawn within the limits,
-            of several draws the one nearest to the tasks. The search ends early when the tasks are reached, or when 40
-            starts have found the same least minimum, because the target is then probably out of reach.
+            Largest number of starts; None: 100, or 20 with a posture. Those after the first are drawn within the
+            limits, of several draws the one nearest to the tasks. The search ends early when the tasks are reached, or
+            when 40 starts have found the same least minimum, because the target is then probably out of reach.
         posture : float, optional
             Standard deviation of the joints from q0, rad or m, for robots with more freedom than the tasks; with follow
             from the solution before. None: no posture.
@@ -4577,7 +4577,8 @@ class Scene:
             Title of the page and of the panel. None: the name of the robot.
         browser : bool, optional
             True: open a browser with a server. None: that at a prompt; in a notebook, the viewer is displayed below the
-            cell; in a script, a temporary self-contained page opens, which outlives the script, and its address is printed.
+            cell; in a script, a temporary self-contained page opens, which outlives the script, and its address is
+            printed.
 
         Returns
         -------
