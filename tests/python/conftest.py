@@ -124,8 +124,8 @@ def random_scene(
             axis=random.normal(size=3),
             pitch=0.2 if kind == "screw" else None,
             armature=armature * random.uniform(0.1, 1.0),
-            lower=-1.0 - k,
-            upper=2.0 + k,
+            lower=-1.0 - k % 18,  # larger whole numbers look like degrees
+            upper=2.0 + k % 18,
             velocity=3.0 + k,
             effort=4.0 + k,
         )
