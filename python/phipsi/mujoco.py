@@ -182,8 +182,8 @@ class _Reader:
 
     def _parts(self, joint: int) -> list[_Part]:
         """The joints of the scene that represent a joint: one, except for a free joint with properties along the axes of
-        the world, which is three prismatic joints along these axes and a ball joint. Their coordinates and velocities are those
-        of MuJoCo.
+        the world, which is three prismatic joints along these axes and a ball joint. Their coordinates and velocities
+        are those of MuJoCo.
         """
         model = self.model
         kind, dof, at = int(model.jnt_type[joint]), int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])

@@ -100,7 +100,7 @@ def test_quaternions_of_urdf_are_drawn_and_exported() -> None:
     pytest.importorskip("viser")
     from phipsi.view.shapes import shapes_of
 
-    # Half a turn about (1, 1, 0) / sqrt(2).
+    # A rotation by pi about (1, 1, 0) / sqrt(2).
     text = """<robot name="r" version="1.1"><link name="base"><visual><origin xyz="1 2 3" quat_xyzw="0.7071 0.7071 0 0"/>
         <geometry><capsule radius="0.1" length="0.5"/></geometry></visual></link></robot>"""
     scene = phipsi.Scene.from_urdf(text)
