@@ -91,7 +91,7 @@ def products() -> list[str]:
     for joints in (10, 40, 160):
         tree = phipsi.scenes.chain(joints)
         builder = tree.to_builder()
-        builder.connect("rod", "distance", tree.link_names[-1], xyz=(0.0, 0.0, 0.1))
+        builder.connect("rod", "distance", tree.link_names[-1], xyz=(0.0, 0.0, 0.1), other_xyz=(0.3, 0.2, 0.4))
         scene = builder.build()
         random = np.random.default_rng(0)
         q, qd = scene.project(random.uniform(-0.3, 0.3, joints), random.uniform(-0.5, 0.5, joints))[:2]
