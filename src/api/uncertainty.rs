@@ -114,7 +114,8 @@ impl Scene {
                 joint.iter().try_for_each(|row| check_finite("torque.joints", row))
             })?;
         }
-        if !torque.joints.is_empty() && !(torque.friction_speed > 0.0 && torque.friction_speed.is_finite()) {
+        let is_speed = torque.friction_speed > 0.0 && torque.friction_speed.is_finite();
+        if !torque.joints.is_empty() && !is_speed {
             let found = torque.friction_speed.to_string();
             return Err(Error::argument(
                 "torque.friction_speed",
