@@ -63,7 +63,7 @@ impl<'py> Given<'py> {
     }
 
     /// Refuses constant torques of shape (steps, nv) for one state: most callers mean the torques of each step, and not
-    /// as many robots.
+    /// a batch with one robot per row.
     pub fn check_not_steps(&self, steps: usize, is_one_state: bool) -> Result<(), Error> {
         let Self::Constant(tau) = self else { return Ok(()) };
         if !is_one_state || tau.leading() != [steps] {
