@@ -9,7 +9,7 @@
 #   make docs      the pages of docs/ as a site, target/site/index.html, in .venv-docs; warnings are errors
 #   make check     further checks of CI: format, clippy (including benches and generated Rust code), docs, stubs, abi3
 #   make manylinux    Linux: the wheel for make test, linked by zig, so that it runs on glibc 2.17
-#   make sdist     the source distribution: its content, and that it and the crate compile
+#   make sdist     the source distribution and its content; make sdist-compiles: it and the packaged crate compile
 #   make oldest    the wheel in Python 3.10 with the oldest NumPy and test packages it allows
 #   make peers     install the peers, and build Pinocchio's C++ harness (Debian: apt-get, as root)
 #   make stub      after make test: copies the docstrings of the compiled module into the stub
@@ -53,7 +53,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax test-optional docs check manylinux sdist oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
 
 # A separate environment; the packages of the system are not changed.
 $(BIN)/python:
@@ -144,22 +144,27 @@ OTHER := aarch64-unknown-linux-gnu
 # The oldest Rust that Cargo.toml allows; clippy knows the version of each function of std, but not of the language.
 OLDEST_RUST := $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
 
-check: export CARGO_INCREMENTAL = 0
-check: $(VENV)/test
+check: check-crate check-wheel
+
+# Without the Python module, the feature python has all code of the others; what is dead without it is found in the library.
+check-crate: export CARGO_INCREMENTAL = 0
+check-crate:
 	cargo fmt --check
 	cargo clippy --locked --all-targets --no-default-features -- -D warnings
-	cargo clippy --locked --all-targets --features $(ALL_FEATURES) -- -D warnings
+	cargo clippy --locked --lib --features $(ALL_FEATURES) -- -D warnings
 	cargo clippy --locked --all-targets --features python,avx512,float32 -- -D warnings
 	if rustup toolchain install $(OLDEST_RUST) --profile minimal --no-self-update; then \
-	  for features in --no-default-features --features=default --features=$(ALL_FEATURES); do cargo +$(OLDEST_RUST) check --locked --lib $$features || exit 1; done; \
+	  for features in --no-default-features --features=$(ALL_FEATURES); do cargo +$(OLDEST_RUST) check --locked --lib $$features || exit 1; done; \
 	else echo "Rust $(OLDEST_RUST): not checked: rustup cannot install it here"; fi
 	if rustup target add $(OTHER); then cargo clippy --locked --lib --features $(ALL_FEATURES) --target $(OTHER) -- -D warnings; \
 	else echo "$(OTHER): not checked: rustup does not support it here"; fi
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --no-default-features
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(ALL_FEATURES)
-	$(BIN)/phipsi codegen -o target/codegen --lang rust --name bundled
-	CARGO_TARGET_DIR=target cargo clippy --manifest-path target/codegen/Cargo.toml --all-targets -- -D warnings
 	CARGO_TARGET_DIR=target cargo run --manifest-path examples/build_script/Cargo.toml
+
+check-wheel: $(VENV)/test
+	$(BIN)/phipsi codegen -o target/codegen --lang rust --name bundled
+	cargo clippy --manifest-path target/codegen/Cargo.toml --all-targets -- -D warnings
 	$(BIN)/python -m pip install --quiet 'mypy>=1.15' 'abi3audit>=0.0.20'
 	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core
 	$(BIN)/mypy python/phipsi
@@ -174,12 +179,14 @@ manylinux: | $(BIN)/python
 	$(BIN)/auditwheel show $(WHEELS)/phipsi-*.whl
 	ls -l $(WHEELS)/phipsi-*manylinux_2_17_*.whl
 
-# Uses the compiled dependencies of the tests; cargo package compiles the crate from the packaged files.
 SDIST := target/sdist
 sdist: | $(BIN)/python
 	rm -rf $(SDIST)
 	$(BIN)/maturin sdist --out $(SDIST)
 	$(BIN)/python .ci/check_sdist.py $(SDIST)/phipsi-*.tar.gz
+
+# Uses the compiled dependencies of make check; cargo package compiles the crate from the packaged files.
+sdist-compiles: sdist
 	cd $(SDIST)/phipsi-*/ && CARGO_TARGET_DIR="$(CURDIR)/target" cargo check --locked --features python,avx512,float32
 	cargo package --locked --allow-dirty
 
