@@ -19,21 +19,18 @@ mod columns;
 mod counting;
 mod double_double;
 mod dual;
-#[cfg(feature = "lanes")]
-mod element;
 mod folding;
 mod fused;
 #[cfg(feature = "lanes")]
 mod instructions;
 #[cfg(feature = "lanes")]
 mod lanes;
-mod precision;
 #[cfg(feature = "lanes")]
 mod register_columns;
 mod traced;
 #[cfg(feature = "lanes")]
 mod transposed;
-mod trigonometry;
+pub(crate) mod trigonometry;
 
 #[doc(hidden)]
 pub use columns::ColumnsOf;
@@ -41,9 +38,6 @@ pub use columns::ColumnsOf;
 pub use counting::Operations;
 pub use double_double::DoubleDouble;
 pub use dual::Dual;
-#[cfg(feature = "lanes")]
-#[doc(hidden)]
-pub use element::Element;
 #[doc(hidden)]
 pub use fused::Fused;
 #[cfg(feature = "lanes")]
@@ -52,18 +46,14 @@ pub use instructions::Instructions;
 #[cfg(feature = "lanes")]
 #[doc(hidden)]
 pub use lanes::Lanes;
-#[doc(hidden)]
-pub use precision::Precision;
 pub use traced::{Operation, Traced};
-#[doc(hidden)]
-pub use trigonometry::Circle;
 
 use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};
 use num_traits::{One, Zero};
 use std::ops::Neg;
 
 /// Largest number of lanes of any scalar.
-pub(crate) const MOST_LANES: usize = 16;
+pub(crate) const MOST_LANES: usize = 8;
 
 /// A scalar for the recursions: one real number, or one per lane of a register.
 ///
