@@ -1,7 +1,7 @@
 //! The scalar types that the recursions are generic over.
 //!
 //! The trait [`Real`] has the arithmetic that nalgebra's matrices need, and the few functions that the sweeps call.
-//! Every `nalgebra::RealField + Copy` type implements it (f64, f32, dual numbers), and so does [`DoubleDouble`], the
+//! Every `nalgebra::RealField + Copy` type implements it (f64, dual numbers), and so does [`DoubleDouble`], the
 //! reference with about 31 digits.
 //!
 //! ```
@@ -255,7 +255,7 @@ impl<T: nalgebra::RealField + Copy> Real for T {
 
     #[inline]
     fn lane(self, _index: usize) -> f64 {
-        // Exact for f64 and f32; the real part of a dual number.
+        // Exact for f64; the real part of a dual number.
         nalgebra::try_convert(self).unwrap_or(f64::NAN)
     }
 
