@@ -146,8 +146,8 @@ impl<'py> BatchCall<'_, 'py> {
         })
     }
 
-    /// Evaluates every state in chunks of the number of lanes, with `width` results of `cost` ns per state, and rounds the results to `P`: `run`
-    /// receives the states, the index of the first, and the memory of the results.
+    /// Evaluates every state in chunks of the number of lanes, with `width` results of `cost` ns per state, and rounds
+    /// the results to `P`: `run` receives the states, the index of the first, and the memory of the results.
     pub(super) fn chunks<P: Dtype>(
         &self,
         py: Python<'py>,
