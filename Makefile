@@ -42,11 +42,10 @@ ROOFLINE ?=
 STUDY ?=
 # Kernels for AVX-512 take half of the compile time. A build for this machine alone omits them if its processor lacks AVX-512
 # (on an aarch64 machine they do not exist); release wheels (make manylinux) and make check have all kernels.
-AVX512 := $(if $(shell grep -m1 -w avx512vl /proc/cpuinfo 2>/dev/null || sysctl -n hw.optional.avx512vl 2>/dev/null | grep -w 1),avx512$(comma))
-LOCAL_FEATURES := $(AVX512)float32
+AVX512 := $(if $(shell grep -m1 -w avx512vl /proc/cpuinfo 2>/dev/null || sysctl -n hw.optional.avx512vl 2>/dev/null | grep -w 1),$(comma)avx512)
 # Rust tests without Python.
-FEATURES := urdf,parallel,dense,stochastic,$(LOCAL_FEATURES)
-ALL_FEATURES := urdf,parallel,dense,stochastic,avx512,float32
+FEATURES := urdf,parallel,dense,stochastic$(AVX512)
+ALL_FEATURES := urdf,parallel,dense,stochastic,avx512
 VENV := .venv
 BIN := $(VENV)/bin
 PEERS := .venv-peers/bin/python
@@ -62,7 +61,7 @@ $(BIN)/python:
 	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9.4,<2'
 
 # Further arguments of maturin; make manylinux replaces them.
-WHEEL_FLAGS ?= --features python,$(LOCAL_FEATURES)
+WHEEL_FLAGS ?= --features python$(AVX512)
 $(VENV)/wheel: $(SOURCES) | $(BIN)/python
 	rm -rf $(WHEELS)
 	$(BIN)/maturin build --release --locked --quiet $(WHEEL_FLAGS) --out $(WHEELS)
@@ -152,7 +151,7 @@ check-crate:
 	cargo fmt --check
 	cargo clippy --locked --all-targets --no-default-features -- -D warnings
 	cargo clippy --locked --lib --features $(ALL_FEATURES) -- -D warnings
-	cargo clippy --locked --all-targets --features python,avx512,float32 -- -D warnings
+	cargo clippy --locked --all-targets --features python,avx512 -- -D warnings
 	if rustup toolchain install $(OLDEST_RUST) --profile minimal --no-self-update; then \
 	  for features in --no-default-features --features=$(ALL_FEATURES); do cargo +$(OLDEST_RUST) check --locked --lib $$features || exit 1; done; \
 	else echo "Rust $(OLDEST_RUST): not checked: rustup cannot install it here"; fi
@@ -175,7 +174,7 @@ check-wheel: $(VENV)/test
 manylinux: | $(BIN)/python
 	$(BIN)/python -m pip install --quiet 'ziglang>=0.14' 'auditwheel>=6'
 	test -f $(WHEELS)/phipsi-*manylinux_2_17_*.whl || rm -f $(VENV)/wheel
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(MAKE) $(VENV)/wheel WHEEL_FLAGS='--features python$(comma)avx512$(comma)float32 --zig --compatibility manylinux_2_17 --compression-level 9'
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(MAKE) $(VENV)/wheel WHEEL_FLAGS='--features python$(comma)avx512 --zig --compatibility manylinux_2_17 --compression-level 9'
 	$(BIN)/auditwheel show $(WHEELS)/phipsi-*.whl
 	ls -l $(WHEELS)/phipsi-*manylinux_2_17_*.whl
 
@@ -185,10 +184,10 @@ sdist: | $(BIN)/python
 	$(BIN)/maturin sdist --out $(SDIST)
 	$(BIN)/python .ci/check_sdist.py $(SDIST)/phipsi-*.tar.gz
 
-# Uses the compiled dependencies of make check; cargo package compiles the crate from the packaged files.
+# Uses the compiled dependencies of make check. The files of the package are those of the source distribution.
 sdist-compiles: sdist
-	cd $(SDIST)/phipsi-*/ && CARGO_TARGET_DIR="$(CURDIR)/target" cargo check --locked --features python,avx512,float32
-	cargo package --locked --allow-dirty
+	cd $(SDIST)/phipsi-*/ && CARGO_TARGET_DIR="$(CURDIR)/target" cargo check --locked --features python,avx512
+	cargo package --locked --allow-dirty --no-verify
 
 # The tests are those of the source distribution.
 oldest: $(VENV)/wheel sdist

@@ -521,25 +521,25 @@ impl Algorithm {
     }
 }
 
-/// The arguments of one state, in f64 or f32. Arguments that an algorithm does not take are empty.
+/// The arguments of one state. Arguments that an algorithm does not take are empty.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Arguments<'a, P = f64> {
+pub struct Arguments<'a> {
     /// Configuration, (nq).
-    pub q: &'a [P],
+    pub q: &'a [f64],
     /// Joint velocities, (nv).
-    pub qd: &'a [P],
+    pub qd: &'a [f64],
     /// Torques or accelerations, (nv).
-    pub u: &'a [P],
-    /// Forces on bodies, each in the frame of its body, always f64; empty without forces.
+    pub u: &'a [f64],
+    /// Forces on bodies, each in the frame of its body; empty without forces.
     pub wrenches: &'a [SpatialVector<f64>],
     /// A direction or a cotangent, by which [`Products`] multiply.
-    pub seed: [&'a [P]; 3],
+    pub seed: [&'a [f64]; 3],
     /// The largest estimated error that form `auto` accepts, relative to the largest entry of the result; None: the
     /// default. See [`Workspace::tolerance`](crate::Workspace::tolerance).
     pub tolerance: Option<f64>,
 }
 
-impl<P> Arguments<'_, P> {
+impl Arguments<'_> {
     /// The arguments that an algorithm takes; the others become empty.
     #[must_use]
     pub fn read_by(self, algorithm: Algorithm) -> Self {
@@ -554,17 +554,17 @@ impl<P> Arguments<'_, P> {
     }
 }
 
-/// Kernels that run chunks of states in `P`, for any scalar type.
-pub trait Chunks<P>: Send + Sync {
+/// Kernels that run chunks of states, for any scalar type.
+pub trait Chunks: Send + Sync {
     /// Number of states per call.
     fn lanes(&self) -> usize;
 
     /// Runs `algorithm` on one or more states of equal shapes, at most one state per lane. Writes the results one after
     /// another to `out`. Returns the lanes that need the fallback as bits; their results are undefined.
-    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
+    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64;
 
-    /// As [`Chunks::run`], for a kinematic quantity: every lane needs the fallback if there are no kernels, as for f32.
-    fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
+    /// As [`Chunks::run`], for a kinematic quantity: every lane needs the fallback if there are no kernels.
+    fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_>], out: &mut [f64]) -> u64;
 
     /// The estimated error of the largest acceleration of one lane of the last run of forward dynamics in form
     /// `auto`, in its unit.

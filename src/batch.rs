@@ -49,7 +49,7 @@ pub(crate) fn threads() -> usize {
     1
 }
 
-pub use evaluator::{Evaluated, Evaluator};
+pub use evaluator::Evaluator;
 pub use instruction_set::{INSTRUCTION_SETS, InstructionSet};
 #[doc(hidden)]
 pub use instruction_set::{Target, Vectorized, Work};

@@ -186,8 +186,8 @@
 //! | 6, closed form of M^-1 | [`dynamics::mass_matrix_inverse`] |
 //!
 //! The paper numbers bodies from the tip; the recursions work in body frames with joint axes along z. They are generic
-//! over the scalar ([`scalar::Real`]): f64, f32, dual numbers, and [`scalar::DoubleDouble`] with about 31 digits, which
-//! serves as the reference for error measurements.
+//! over the scalar ([`scalar::Real`]): f64, dual numbers, and [`scalar::DoubleDouble`] with about 31 digits, which serves
+//! as the reference for error measurements.
 //!
 //! # Features
 //!
@@ -210,7 +210,6 @@
 //! | `dense` | dense operators with faer's LDLT as a reference; includes `report` |
 //! | `stochastic` | sampling of the random model |
 //! | `avx512` | kernels for AVX-512 processors; doubles the compilation time of the kernels; includes `lanes` |
-//! | `float32` | kernels for f32 states, twice as many per register ([`Scene::evaluator_f32`]); includes `lanes` |
 //! | `python` | the Python module, built by maturin; not for use from Rust |
 
 #![cfg_attr(

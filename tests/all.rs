@@ -29,7 +29,6 @@ mod golden;
 mod inverse_kinematics;
 mod kinematic_quantities;
 mod lanes;
-mod lanes_f32;
 mod leaving_out;
 mod live_terms;
 mod metamorphic;

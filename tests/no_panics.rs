@@ -29,7 +29,6 @@ struct Kit {
     scratch: EstimateScratch<f64>,
     estimate: (Estimate<f64>, EstimateCovariance<f64>),
     evaluator: Evaluator,
-    single: Evaluator<f32>,
     factor: Option<Factor<f64>>,
 }
 
@@ -44,7 +43,6 @@ impl Kit {
             scratch: scene.estimate_scratch(),
             estimate: (Estimate::new(scene.model()), EstimateCovariance::new(scene.model())),
             evaluator: scene.evaluator(),
-            single: scene.evaluator_f32(),
             factor: scene.factor(&mut scene.workspace(), &scene.neutral()).ok(),
         }
     }
@@ -174,21 +172,6 @@ fn calls() -> Vec<Call> {
             );
         }
     }
-    add(
-        "evaluate f32",
-        (3, true, true),
-        Box::new(|scene, kit, given| {
-            let single = |x: &[f64]| -> Vec<f32> { vec![0.0; x.len()] };
-            let mut q = single(&given.arrays[0]);
-            for (q, &of) in q.iter_mut().zip(&given.arrays[0]) {
-                *q = if of > 0.5 { 1.0 } else { 0.0 };
-            }
-            let (qd, u) = (single(&given.arrays[1]), single(&given.arrays[2]));
-            let state = Arguments { q: &q, qd: &qd, u: &u, ..Arguments::default() };
-            let mut out = single(&given.out(3 * scene.nv()));
-            Ok(scene.evaluate(&mut kit.single, Algorithm::InverseDynamics, &[state; 3], &mut out)?)
-        }),
-    );
     add(
         "evaluate_with_accuracy",
         (3, true, true),

@@ -32,7 +32,7 @@ SLACK = 0.03
 
 def built() -> str:
     """Path of the bench, after building it."""
-    command = ["cargo", "bench", "--locked", "--no-run", "--features", "urdf,parallel,dense,stochastic,avx512,float32"]
+    command = ["cargo", "bench", "--locked", "--no-run", "--features", "urdf,parallel,dense,stochastic,avx512"]
     found = re.search(r"\(([^)]*instructions-[0-9a-f]+)\)", output([*command, "--bench", "instructions"]))
     if found is None:
         fail("cargo does not say where it put the bench")

@@ -29,7 +29,7 @@ PEERS = ROOT / "target" / "peers"
 MODELS = ("chain_7", "chain_16", "chain_30", "chain_64", "ur5", "panda", "anymal", "g1", "talos")
 
 #: Features of the benches: those of `make check`, so that nothing is compiled again.
-FEATURES = "urdf,parallel,dense,stochastic,avx512,float32"
+FEATURES = "urdf,parallel,dense,stochastic,avx512"
 
 #: Groups of phipsi, and the algorithms of pinocchio_bench for the same result. The fastest one is the peer.
 OPERATIONS = {

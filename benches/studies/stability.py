@@ -105,9 +105,9 @@ def _pairs(found: Stability, method: str) -> list[Worse]:
     """Errors of the method and of every peer, in both norms."""
     rows = []
     for point in found.points:
-        mine, floor = point.errors[method, "float64"], point.floor
+        mine, floor = point.errors[method], point.floor
         for peer in found.others:
-            other = point.errors[peer.name, "float64"]
+            other = point.errors[peer.name]
             rows.append(Worse(point, peer.name, "max-norm", mine.norm, other.norm, floor.norm))
             rows.append(Worse(point, peer.name, "components", mine.component, other.component, floor.component))
     return rows
@@ -131,7 +131,7 @@ def _table(found: Stability, method: str) -> Table:
         grouped.setdefault((row.point.name, row.peer, row.norm), []).append(row)
     rows = []
     for (name, peer, norm), group in grouped.items():
-        states = [point for point in found.points if point.name == name and point.errors[peer, "float64"].reason is None]
+        states = [point for point in found.points if point.name == name and point.errors[peer].reason is None]
         top = max(group, key=lambda row: math.inf if math.isnan(row.ours) else row.ours / max(row.theirs, 1e-18))
         numbers = map(error, (top.ours, top.theirs, top.floor))
         rows.append([name, peer, norm, f"{len(group)} of {len(states)}", number(top.point.value), *numbers])
@@ -142,7 +142,7 @@ def _words(found: Stability, method: str) -> str:
     """A sentence that compares the method with the peers, by counts."""
     if not found.others:
         return f"No peer was compared: the {method} is compared with dense algebra only."
-    pairs = [row for row in _pairs(found, method) if row.point.errors[row.peer, "float64"].reason is None]
+    pairs = [row for row in _pairs(found, method) if row.point.errors[row.peer].reason is None]
     ahead = sum(row.ours < 0.5 * row.theirs and row.theirs > NOISE[row.norm] for row in pairs)
     versions = ", ".join(dict.fromkeys(other.version for other in found.others))
     return (

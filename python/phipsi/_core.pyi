@@ -562,9 +562,8 @@ class Scene:
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
-            Precision of the computation and of the result, float64 by default. float32 has twice the SIMD lanes and
-            about 6 digits, fewer by those of the condition number of M. In form "auto", states that lose more than 4
-            digits are computed in float64; docs/lanes.md lists what else is.
+            Type of the result, float64 by default. The arithmetic is in float64 in both cases; float32 results are the
+            float64 results rounded, and a result beyond the range of float32 is an error.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states (not finite, a quaternion off unit norm, a singular joint, an overflow)
             are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise in both cases.
@@ -1015,7 +1014,7 @@ class Scene:
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
-            Precision of the computation and of the result, float64 by default; see forward_dynamics.
+            Type of the result, float64 by default; float32 results are the float64 results rounded.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -1077,7 +1076,7 @@ class Scene:
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
-            Precision of the computation and of the result, float64 by default; see forward_dynamics.
+            Type of the result, float64 by default; float32 results are the float64 results rounded.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -1118,7 +1117,7 @@ class Scene:
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
-            Precision of the computation and of the result, float64 by default; see forward_dynamics.
+            Type of the result, float64 by default; float32 results are the float64 results rounded.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -1157,7 +1156,7 @@ class Scene:
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
-            Precision of the computation and of the result, float64 by default; see forward_dynamics.
+            Type of the result, float64 by default; float32 results are the float64 results rounded.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -1215,7 +1214,7 @@ class Scene:
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
-            Precision of the computation and of the result, float64 by default; see forward_dynamics.
+            Type of the result, float64 by default; float32 results are the float64 results rounded.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -5424,8 +5423,8 @@ class Exact:
     def difference(self, found: ArrayLike, /) -> tuple[float, _Array]:
         """Relative error of a result of another program: the max-norm, and each component relative to its own size."""
 
-    def error(self, method: str, precision: str = "float64") -> tuple[float, _Array, str | None]:
-        """Error of a method in "float64" or "float32": (max-norm, components, reason).
+    def error(self, method: str) -> tuple[float, _Array, str | None]:
+        """Error of a method: (max-norm, components, reason).
 
         method: one of FORMS; for other quantities than forward dynamics, the recursion of the library. After a failure,
         the errors are NaN and the reason is a text, otherwise None.
@@ -5434,7 +5433,7 @@ class Exact:
     def sensitivity(self, draws: int = 4, seed: int = 0) -> dict[str, tuple[float, _Array]]:
         """Change of the exact result for one unit in the last place of an input: kind to (max-norm, components)."""
 
-    def time(self, method: str, precision: str, repeats: int) -> float:
+    def time(self, method: str, repeats: int) -> float:
         """Median time (ns) of a method of forward dynamics on this state over repeats calls."""
 
 BUNDLED_ARM: str
@@ -5452,18 +5451,17 @@ def reference(scene: Scene, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Refe
 def measure(
     scene: Scene,
     method: str,
-    precision: str,
     q: ArrayLike,
     qd: ArrayLike,
     tau: ArrayLike,
     reference: Reference,
     repeats: int,
 ) -> tuple[float, _Array]:
-    """Median time per state (ns) of a method in a precision, and the error of each state compared with the reference.
+    """Median time per state (ns) of a method, and the error of each state compared with the reference.
 
     Times `Scene::evaluate` in Rust, one state per call; the error is that of the same calls, the largest over the
-    joints relative to the largest acceleration, or NaN after an invalid pivot. method: one of METHODS; precision:
-    "float64" or "float32"; repeats: passes over the states.
+    joints relative to the largest acceleration, or NaN after an invalid pivot. method: one of METHODS; repeats: passes over
+    the states.
     """
 
 def growth(bodies: int, repeats: int) -> tuple[float, float, float]:

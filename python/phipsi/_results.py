@@ -58,7 +58,7 @@ class Accuracy(NamedTuple):
     error: NDArray[np.float64] | float
     """Estimated error of the largest acceleration, rad/s^2 or m/s^2, typically five to ten times the true error. Of
     10,000 random scenes, ordinary and extreme, one estimate was too small by more than a factor of 20, none by more
-    than 1000. NaN if there is no estimate (float32 except with form "auto").
+    than 1000. NaN if there is no estimate. The rounding of results to float32 is not included.
     """
     bound: NDArray[np.str_] | str
     """Criterion that the error meets: "tolerance", relative to the largest acceleration; "sensitivity", a multiple of

@@ -1,7 +1,7 @@
 //! The compiled kernels for one state that a workspace stores.
 
 use crate::algorithm::{Algorithm, Arguments};
-use crate::batch::evaluator::Evaluated;
+use crate::batch::evaluator::Kernels;
 use crate::batch::instruction_set::InstructionSet;
 use crate::filter::Form;
 use crate::scene::Scene;
@@ -52,6 +52,6 @@ pub(super) fn run(
 ) -> bool {
     let (of, kernels) = own
         .0
-        .get_or_insert_with(|| (scene.identity(), f64::kernels(InstructionSet::of_process(), scene).for_one_state()));
+        .get_or_insert_with(|| (scene.identity(), Kernels::new(InstructionSet::of_process(), scene).for_one_state()));
     *of == scene.identity() && kernels.run(algorithm, std::slice::from_ref(state), out) & 1 == 0
 }

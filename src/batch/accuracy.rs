@@ -1,7 +1,7 @@
 //! Forward dynamics of many states, each with the form that computed it and its estimated error.
 
 use super::Fault;
-use super::evaluator::{Evaluated, Evaluator};
+use super::evaluator::Evaluator;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments};
 use crate::error::Error;
@@ -13,18 +13,17 @@ impl Scene {
     /// accuracy of each state.
     ///
     /// In form `auto` the estimate is part of the computation. The forms `covariance` and `square-root` also run the
-    /// general recursion, which takes about five times as long. In f32 only `auto` has an estimate: of its own
-    /// rounding, not of that of the scene's constants and of the arguments.
+    /// general recursion, which takes about five times as long.
     ///
     /// # Errors
     ///
     /// As [`Scene::evaluate`], and [`Error::Shape`] if the number of entries differs from the number of states.
-    pub fn evaluate_with_accuracy<P: Evaluated>(
+    pub fn evaluate_with_accuracy(
         &self,
-        evaluator: &mut Evaluator<P>,
+        evaluator: &mut Evaluator,
         form: Form,
-        states: &[Arguments<'_, P>],
-        out: &mut [P],
+        states: &[Arguments<'_>],
+        out: &mut [f64],
         accuracy: &mut [Accuracy],
     ) -> Result<(), Fault> {
         if accuracy.len() != states.len() {
@@ -42,12 +41,9 @@ impl Scene {
         }
         self.evaluate(evaluator, Algorithm::ForwardDynamics(form), states, out)?;
         accuracy.fill(Accuracy::unknown(form));
-        if P::EPSILON > f64::EPSILON {
-            return Ok(());
-        }
         // The general recursion estimates the error of these forms. Its results are equally accurate, but differ in the
         // last bits.
-        let mut again = vec![P::nearest(f64::NAN); self.nv()];
+        let mut again = vec![f64::NAN; self.nv()];
         let checked = &mut evaluator.checked;
         checked.workspace.estimates_error = true;
         for (i, (state, accuracy)) in states.iter().zip(accuracy).enumerate() {

@@ -24,7 +24,7 @@ use crate::filter::Form;
 use crate::filter::rounding::ROUNDING_MARGIN;
 use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::model::Model;
-use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};
+use crate::scalar::{MOST_LANES, Real, lanes_but};
 use crate::scene::Scene;
 use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
@@ -122,8 +122,8 @@ impl<T: Vectorized> Chunk<T> {
         &mut self,
         target: I,
         algorithm: Algorithm,
-        states: &[Arguments<'_, T::Number>],
-        out: &mut [T::Number],
+        states: &[Arguments<'_>],
+        out: &mut [f64],
     ) -> u64 {
         if states.is_empty() || out.is_empty() {
             return 0;
@@ -134,43 +134,37 @@ impl<T: Vectorized> Chunk<T> {
         let call = ChunkArguments { chunk: self, algorithm, states, out };
         match algorithm {
             Algorithm::ForwardDynamics(_) | Algorithm::ConstrainedDynamics(_) if is_connected => {
-                if T::Number::RARE_KERNELS {
-                    return target.within(Run::<T, I, CONNECTED>(call, target));
-                }
-                u64::MAX
+                target.within(Run::<T, I, CONNECTED>(call, target))
             }
             Algorithm::ForwardDynamics(_) => target.within(Run::<T, I, ACCELERATIONS>(call, target)),
             Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, I, TORQUES>(call, target)),
             Algorithm::MassMatrix => target.within(Run::<T, I, MASS>(call, target)),
             Algorithm::MassMatrixInverse(_) => target.within(Run::<T, I, INVERSE>(call, target)),
             #[cfg(feature = "derivatives")]
-            Algorithm::Derivatives(_) if T::Number::RARE_KERNELS => {
-                target.within(Run::<T, I, DERIVATIVES>(call, target))
-            }
+            Algorithm::Derivatives(_) => target.within(Run::<T, I, DERIVATIVES>(call, target)),
             #[cfg(feature = "derivatives")]
-            Algorithm::Products(_) if T::Number::RARE_KERNELS => target.within(Run::<T, I, PRODUCTS>(call, target)),
+            Algorithm::Products(_) => target.within(Run::<T, I, PRODUCTS>(call, target)),
             _ => u64::MAX,
         }
     }
 
-    /// As [`Chunks::kinematic_quantity`](crate::algorithm::Chunks::kinematic_quantity), for these instructions; not
-    /// available in f32.
+    /// As [`Chunks::kinematic_quantity`](crate::algorithm::Chunks::kinematic_quantity), for these instructions.
     #[inline(always)]
     pub fn kinematic_quantity<I: Target>(
         &mut self,
         target: I,
         what: &KinematicQuantity<'_>,
-        states: &[Arguments<'_, T::Number>],
-        out: &mut [T::Number],
+        states: &[Arguments<'_>],
+        out: &mut [f64],
     ) -> u64 {
-        if HAS_ALL_KERNELS && T::Number::RARE_KERNELS {
+        if HAS_ALL_KERNELS {
             return target.within(QuantityRun { chunk: self, what, states, out });
         }
         u64::MAX
     }
 
     /// Writes the tolerance of each state to its lane. Most calls have the default tolerance, like the previous call.
-    fn accept(&mut self, states: &[Arguments<'_, T::Number>]) {
+    fn accept(&mut self, states: &[Arguments<'_>]) {
         self.strict = 0;
         let is_usual = states.iter().all(|state| state.tolerance.is_none());
         if is_usual && self.accepts_usual {
@@ -181,15 +175,15 @@ impl<T: Vectorized> Chunk<T> {
         for lane in 0..T::LANES {
             let tolerance = states[lane.min(states.len() - 1)].tolerance;
             let [square, of_products] = scratch.accepted(tolerance);
-            scratch.accepted_square.lanes_mut()[lane] = T::Number::nearest(square);
-            scratch.accepted_of_products.lanes_mut()[lane] = T::Number::nearest(of_products);
-            let is_strict = tolerance.is_some_and(|given| given < ROUNDING_MARGIN * T::Number::EPSILON);
+            scratch.accepted_square.lanes_mut()[lane] = square;
+            scratch.accepted_of_products.lanes_mut()[lane] = of_products;
+            let is_strict = tolerance.is_some_and(|given| given < ROUNDING_MARGIN * f64::EPSILON);
             self.strict |= u64::from(is_strict) << lane;
         }
     }
 
     /// Gathers forces on bodies into lanes; empty if no state has any.
-    fn gather_wrenches(&mut self, states: &[Arguments<'_, T::Number>]) {
+    fn gather_wrenches(&mut self, states: &[Arguments<'_>]) {
         self.wrenches.clear();
         if states.iter().all(|state| state.wrenches.is_empty()) {
             return;
@@ -199,7 +193,7 @@ impl<T: Vectorized> Chunk<T> {
             let state = &states[lane.min(states.len() - 1)];
             for (force, given) in self.wrenches.iter_mut().zip(state.wrenches) {
                 for (number, &value) in force.iter_mut().zip(given) {
-                    number.lanes_mut()[lane] = T::Number::nearest(value);
+                    number.lanes_mut()[lane] = value;
                 }
             }
         }
@@ -231,8 +225,8 @@ const LONG: usize = 32;
 #[inline(always)]
 fn gather<'a, T: Vectorized>(
     numbers: &mut [T],
-    states: &[&'a Arguments<'_, T::Number>; MOST_LANES],
-    of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
+    states: &[&'a Arguments<'_>; MOST_LANES],
+    of: impl Fn(&'a Arguments<'_>) -> &'a [f64],
 ) -> T {
     if T::LANES == 1 && numbers.len() < LONG {
         // Checked during the copy, four values at a time.
@@ -256,13 +250,13 @@ fn gather<'a, T: Vectorized>(
 
 /// The state of each lane; lanes without a state repeat the last one.
 #[inline(always)]
-fn in_lanes<'a, P>(states: &'a [Arguments<'a, P>]) -> [&'a Arguments<'a, P>; MOST_LANES] {
+fn in_lanes<'a>(states: &'a [Arguments<'a>]) -> [&'a Arguments<'a>; MOST_LANES] {
     std::array::from_fn(|lane| &states[lane.min(states.len() - 1)])
 }
 
 /// Gathers q, qd and u of every state into lanes. Returns zero if all values are finite, otherwise NaN.
 #[inline(always)]
-fn gather_state<T: Vectorized>([q, qd, u]: [&mut [T]; 3], states: &[&Arguments<'_, T::Number>; MOST_LANES]) -> T {
+fn gather_state<T: Vectorized>([q, qd, u]: [&mut [T]; 3], states: &[&Arguments<'_>; MOST_LANES]) -> T {
     let mut fault = gather(q, states, |state| state.q);
     fault += gather(qd, states, |state| state.qd);
     fault += gather(u, states, |state| state.u);
@@ -272,7 +266,7 @@ fn gather_state<T: Vectorized>([q, qd, u]: [&mut [T]; 3], states: &[&Arguments<'
 /// Gathers the vectors of the seed of every state into lanes. Returns zero if all values are finite, otherwise NaN.
 #[cfg(feature = "derivatives")]
 #[inline(always)]
-fn gather_seeds<T: Vectorized>(seeds: &mut [Vec<T>; 3], states: &[&Arguments<'_, T::Number>; MOST_LANES]) -> T {
+fn gather_seeds<T: Vectorized>(seeds: &mut [Vec<T>; 3], states: &[&Arguments<'_>; MOST_LANES]) -> T {
     let mut fault = T::zero();
     for (i, seed) in seeds.iter_mut().enumerate() {
         if !states[0].seed[i].is_empty() {
@@ -316,8 +310,8 @@ const CONNECTED: u8 = 6;
 struct ChunkArguments<'a, T: Vectorized> {
     chunk: &'a mut Chunk<T>,
     algorithm: Algorithm,
-    states: &'a [Arguments<'a, T::Number>],
-    out: &'a mut [T::Number],
+    states: &'a [Arguments<'a>],
+    out: &'a mut [f64],
 }
 
 /// A chunk to be run on an instruction set; the algorithm belongs to GROUP.
@@ -367,7 +361,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             doubt |= derivatives::run(target, which, call);
             if which == Derivatives::MassMatrix {
                 for matrix in out.chunks_exact_mut(model.nv() * model.nv()) {
-                    with_transpose(model.nv(), matrix, |a, b| T::Number::nearest(a.widened() + b.widened()));
+                    with_transpose(model.nv(), matrix, |a, b| a + b);
                 }
             }
             return doubt;
@@ -432,8 +426,8 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
 struct QuantityRun<'a, T: Vectorized> {
     chunk: &'a mut Chunk<T>,
     what: &'a KinematicQuantity<'a>,
-    states: &'a [Arguments<'a, T::Number>],
-    out: &'a mut [T::Number],
+    states: &'a [Arguments<'a>],
+    out: &'a mut [f64],
 }
 
 impl<T: Vectorized> Work for QuantityRun<'_, T> {
@@ -488,7 +482,7 @@ fn compute<T: Vectorized, I: Target, const GROUP: u8>(
             match form {
                 Form::Auto => accelerations::watched(target, call, errors),
                 Form::Covariance => accelerations::by_covariance(target, call),
-                Form::SquareRoot if HAS_ALL_KERNELS && T::Number::RARE_KERNELS => accelerations::by_roots(target, call),
+                Form::SquareRoot if HAS_ALL_KERNELS => accelerations::by_roots(target, call),
                 Form::SquareRoot => u64::MAX,
             }
         }

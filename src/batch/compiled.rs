@@ -20,30 +20,28 @@ macro_rules! compiled {
             use super::*;
             use crate::algorithm::{Algorithm, Arguments, Chunks, KinematicQuantity};
             use crate::batch::chunk::Chunk;
-            use crate::batch::instruction_set::{Target, Vectorized};
+            use crate::batch::instruction_set::Target;
             #[cfg(feature = "lanes")]
             #[allow(unused_imports)]
             use crate::scalar::{Fused, Lanes};
             use crate::scene::Scene;
 
-            type Number = <$scalar as Vectorized>::Number;
-
             struct Compiled(Chunk<$scalar>, $instructions);
 
-            impl Chunks<Number> for Compiled {
+            impl Chunks for Compiled {
                 fn lanes(&self) -> usize {
                     Chunk::<$scalar>::lanes()
                 }
 
-                fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, Number>], out: &mut [Number]) -> u64 {
+                fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
                     self.0.run(self.1, algorithm, states, out)
                 }
 
                 fn kinematic_quantity(
                     &mut self,
                     what: &KinematicQuantity<'_>,
-                    states: &[Arguments<'_, Number>],
-                    out: &mut [Number],
+                    states: &[Arguments<'_>],
+                    out: &mut [f64],
                 ) -> u64 {
                     self.0.kinematic_quantity(self.1, what, states, out)
                 }
@@ -54,7 +52,7 @@ macro_rules! compiled {
             }
 
             /// The kernels for `scene`, with scratch, if this processor has the instructions.
-            pub fn kernels(scene: &Scene) -> Option<Box<dyn Chunks<Number>>> {
+            pub fn kernels(scene: &Scene) -> Option<Box<dyn Chunks>> {
                 let target = <$instructions>::here()?;
                 Some(Box::new(Compiled(Chunk::new(scene), target)))
             }
@@ -72,11 +70,5 @@ compiled!(fused_avx512, Fused, V4);
 compiled!(avx2, Lanes<V3>);
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 compiled!(avx512, Lanes<V4>);
-#[cfg(all(target_arch = "x86_64", feature = "float32"))]
-compiled!(avx2_f32, Lanes<V3, f32>);
-#[cfg(all(target_arch = "x86_64", feature = "float32", feature = "avx512"))]
-compiled!(avx512_f32, Lanes<V4, f32>);
 #[cfg(all(target_arch = "aarch64", feature = "lanes"))]
 compiled!(neon, Lanes<Neon>);
-#[cfg(all(target_arch = "aarch64", feature = "float32"))]
-compiled!(neon_f32, Lanes<Neon, f32>);

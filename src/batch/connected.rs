@@ -7,7 +7,7 @@ use crate::dynamics::constraints::ConstraintKernel;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
-use crate::scalar::{Precision, lanes_but};
+use crate::scalar::lanes_but;
 use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
 
@@ -45,7 +45,7 @@ pub(super) struct KernelArguments<'a, T: Vectorized> {
     pub state: (&'a [T], &'a [T], &'a [T]),
     pub wrenches: &'a [Vector6<T>],
     /// Accelerations, or all of the results.
-    pub out: &'a mut [T::Number],
+    pub out: &'a mut [f64],
     pub states: usize,
 }
 
@@ -200,7 +200,7 @@ impl<T: Vectorized> Work for ConnectionResidual<'_, T> {
 fn ones_in<T: Vectorized>(lanes: u64, like: T) -> T {
     let mut ones = like.constant(0.0);
     for (lane, one) in ones.lanes_mut().iter_mut().enumerate() {
-        *one = T::Number::nearest(if lanes >> lane & 1 == 1 { 1.0 } else { 0.0 });
+        *one = if lanes >> lane & 1 == 1 { 1.0 } else { 0.0 };
     }
     ones
 }

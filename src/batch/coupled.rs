@@ -1,7 +1,7 @@
 //! States of a scene with mimic joints: the kernels of the tree, and the filter with sums.
 
 use super::Fault;
-use super::evaluator::{Evaluated, Evaluator};
+use super::evaluator::Evaluator;
 use super::instruction_set::InstructionSet;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
@@ -22,49 +22,20 @@ impl CoupledEvaluator {
         Some(Box::new(Self { tree: Evaluator::on(arm, coupling.tree()), scratch: CoupledScratch::new(coupling) }))
     }
 
-    /// As [`Scene::evaluate`]; computes in f64 for states of any precision.
-    pub fn evaluate<P: Evaluated>(
+    /// As [`Scene::evaluate`].
+    pub fn evaluate(
         &mut self,
         (scene, coupling): (&Scene, &Coupling),
         algorithm: Algorithm,
-        states: &[Arguments<'_, P>],
-        out: &mut [P],
+        states: &[Arguments<'_>],
+        out: &mut [f64],
         found: &mut dyn FnMut(usize, Accuracy),
     ) -> Result<(), Fault> {
         let Self { tree, scratch } = self;
-        let wide: Vec<_> = states
-            .iter()
-            .map(|state| ([state.q, state.qd, state.u].map(P::all_widened), state.seed.map(P::all_widened)))
-            .collect();
-        let states: Vec<Arguments<'_>> = wide
-            .iter()
-            .zip(states)
-            .map(|(([q, qd, u], [first, second, third]), state)| Arguments {
-                q,
-                qd,
-                u,
-                wrenches: state.wrenches,
-                seed: [&**first, &**second, &**third],
-                tolerance: state.tolerance,
-            })
-            .collect();
-        let mut results = Vec::new();
         let mut ask = |algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]| {
             coupling.tree().evaluate(tree, algorithm, states, out)
         };
-        let full = P::in_f64(out, &mut results);
-        scene.evaluate_coupled(coupling, (scratch, &mut ask), algorithm, &states, full, found)?;
-        let width = scene.width(algorithm).max(1);
-        // Empty if `out` is f64 and was written in place.
-        for (i, (rounded, &value)) in out.iter_mut().zip(&results).enumerate() {
-            *rounded = P::nearest(value);
-            if !rounded.widened().is_finite() {
-                let found = format!("{value:e}, which {} cannot hold", P::NAME);
-                let error = Error::argument("result", found, "results below 3.4e38; float64 holds this one");
-                return Err(Fault { state: i / width, error });
-            }
-        }
-        Ok(())
+        scene.evaluate_coupled(coupling, (scratch, &mut ask), algorithm, states, out, found)
     }
 
     /// As [`Scene::evaluate_kinematic_quantity`].

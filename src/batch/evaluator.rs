@@ -10,46 +10,44 @@ use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::{Error, check_length};
 use crate::filter::Form;
 use crate::filter::tolerance::Tolerance;
-use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 
 /// Scratch for the algorithms of one scene on one thread: for one state, and for the number of states that fit in a
 /// register.
 ///
-/// States and results are f64, or f32 with twice the number of states per register. The bits of a result do not depend
-/// on the lane or on the other lanes, except for the sign of a zero.
-pub struct Evaluator<P = f64> {
+/// The bits of a result do not depend on the lane or on the other lanes, except for the sign of a zero.
+pub struct Evaluator {
     arm: InstructionSet,
     /// Identity of the scene.
     identity: u64,
-    pub(super) kernels: Kernels<P>,
+    pub(super) kernels: Kernels,
     pub(super) checked: Checked,
     /// Evaluator of the tree for scenes with mimic joints; there are no other kernels then.
     pub(super) coupled: Option<Box<CoupledEvaluator>>,
 }
 
 /// The compiled kernels of one instruction set. States without a kernel are computed by the checked recursion.
-pub struct Kernels<P> {
+pub struct Kernels {
     /// For one state.
-    one: Option<Box<dyn Chunks<P>>>,
+    one: Option<Box<dyn Chunks>>,
     /// For one state per lane.
-    many: Option<Box<dyn Chunks<P>>>,
+    many: Option<Box<dyn Chunks>>,
 }
 
 /// A substitute for missing kernels: every state needs the fallback.
 struct Doubts;
 
-impl<P> Chunks<P> for Doubts {
+impl Chunks for Doubts {
     fn lanes(&self) -> usize {
         1
     }
 
-    fn run(&mut self, _: Algorithm, _: &[Arguments<'_, P>], _: &mut [P]) -> u64 {
+    fn run(&mut self, _: Algorithm, _: &[Arguments<'_>], _: &mut [f64]) -> u64 {
         u64::MAX
     }
 
-    fn kinematic_quantity(&mut self, _: &KinematicQuantity<'_>, _: &[Arguments<'_, P>], _: &mut [P]) -> u64 {
+    fn kinematic_quantity(&mut self, _: &KinematicQuantity<'_>, _: &[Arguments<'_>], _: &mut [f64]) -> u64 {
         u64::MAX
     }
 
@@ -58,92 +56,27 @@ impl<P> Chunks<P> for Doubts {
     }
 }
 
-/// A type of values in which states can be given.
-pub trait Evaluated: Precision {
-    /// The kernels of an instruction set that this processor has.
-    #[doc(hidden)]
-    fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self>;
-}
-
-impl Evaluated for f64 {
-    fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self> {
-        let one = match arm {
-            InstructionSet::Baseline => compiled::plain::kernels(scene),
-            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-            InstructionSet::Avx512 => compiled::fused_avx512::kernels(scene),
-            #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-            InstructionSet::Avx2 | InstructionSet::Neon => compiled::fused::kernels(scene),
-            // Not compiled, and therefore never selected.
-            #[allow(unreachable_patterns)]
-            _ => None,
-        };
-        let many = match arm {
-            #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-            InstructionSet::Avx2 => compiled::avx2::kernels(scene),
-            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-            InstructionSet::Avx512 => compiled::avx512::kernels(scene),
-            #[cfg(all(target_arch = "aarch64", feature = "lanes"))]
-            InstructionSet::Neon => compiled::neon::kernels(scene),
-            _ => None,
-        };
-        Kernels { one, many }
-    }
-}
-
-/// In lanes only: a single state leaves the other lanes idle, because separate kernels are not worth their compile
-/// time.
-impl Evaluated for f32 {
-    #[allow(unused_variables)] // where there are no lanes
-    fn kernels(arm: InstructionSet, scene: &Scene) -> Kernels<Self> {
-        let many = match arm {
-            #[cfg(all(target_arch = "x86_64", feature = "float32"))]
-            InstructionSet::Avx2 => compiled::avx2_f32::kernels(scene),
-            #[cfg(all(target_arch = "x86_64", feature = "float32", feature = "avx512"))]
-            InstructionSet::Avx512 => compiled::avx512_f32::kernels(scene),
-            #[cfg(all(target_arch = "aarch64", feature = "float32"))]
-            InstructionSet::Neon => compiled::neon_f32::kernels(scene),
-            _ => None,
-        };
-        Kernels { one: None, many }
-    }
-}
-
-/// Scratch of the fallback, in f64.
+/// Scratch of the fallback.
 pub(super) struct Checked {
     pub(super) workspace: Workspace<f64>,
     inverse: Option<InverseScratch<f64>>,
-    /// Results before rounding.
-    results: Vec<f64>,
 }
 
 impl Checked {
-    /// The accuracy of the accelerations that were just computed, including the rounding to `P`.
-    fn accuracy<P: Precision>(&self, rounded: &[P]) -> Accuracy {
-        let mut accuracy = self.workspace.accuracy;
-        if P::EPSILON > f64::EPSILON {
-            accuracy.error += 0.5 * P::EPSILON * largest(rounded);
-        }
-        accuracy
-    }
-
     /// The accuracy of accelerations that the kernels accepted with this tolerance and this estimated error.
-    fn accepted<P: Precision>(&self, error: f64, given: Option<f64>, qdd: &[P]) -> Accuracy {
-        let tolerance = Tolerance { given, ..self.workspace.accepted_error() }.of_covariance(P::EPSILON);
+    fn accepted(&self, error: f64, given: Option<f64>, qdd: &[f64]) -> Accuracy {
+        let tolerance = Tolerance { given, ..self.workspace.accepted_error() }.of_covariance(f64::EPSILON);
         Accuracy { error, ..Accuracy::unknown(Form::Covariance) }.judged(tolerance, largest(qdd), true)
     }
 }
 
-impl<P: Evaluated> std::fmt::Debug for Evaluator<P> {
+impl std::fmt::Debug for Evaluator {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Evaluator")
-            .field("numbers", &P::NAME)
-            .field("arm", &self.arm)
-            .field("lanes", &self.lanes())
-            .finish_non_exhaustive()
+        f.debug_struct("Evaluator").field("arm", &self.arm).field("lanes", &self.lanes()).finish_non_exhaustive()
     }
 }
 
-impl<P: Evaluated> Evaluator<P> {
+impl Evaluator {
     /// Scratch for `scene` with the instruction set of this process.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
@@ -155,9 +88,9 @@ impl<P: Evaluated> Evaluator<P> {
     pub fn on(arm: InstructionSet, scene: &Scene) -> Self {
         let arm = if arm.available() { arm } else { InstructionSet::Baseline };
         let workspace = Workspace::new(scene.model());
-        let checked = Checked { workspace, inverse: None, results: Vec::new() };
+        let checked = Checked { workspace, inverse: None };
         let coupled = CoupledEvaluator::of(arm, scene);
-        let kernels = if coupled.is_some() { Kernels { one: None, many: None } } else { P::kernels(arm, scene) };
+        let kernels = if coupled.is_some() { Kernels { one: None, many: None } } else { Kernels::new(arm, scene) };
         Self { arm, identity: scene.identity(), kernels, checked, coupled }
     }
 
@@ -180,33 +113,54 @@ impl<P: Evaluated> Evaluator<P> {
     /// are not checked. Writes the results one after another to `out`. Returns the states that need the fallback as
     /// bits; [`Scene::evaluate`] recomputes them.
     #[doc(hidden)]
-    pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
+    pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
         self.kernels.run(algorithm, states, out)
     }
 }
 
-impl<P> Kernels<P> {
+impl Kernels {
+    /// The kernels of an instruction set that this processor has.
+    pub(crate) fn new(arm: InstructionSet, scene: &Scene) -> Self {
+        let one = match arm {
+            InstructionSet::Baseline => compiled::plain::kernels(scene),
+            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+            InstructionSet::Avx512 => compiled::fused_avx512::kernels(scene),
+            #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
+            InstructionSet::Avx2 | InstructionSet::Neon => compiled::fused::kernels(scene),
+            // Not compiled, and therefore never selected.
+            #[allow(unreachable_patterns)]
+            _ => None,
+        };
+        let many = match arm {
+            #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
+            InstructionSet::Avx2 => compiled::avx2::kernels(scene),
+            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+            InstructionSet::Avx512 => compiled::avx512::kernels(scene),
+            #[cfg(all(target_arch = "aarch64", feature = "lanes"))]
+            InstructionSet::Neon => compiled::neon::kernels(scene),
+            _ => None,
+        };
+        Self { one, many }
+    }
+
     /// The kernels for this number of states.
     #[inline]
-    fn of(&mut self, states: usize) -> Option<&mut Box<dyn Chunks<P>>> {
+    fn of(&mut self, states: usize) -> Option<&mut Box<dyn Chunks>> {
         if states == 1 || self.many.is_none() { self.one.as_mut().or(self.many.as_mut()) } else { self.many.as_mut() }
     }
 
     /// As [`Evaluator::run`].
-    pub(super) fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
+    pub(super) fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
         self.of(states.len()).map_or(u64::MAX, |kernels| kernels.run(algorithm, states, out))
     }
 
     /// As [`Self::run`], for a kinematic quantity.
-    fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
+    fn kinematic_quantity(&mut self, what: &KinematicQuantity<'_>, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
         self.of(states.len()).map_or(u64::MAX, |kernels| kernels.kinematic_quantity(what, states, out))
     }
 
     /// The kernels for a single state, without the scratch of the others.
-    pub(crate) fn for_one_state(self) -> Box<dyn Chunks<P>>
-    where
-        P: 'static,
-    {
+    pub(crate) fn for_one_state(self) -> Box<dyn Chunks> {
         self.one.or(self.many).unwrap_or_else(|| Box::new(Doubts))
     }
 
@@ -224,26 +178,14 @@ impl<P> Kernels<P> {
 }
 
 /// The largest absolute acceleration.
-fn largest<P: Precision>(qdd: &[P]) -> f64 {
-    qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.widened().abs()))
+fn largest(qdd: &[f64]) -> f64 {
+    qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.abs()))
 }
 
 impl Scene {
     /// Scratch for [`Scene::evaluate`]; one for each thread.
     #[must_use]
     pub fn evaluator(&self) -> Evaluator {
-        Evaluator::new(self)
-    }
-
-    /// As [`Scene::evaluator`] for states and results in f32, with twice the number of states per register. Results
-    /// have about 6 digits; accelerations lose the digits of the condition number of M.
-    ///
-    /// The scene's constants are rounded to f32. A state is recomputed in f64 and its results are rounded if, in form
-    /// `auto`, its estimated error exceeds both max(2.7e-5, 4 n eps) and the sensitivity of the problem; if a pivot is
-    /// lost or a result overflows; in square-root form; and on the baseline instruction set, which has no lanes.
-    /// Results that exceed the range of f32 are rejected. Intermediate values below 1e-38 become zero.
-    #[must_use]
-    pub fn evaluator_f32(&self) -> Evaluator<f32> {
         Evaluator::new(self)
     }
 
@@ -256,12 +198,12 @@ impl Scene {
     ///
     /// [`Fault`] of the lowest state that failed, with the error of the recursion; `out` is then partly written.
     /// [`Error::Argument`] for the evaluator of another scene.
-    pub fn evaluate<P: Evaluated>(
+    pub fn evaluate(
         &self,
-        evaluator: &mut Evaluator<P>,
+        evaluator: &mut Evaluator,
         algorithm: Algorithm,
-        states: &[Arguments<'_, P>],
-        out: &mut [P],
+        states: &[Arguments<'_>],
+        out: &mut [f64],
     ) -> Result<(), Fault> {
         self.evaluate_each(evaluator, algorithm, states, out, |_, _: &dyn Fn() -> Accuracy| {})
     }
@@ -269,12 +211,12 @@ impl Scene {
     /// As [`Scene::evaluate`]. In form `auto`, `found` is called with the index of each state and a function that
     /// computes its accuracy. The accuracy is computed only if that function is called.
     #[inline]
-    pub(super) fn evaluate_each<P: Evaluated>(
+    pub(super) fn evaluate_each(
         &self,
-        evaluator: &mut Evaluator<P>,
+        evaluator: &mut Evaluator,
         algorithm: Algorithm,
-        states: &[Arguments<'_, P>],
-        out: &mut [P],
+        states: &[Arguments<'_>],
+        out: &mut [f64],
         mut found: impl FnMut(usize, &dyn Fn() -> Accuracy),
     ) -> Result<(), Fault> {
         self.check_evaluator(evaluator)?;
@@ -303,7 +245,7 @@ impl Scene {
             }
             self.evaluate_checked(&mut evaluator.checked, algorithm, state, out)
                 .map_err(|error| Fault { state: 0, error })?;
-            found(0, &|| evaluator.checked.accuracy(out));
+            found(0, &|| evaluator.checked.workspace.accuracy);
             return Ok(());
         }
         let lanes = evaluator.lanes();
@@ -323,7 +265,7 @@ impl Scene {
                 let out = &mut out[lane * width..(lane + 1) * width];
                 self.evaluate_checked(&mut evaluator.checked, algorithm, &states[lane], out)
                     .map_err(|error| Fault { state: i * lanes + lane, error })?;
-                found(i * lanes + lane, &|| evaluator.checked.accuracy(out));
+                found(i * lanes + lane, &|| evaluator.checked.workspace.accuracy);
             }
         }
         Ok(())
@@ -375,7 +317,7 @@ impl Scene {
     }
 
     /// Checks that an evaluator was created for this scene: other evaluators have the constants of other scenes.
-    fn check_evaluator<P>(&self, evaluator: &Evaluator<P>) -> Result<(), Fault> {
+    fn check_evaluator(&self, evaluator: &Evaluator) -> Result<(), Fault> {
         if evaluator.identity == self.identity() {
             return Ok(());
         }
@@ -383,45 +325,18 @@ impl Scene {
         Err(Fault { state: 0, error: Error::argument("evaluator", "that of another scene", expected) })
     }
 
-    /// One state by the checked recursion, in f64.
+    /// One state by the checked recursion.
     #[cold]
-    pub(super) fn evaluate_checked<P: Evaluated>(
+    pub(super) fn evaluate_checked(
         &self,
         scratch: &mut Checked,
         algorithm: Algorithm,
-        state: &Arguments<'_, P>,
-        out: &mut [P],
+        state: &Arguments<'_>,
+        out: &mut [f64],
     ) -> Result<(), Error> {
-        let Checked { workspace, inverse, results } = scratch;
-        let (q, qd, u) = (P::all_widened(state.q), P::all_widened(state.qd), P::all_widened(state.u));
-        let seeds = state.seed.map(P::all_widened);
-        let seed = [&*seeds[0], &*seeds[1], &*seeds[2]];
-        let (q, qd, u, wrenches, full) = (&*q, &*qd, &*u, state.wrenches, P::in_f64(out, results));
         if matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
-            inverse.get_or_insert_with(|| self.inverse_scratch());
+            scratch.inverse.get_or_insert_with(|| self.inverse_scratch());
         }
-        let state = Arguments { q, qd, u, wrenches, seed, tolerance: state.tolerance };
-        self.recursion(workspace, inverse.as_mut(), algorithm, &state, full)?;
-        // Empty if `out` is f64 and was written in place.
-        for (i, (rounded, &value)) in out.iter_mut().zip(&*results).enumerate() {
-            *rounded = P::nearest(value);
-            if !rounded.widened().is_finite() {
-                let found = format!("{value:e} at index {i}, which {} cannot hold", P::NAME);
-                return Err(Error::argument(
-                    format!("{} (result)", name_of_result(algorithm)),
-                    found,
-                    "results below 3.4e38; float64 holds this one",
-                ));
-            }
-        }
-        Ok(())
-    }
-}
-
-/// The name of the result in messages; for several results, the name of the function.
-fn name_of_result(algorithm: Algorithm) -> &'static str {
-    match algorithm.entry().results {
-        [(name, _)] => name,
-        _ => algorithm.entry().name,
+        self.recursion(&mut scratch.workspace, scratch.inverse.as_mut(), algorithm, state, out)
     }
 }

@@ -5,9 +5,9 @@
 
 use super::finite::any_not_finite;
 use crate::error::{by_name, name_in};
-use crate::scalar::{ColumnsOf, Precision, Real};
+use crate::scalar::{ColumnsOf, Real};
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-use crate::scalar::{Element, Fused, Instructions, Lanes};
+use crate::scalar::{Fused, Instructions, Lanes};
 #[cfg(all(target_arch = "aarch64", feature = "lanes"))]
 use pulp::aarch64::Neon;
 #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
@@ -51,13 +51,13 @@ impl InstructionSet {
         name_in(&self, INSTRUCTION_SETS)
     }
 
-    /// The number of values of this size in bytes that a register holds.
-    pub(crate) fn lanes(self, bytes: usize) -> usize {
+    /// The number of values that a register holds.
+    pub(crate) fn lanes(self) -> usize {
         match self {
             Self::Baseline => 1,
-            Self::Neon => 16 / bytes,
-            Self::Avx2 => 32 / bytes,
-            Self::Avx512 => 64 / bytes,
+            Self::Neon => 2,
+            Self::Avx2 => 4,
+            Self::Avx512 => 8,
         }
     }
 
@@ -181,9 +181,6 @@ pub type Entry<T> = <<T as Vectorized>::Columns as ColumnsOf<T>>::Entry;
 
 /// A scalar of kernels.
 pub trait Vectorized: Real {
-    /// The values in its lanes.
-    type Number: Precision;
-
     /// The type that holds several columns of a matrix of one state.
     type Columns: ColumnsOf<Self>;
 
@@ -191,17 +188,17 @@ pub trait Vectorized: Real {
     type Least: Target;
 
     /// The values of the lanes in place: a copy would pass each of them through memory.
-    fn lanes(&self) -> &[Self::Number];
+    fn lanes(&self) -> &[f64];
 
     /// The mutable values of the lanes.
-    fn lanes_mut(&mut self) -> &mut [Self::Number];
+    fn lanes_mut(&mut self) -> &mut [f64];
 
     /// Gathers values into lanes: `of` returns a slice for each lane, of the length of `numbers`, whose entries are set
     /// from these. Returns zero in a lane whose values are all finite, otherwise NaN.
     ///
     /// Empty slices leave `numbers` unchanged.
     #[inline(always)]
-    fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [Self::Number]) -> Self {
+    fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [f64]) -> Self {
         for lane in 0..Self::LANES {
             for (number, &value) in numbers.iter_mut().zip(of(lane)) {
                 number.lanes_mut()[lane] = value;
@@ -212,7 +209,7 @@ pub trait Vectorized: Real {
 
     /// Scatters lanes: writes `numbers` of each state, one state after another, for the number of states in `out`.
     #[inline(always)]
-    fn put_lanes(numbers: &[Self], out: &mut [Self::Number]) {
+    fn put_lanes(numbers: &[Self], out: &mut [f64]) {
         for (lane, out) in out.chunks_exact_mut(numbers.len()).enumerate() {
             for (value, number) in out.iter_mut().zip(numbers) {
                 *value = number.lanes()[lane];
@@ -221,16 +218,16 @@ pub trait Vectorized: Real {
     }
 
     /// The buffer to which the entries of a matrix are written; for one state the result itself.
-    fn entries_in<'a>(entries: &'a mut [Entry<Self>], out: &'a mut [Self::Number]) -> &'a mut [Entry<Self>];
+    fn entries_in<'a>(entries: &'a mut [Entry<Self>], out: &'a mut [f64]) -> &'a mut [Entry<Self>];
 
     /// As [`Self::put_lanes`], with the values that `chosen` selects by their index in `entries`, of which the first is
     /// zero. Does nothing if the entries were written to the result.
-    fn put_entries(entries: &[Entry<Self>], chosen: &[u32], out: &mut [Self::Number]);
+    fn put_entries(entries: &[Entry<Self>], chosen: &[u32], out: &mut [f64]);
 }
 
 /// Gathers one array of every state into lanes; lanes without a state repeat the last one.
 #[inline(always)]
-pub(crate) fn take_states<'a, T: Vectorized>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [T::Number]) {
+pub(crate) fn take_states<'a, T: Vectorized>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [f64]) {
     T::take_lanes(numbers, |lane| of(lane.min(states - 1)));
 }
 
@@ -248,7 +245,6 @@ impl<W: Work> pulp::NullaryFnOnce for Job<W> {
 }
 
 impl Vectorized for f64 {
-    type Number = Self;
     type Columns = Self;
     type Least = Baseline;
 
@@ -279,7 +275,6 @@ type WithFused = Neon;
 
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 impl Vectorized for Fused {
-    type Number = f64;
     type Columns = Lanes<WithFused>;
     type Least = WithFused;
 
@@ -303,38 +298,37 @@ impl Vectorized for Fused {
 }
 
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-impl<S: Instructions, P: Element> Vectorized for Lanes<S, P> {
-    type Number = P;
+impl<S: Instructions> Vectorized for Lanes<S> {
     type Columns = Self;
     type Least = S;
 
     #[inline(always)]
-    fn lanes(&self) -> &[P] {
+    fn lanes(&self) -> &[f64] {
         Lanes::lanes(self)
     }
 
     #[inline(always)]
-    fn lanes_mut(&mut self) -> &mut [P] {
+    fn lanes_mut(&mut self) -> &mut [f64] {
         Lanes::lanes_mut(self)
     }
 
     #[inline(always)]
-    fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [P]) -> Self {
+    fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [f64]) -> Self {
         Lanes::take_lanes(numbers, of)
     }
 
     #[inline(always)]
-    fn put_lanes(numbers: &[Self], out: &mut [P]) {
+    fn put_lanes(numbers: &[Self], out: &mut [f64]) {
         Lanes::put_lanes(numbers, out);
     }
 
     #[inline(always)]
-    fn entries_in<'a>(entries: &'a mut [Self], _out: &'a mut [P]) -> &'a mut [Self] {
+    fn entries_in<'a>(entries: &'a mut [Self], _out: &'a mut [f64]) -> &'a mut [Self] {
         entries
     }
 
     #[inline(always)]
-    fn put_entries(entries: &[Self], chosen: &[u32], out: &mut [P]) {
+    fn put_entries(entries: &[Self], chosen: &[u32], out: &mut [f64]) {
         Lanes::put_chosen(entries, chosen, out);
     }
 }

@@ -54,7 +54,7 @@ pub(super) struct KernelArguments<'a, T: Vectorized> {
     /// (q, qd, u).
     pub state: (&'a [T], &'a [T], &'a [T]),
     pub wrenches: &'a [Vector6<T>],
-    pub out: &'a mut [T::Number],
+    pub out: &'a mut [f64],
 }
 
 /// Writes the product; returns the lanes that need the fallback (values that are not finite, for instance) as bits.

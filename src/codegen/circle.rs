@@ -1,8 +1,8 @@
-//! Sine and cosine of many states at once in generated code: the constants of [`Circle`], and the formulas that C and
+//! Sine and cosine of many states at once in generated code: the constants of [`trigonometry`], and the formulas that C and
 //! Rust share.
 
 use super::width::Width;
-use crate::scalar::Circle;
+use crate::scalar::trigonometry;
 
 /// Constants of the reduction to quarter turns and of the polynomials for scalars of one width.
 pub(super) struct Sines {
@@ -23,21 +23,22 @@ impl Sines {
         let turns = std::f64::consts::FRAC_2_PI;
         match width {
             Width::Double => Self {
-                largest: f64::LARGEST,
-                rounder: f64::ROUNDER,
+                largest: trigonometry::LARGEST,
+                rounder: trigonometry::ROUNDER,
                 turns,
-                half_pi: f64::HALF_PI,
-                sine: f64::SINE,
-                cosine: f64::COSINE,
+                half_pi: trigonometry::HALF_PI,
+                sine: trigonometry::SINE,
+                cosine: trigonometry::COSINE,
             },
             // Parts of 8 and 11 bits: their products with 13 bits of turns are exact without fused multiply-add.
             Width::Single => Self {
                 largest: 8192.0,
-                rounder: f32::ROUNDER,
+                rounder: 12_582_912.0,
                 turns,
                 half_pi: [1.570_312_5, 4.837_512_969_970_703e-4, 7.549_789_954_891_88e-8],
-                sine: f32::SINE,
-                cosine: f32::COSINE,
+                // Minimax fits for |y| <= 0.82 with an error of a tenth of a unit in the last place.
+                sine: &[-0.166_666_507_720_947_27, 0.008_331_939_578_056_335, -0.000_194_859_763_723_798_1],
+                cosine: &[0.041_666_638_106_107_71, -0.001_388_701_493_851_840_5, 2.439_963_645_883_836e-05],
             },
         }
     }

@@ -8,7 +8,6 @@ use crate::algorithm::table::Sizes;
 use crate::algorithm::{Algorithm, Arguments, constants_width};
 use crate::error::{Error, check_finite, check_length, number};
 use crate::filter::pivots::PivotMonitor;
-use crate::scalar::Precision;
 use crate::scene::{Scene, check_tolerance};
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
@@ -237,11 +236,11 @@ impl Scene {
     /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads, and it has no
     /// connections that they do not support.
     #[inline]
-    pub(crate) fn fits<P: Precision>(&self, required: &Requirements, state: &Arguments<'_, P>) -> bool {
+    pub(crate) fn fits(&self, required: &Requirements, state: &Arguments<'_>) -> bool {
         let forces = state.wrenches.len();
         let unseeded = required.may_lack_seed && state.seed[0].is_empty();
         [state.q.len(), state.qd.len(), state.u.len()] == required.widths
-            && (unseeded || state.seed.map(<[P]>::len) == required.seeds)
+            && (unseeded || state.seed.map(<[f64]>::len) == required.seeds)
             && required.supported
             && (!required.coupled || self.couplings_hold(state.q))
             && (forces == 0 || forces == required.bodies)

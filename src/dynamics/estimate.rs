@@ -27,7 +27,7 @@ pub struct Measurements<'a, T: Real> {
     pub torque: &'a [T],
     /// Variance of each measurement error, (N m)^2 or N^2: zero for an exact measurement, infinite for no measurement.
     ///
-    /// Infinity requires a scalar with infinite values (f64 and f32, not `DoubleDouble`).
+    /// Infinity requires a scalar with infinite values (f64, not `DoubleDouble`).
     pub noise: &'a [T],
     /// Mean a0 of the joint accelerations, rad/s^2 or m/s^2; None: zero.
     pub prior_acceleration: Option<&'a [T]>,

@@ -61,7 +61,7 @@ pub(crate) fn variance_lanes(scene: &Scene, question: &Question<'_>) -> Box<dyn 
     }
 }
 
-fn of_target<T: Vectorized<Number = f64> + Send + 'static, I: Target>(
+fn of_target<T: Vectorized + Send + 'static, I: Target>(
     scene: &Scene,
     question: &Question<'_>,
 ) -> Box<dyn VarianceLanes> {
@@ -99,7 +99,7 @@ struct Scratch<T: Vectorized> {
     results: Vec<T>,
 }
 
-impl<T: Vectorized<Number = f64>, I> Kernel<T, I> {
+impl<T: Vectorized, I> Kernel<T, I> {
     fn new(scene: &Scene, question: &Question<'_>, target: I) -> Self {
         let model: Model<T> = scene.model().cast();
         let (bodies, nv) = (model.bodies.len(), model.nv());
@@ -129,7 +129,7 @@ impl<T: Vectorized<Number = f64>, I> Kernel<T, I> {
     }
 }
 
-impl<T: Vectorized<Number = f64> + Send, I: Target> VarianceLanes for Kernel<T, I> {
+impl<T: Vectorized + Send, I: Target> VarianceLanes for Kernel<T, I> {
     fn lanes(&self) -> usize {
         T::LANES
     }
@@ -149,7 +149,7 @@ struct Run<'a, T: Vectorized> {
     out: &'a mut [f64],
 }
 
-impl<T: Vectorized<Number = f64>> Work for Run<'_, T> {
+impl<T: Vectorized> Work for Run<'_, T> {
     type Output = u64;
 
     #[inline(always)]

@@ -25,8 +25,8 @@
 //!
 //! It is an estimate, not a bound: usually five to ten times the true error in the max norm of all rows. The weights of
 //! one test vector may cancel, so `dynamics::auto` recomputes states near the bound with a second one. Neither measures
-//! errors made before the filter (in phi, in velocities, in b), which all forms share; a component that is small
-//! compared with the largest; and in float32 squares of values below 1e-19.
+//! errors made before the filter (in phi, in velocities, in b), which all forms share; and a component that is small
+//! compared with the largest.
 
 use super::riccati::Measured;
 use super::rounding::carried;

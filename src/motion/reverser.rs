@@ -365,7 +365,7 @@ fn through_event(
     }
 }
 
-impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
+impl<T: Vectorized, I: Target> Compiled<T, I> {
     fn new(job: &Job<'_>, form: Form, target: I) -> Self {
         let scratch = Scratch::new(job.scene.model(), job.settings);
         let zero = T::zero();
@@ -389,7 +389,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
     }
 }
 
-impl<T: Vectorized<Number = f64>, I: Target> Reversing for Compiled<T, I> {
+impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
     fn begin(&mut self, job: &Job<'_>) {
         let Self { scratch: s, gradients, sums, parameters, .. } = self;
         for numbers in sums.iter_mut().chain(&mut gradients.end) {
@@ -472,7 +472,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Reversing for Compiled<T, I> {
     }
 }
 
-impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
+impl<T: Vectorized, I: Target> Compiled<T, I> {
     /// The step of one state of a scene with contacts.
     fn through_contacts(&mut self, job: &Job<'_>, n: usize) -> Result<(), StepFault> {
         let Self { scratch: s, gradients, form, touching, .. } = self;
@@ -564,7 +564,7 @@ struct Step<'a, T: Vectorized, I> {
     start: &'a [f64],
 }
 
-impl<T: Vectorized<Number = f64>, I: Target> Work for Step<'_, T, I> {
+impl<T: Vectorized, I: Target> Work for Step<'_, T, I> {
     type Output = u64;
 
     #[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN

@@ -359,7 +359,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return CONNECTED * (one_by_one + ONE_BODY * self.scene().contacts().len());
         }
         let factor = if connected || touches { IN_LANES } else { 1 };
-        factor * one_by_one / self.arm.lanes(size_of::<f64>()).min(self.states.max(1))
+        factor * one_by_one / self.arm.lanes().min(self.states.max(1))
     }
 
     /// Advances all states by `steps` steps, and records rows, the first before the first step.

@@ -84,7 +84,7 @@ pub(super) struct Scratch<T: Real> {
 }
 
 /// Copies state, torque, targets and totals of one lane before a step.
-pub(super) fn take_lane<T: Vectorized<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
+pub(super) fn take_lane<T: Vectorized>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
     for (to, from) in [
         (&mut one.q, &s.q),
         (&mut one.v, &s.v),
@@ -98,14 +98,14 @@ pub(super) fn take_lane<T: Vectorized<Number = f64>>(one: &mut Scratch<f64>, s: 
 }
 
 /// Copies the end of a step of one lane, and the noise in it.
-pub(super) fn take_end<T: Vectorized<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
+pub(super) fn take_end<T: Vectorized>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
     scatter(&s.q_next, lane, &mut one.q_next);
     scatter(&s.model.system.noise, lane, &mut one.model.system.noise);
 }
 
 /// Copies one lane of an array.
 #[inline(always)]
-pub(super) fn scatter<T: Vectorized<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
+pub(super) fn scatter<T: Vectorized>(numbers: &[T], lane: usize, out: &mut [f64]) {
     for (value, number) in out.iter_mut().zip(numbers) {
         *value = number.lanes()[lane];
     }
@@ -194,7 +194,7 @@ impl<T: Real> Scratch<T> {
 }
 
 /// Copies values into one lane of an array.
-pub(super) fn fill<T: Vectorized<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
+pub(super) fn fill<T: Vectorized>(numbers: &mut [T], lane: usize, values: &[f64]) {
     for (number, &value) in numbers.iter_mut().zip(values) {
         number.lanes_mut()[lane] = value;
     }

@@ -120,7 +120,7 @@ struct Compiled<T: Vectorized, I> {
     touching: Option<Box<Touching<T>>>,
 }
 
-impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
+impl<T: Vectorized, I: Target> Compiled<T, I> {
     /// `None` if the processor does not support the instruction set.
     fn boxed(scene: &Scene, settings: &StepSettings) -> Option<Box<dyn Stepping>> {
         Some(Box::new(Self::new(scene, settings, I::here()?)))
@@ -194,7 +194,7 @@ impl CheckedState {
     }
 }
 
-impl<T: Vectorized<Number = f64>, I: Target> Stepping for Compiled<T, I> {
+impl<T: Vectorized, I: Target> Stepping for Compiled<T, I> {
     fn run(&mut self, form: Form, checked: &mut Option<Box<CheckedState>>, job: Job<'_, '_>) -> Result<(), StepFault> {
         let target = self.target;
         let (connected, touching) = (self.connected.as_deref_mut(), self.touching.as_deref_mut());
@@ -212,7 +212,7 @@ struct Run<'a, 'r, T: Vectorized, I> {
     job: Job<'a, 'r>,
 }
 
-impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
+impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
     type Output = Result<(), StepFault>;
 
     #[inline(always)]
@@ -295,7 +295,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
 
 /// Reads the initial state of each lane, and what is constant during the run.
 #[inline(always)]
-fn begin<T: Vectorized<Number = f64>>(
+fn begin<T: Vectorized>(
     s: &mut Scratch<T>,
     settings: &StepSettings,
     (states, current, width): (&States<'_>, &[f64], usize),
@@ -338,7 +338,7 @@ fn needs_fallback<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64
 /// are the totals of these lanes.
 #[cold]
 #[inline(never)]
-fn recompute<T: Vectorized<Number = f64>>(
+fn recompute<T: Vectorized>(
     s: &mut Scratch<T>,
     (scene, settings, form): (&Scene, &StepSettings, Form),
     alone: &mut Option<Box<CheckedState>>,

@@ -4,7 +4,7 @@ use super::object::{Object, imported};
 use crate::accuracy::Accuracy;
 use crate::algorithm::Arguments;
 use crate::batch::Fault;
-use crate::batch::evaluator::{Evaluated, Evaluator};
+use crate::batch::evaluator::Evaluator;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::memory;
@@ -28,13 +28,13 @@ impl BatchAccuracy {
     }
 
     /// Evaluates neighboring states from index `first` of the batch on, and stores their accuracy.
-    pub fn evaluate<P: Evaluated>(
+    pub fn evaluate(
         &self,
         scene: &Scene,
-        evaluator: &mut Evaluator<P>,
-        states: &[Arguments<'_, P>],
+        evaluator: &mut Evaluator,
+        states: &[Arguments<'_>],
         first: usize,
-        out: &mut [P],
+        out: &mut [f64],
     ) -> Result<(), Fault> {
         let mut found = [Accuracy::unknown(self.form); MOST_LANES];
         let found = &mut found[..states.len()];

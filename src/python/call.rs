@@ -2,6 +2,7 @@
 
 use super::bad_states::Errors;
 use super::cost::{Cost, WORTH_RELEASING};
+use super::dtype::Dtype;
 use super::errors::{asked_by, fault};
 use super::fresh::entries;
 use super::input::Input;
@@ -14,15 +15,13 @@ use super::wrenches::{self, Wrench};
 use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
 use crate::error::Error;
 use crate::memory;
-use crate::scalar::Precision;
 use crate::scene::Scene;
-use numpy::Element;
 use pyo3::prelude::*;
 
 /// Arguments of a call, the leading axes to which they broadcast, and the approximate time per state.
-pub(super) struct BatchCall<'a, 'py, P: Element = f64> {
+pub(super) struct BatchCall<'a, 'py> {
     pub scene: &'a PyScene,
-    inputs: Vec<Input<'py, P>>,
+    inputs: Vec<Input<'py>>,
     wrenches: Vec<Wrench<'py>>,
     /// Leading axes of the result.
     pub batch: Vec<usize>,
@@ -35,28 +34,20 @@ pub(super) struct BatchCall<'a, 'py, P: Element = f64> {
 
 impl PyScene {
     /// Reads a configuration, (..., nq).
-    pub(super) fn configuration<'py, P: Precision + Element>(
-        &self,
-        name: &'static str,
-        value: &Object<'py>,
-    ) -> PyResult<Input<'py, P>> {
+    pub(super) fn configuration<'py>(&self, name: &'static str, value: &Object<'py>) -> PyResult<Input<'py>> {
         Input::new(name, value, self.coordinates())
     }
 
     /// Reads joint velocities, accelerations or torques, (..., nv).
-    pub(super) fn rate<'py, P: Precision + Element>(
-        &self,
-        name: &'static str,
-        value: &Object<'py>,
-    ) -> PyResult<Input<'py, P>> {
+    pub(super) fn rate<'py>(&self, name: &'static str, value: &Object<'py>) -> PyResult<Input<'py>> {
         Input::new(name, value, self.rates())
     }
 
     /// Reads q, then arrays of shape (..., nv).
-    pub(super) fn inputs<'a, 'py: 'a, P: Precision + Element>(
+    pub(super) fn inputs<'a, 'py: 'a>(
         &self,
         given: impl IntoIterator<Item = (&'static str, &'a Object<'py>)>,
-    ) -> PyResult<Vec<Input<'py, P>>> {
+    ) -> PyResult<Vec<Input<'py>>> {
         let read = |(at, (name, value))| if at == 0 { self.configuration(name, value) } else { self.rate(name, value) };
         given.into_iter().enumerate().map(read).collect()
     }
@@ -72,13 +63,8 @@ impl PyScene {
     }
 }
 
-impl<'a, 'py, P: Precision + Element> BatchCall<'a, 'py, P> {
-    pub fn new(
-        scene: &'a PyScene,
-        inputs: Vec<Input<'py, P>>,
-        wrenches: Vec<Wrench<'py>>,
-        cost: Cost,
-    ) -> PyResult<Self> {
+impl<'a, 'py> BatchCall<'a, 'py> {
+    pub fn new(scene: &'a PyScene, inputs: Vec<Input<'py>>, wrenches: Vec<Wrench<'py>>, cost: Cost) -> PyResult<Self> {
         let all = || names_and_axes(&inputs, &wrenches);
         let batch = if all().all(|(_, axes)| axes.is_empty()) { Vec::new() } else { broadcast_axes(all())? };
         let Some(states) = entries(&batch) else {
@@ -98,7 +84,7 @@ impl<'a, 'py, P: Precision + Element> BatchCall<'a, 'py, P> {
     }
 
     /// Array of shape batch + `shape` for the results: a new one from `make`, or the caller's `out`.
-    pub fn output(
+    pub fn output<P: Dtype>(
         &self,
         py: Python<'py>,
         shape: &[usize],
@@ -121,7 +107,7 @@ impl<'a, 'py, P: Precision + Element> BatchCall<'a, 'py, P> {
     }
 
     /// Views of the arguments for threads without access to Python.
-    pub fn over(&self) -> PyResult<(Vec<Broadcast<'_, P>>, Vec<wrenches::States<'_>>)> {
+    pub fn over(&self) -> PyResult<(Vec<Broadcast<'_>>, Vec<wrenches::States<'_>>)> {
         let arguments = self.inputs.iter().map(|input| input.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
         let wrenches = self.wrenches.iter().map(|wrench| wrench.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
         Ok((arguments, wrenches))
@@ -129,7 +115,7 @@ impl<'a, 'py, P: Precision + Element> BatchCall<'a, 'py, P> {
 
     /// True if there is nothing to evaluate: states without numbers, of which an array without memory can have any
     /// count.
-    pub fn is_void(&self, results: &[P]) -> bool {
+    pub fn is_void<P>(&self, results: &[P]) -> bool {
         results.is_empty() && self.scene.scene.nv() == 0 && self.wrenches.is_empty()
     }
 
@@ -226,8 +212,8 @@ impl<'py> BatchCall<'_, 'py> {
 }
 
 /// Names of the arguments in messages, and their leading axes.
-fn names_and_axes<'a, P: Precision + Element>(
-    inputs: &'a [Input<'_, P>],
+fn names_and_axes<'a>(
+    inputs: &'a [Input<'_>],
     wrenches: &'a [Wrench<'_>],
 ) -> impl Iterator<Item = (&'a str, &'a [usize])> {
     let given = inputs.iter().map(|input| (&*input.name, input.leading()));

@@ -1,4 +1,4 @@
-//! Arguments that are names: of forms, dtypes, links and joints.
+//! Arguments that are names: of forms, links and joints.
 
 pub(super) use crate::error::choose;
 
@@ -7,7 +7,6 @@ use crate::algorithm::Algorithm;
 use crate::error::{Error, name_in};
 use crate::filter::{FORMS, Form};
 use crate::scene::{MimicJoints, Scene};
-use numpy::{PyArrayDescr, PyArrayDescrMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyString};
@@ -62,34 +61,6 @@ pub(super) fn name_of_mimic(mimic: MimicJoints) -> &'static str {
 /// Name of a form.
 pub(super) fn name_of(form: Form) -> &'static str {
     name_in(&form, FORMS)
-}
-
-/// Scalar types of the vectorized (SIMD) algorithms.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Precise {
-    Float64,
-    Float32,
-}
-
-/// Reads the argument `precision`, a name.
-pub(super) fn read_precision(name: &str) -> Result<Precise, Error> {
-    match name {
-        "float64" => Ok(Precise::Float64),
-        "float32" => Ok(Precise::Float32),
-        _ => Err(Error::argument("precision", format!("{name:?}"), "\"float64\" or \"float32\"")),
-    }
-}
-
-/// Reads the argument `dtype`: any value that `NumPy` accepts for float64 or float32; None: float64.
-pub(super) fn read_dtype(dtype: Option<&Object<'_>>) -> PyResult<Precise> {
-    let Some(given) = dtype else { return Ok(Precise::Float64) };
-    let py = given.py();
-    let found = PyArrayDescr::new(py, given);
-    match &found {
-        Ok(found) if found.is_equiv_to(&numpy::dtype::<f64>(py)) => Ok(Precise::Float64),
-        Ok(found) if found.is_equiv_to(&numpy::dtype::<f32>(py)) => Ok(Precise::Float32),
-        _ => Err(Error::argument("dtype", given.repr()?.to_string(), "numpy.float64 or numpy.float32").into()),
-    }
 }
 
 /// Raises if an argument is given by its former name.

@@ -331,7 +331,7 @@ impl PyScene {
         let cost = Cost { arithmetic: self.cost_through_connections() * self.size(), results: width };
         let call = BatchCall::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
         let call = call.with(self.errors(keywords.errors, algorithm.form())?).accepting(keywords.tolerance);
-        let mut output = call.output(py, &[width], None, Output::unwritten)?;
+        let mut output = call.output::<f64>(py, &[width], None, Output::unwritten)?;
         call.in_chunks(py, algorithm, output.numbers()?, None)?;
         Ok(output.finish().into_any())
     }

@@ -31,9 +31,9 @@ impl Cost {
         self.arithmetic.saturating_add(self.results)
     }
 
-    /// Time per state in a batch of `states`, with `algorithm` in `P` on the instruction set of this process.
-    pub fn of_many<P>(self, states: usize, algorithm: Algorithm) -> usize {
-        let lanes = if sweeps::covers(algorithm) { InstructionSet::of_process().lanes(size_of::<P>()) } else { 1 };
+    /// Time per state in a batch of `states`, with `algorithm` on the instruction set of this process.
+    pub fn of_many(self, states: usize, algorithm: Algorithm) -> usize {
+        let lanes = if sweeps::covers(algorithm) { InstructionSet::of_process().lanes() } else { 1 };
         Self { arithmetic: self.arithmetic / lanes.min(states.max(1)), ..self }.of_one()
     }
 }

@@ -126,7 +126,7 @@ methods! {
         let (over_q, over) = (configurations.over(batch)?, rates.over(batch)?);
         let output = |shape: &[usize]| {
             Output::unwritten(py, &[batch, shape].concat()).or_else(|failed| {
-                let inputs = scene.inputs::<f64>([("q", q), ("qd", qd), ("tau", tau)])?;
+                let inputs = scene.inputs([("q", q), ("qd", qd), ("tau", tau)])?;
                 let call = BatchCall::new(scene, inputs, Wrench::read(&scene.scene, wrenches)?, Cost::of(0))?;
                 asked_by(py, &call.asking(), Err(failed))
             })

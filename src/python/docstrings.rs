@@ -68,7 +68,7 @@ dgravity : (..., 3) array_like, optional
     };
     (dtype) => {
         r#"dtype : {"float64", "float32"} or numpy dtype, optional
-    Precision of the computation and of the result, float64 by default; see forward_dynamics."#
+    Type of the result, float64 by default; float32 results are the float64 results rounded."#
     };
     (errors) => {
         r#"errors : {"raise", "nan"}, default "raise"

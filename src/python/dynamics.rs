@@ -26,9 +26,8 @@ methods! {
     ///     Errors as small as the effect of one rounding of the forces are always accepted.
     #[doc = entries!(wrenches out)]
     /// dtype : {"float64", "float32"} or numpy dtype, optional
-    ///     Precision of the computation and of the result, float64 by default. float32 has twice the SIMD lanes and
-    ///     about 6 digits, fewer by those of the condition number of M. In form "auto", states that lose more than 4
-    ///     digits are computed in float64; docs/lanes.md lists what else is.
+    ///     Type of the result, float64 by default. The arithmetic is in float64 in both cases; float32 results are the
+    ///     float64 results rounded, and a result beyond the range of float32 is an error.
     /// errors : {"raise", "nan"}, default "raise"
     ///     "nan": the results of invalid states (not finite, a quaternion off unit norm, a singular joint, an overflow)
     ///     are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise in both cases.

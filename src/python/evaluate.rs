@@ -3,12 +3,12 @@
 use super::accuracy::BatchAccuracy;
 use super::bad_states::{Errors, is_nan};
 use super::call::BatchCall;
-use super::choice::{Precise, read_dtype};
 use super::cost::Cost;
+use super::dtype::{Dtype, check_range, is_float32};
 use super::object::Object;
 use super::output::Output;
 use super::scene::PyScene;
-use super::scratch::Dtype;
+use super::scratch::Scratch;
 use super::wrenches::{self, Wrench};
 use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::batch::evaluator::Evaluator;
@@ -62,9 +62,10 @@ impl PyScene {
             self.warn_of_linkage(py)?;
             return Ok(result);
         }
-        let result = match read_dtype(dtype)? {
-            Precise::Float64 => self.in_lanes::<f64, N>(py, (algorithm, cost), values, shape, keywords),
-            Precise::Float32 => self.in_lanes::<f32, N>(py, (algorithm, cost), values, shape, keywords),
+        let result = if is_float32(dtype)? {
+            self.in_lanes::<f32, N>(py, (algorithm, cost), values, shape, keywords)
+        } else {
+            self.in_lanes::<f64, N>(py, (algorithm, cost), values, shape, keywords)
         };
         self.warn_of_linkage(py)?;
         result
@@ -79,7 +80,7 @@ impl PyScene {
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let names = algorithm.entry().arguments.iter().map(|&(name, _)| name);
-        let inputs = self.inputs::<P>(names.zip(values))?;
+        let inputs = self.inputs(names.zip(values))?;
         let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
         let form = algorithm.form();
         let call = BatchCall::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
@@ -88,7 +89,7 @@ impl PyScene {
             Some(form) if keywords.info => Some(BatchAccuracy::new(form, call.states)?),
             _ => None,
         };
-        let mut output = call.output(py, shape, keywords.out, Output::unwritten)?;
+        let mut output = call.output::<P>(py, shape, keywords.out, Output::unwritten)?;
         call.in_chunks(py, algorithm, output.numbers()?, accuracy.as_ref())?;
         let result = output.finish().into_any();
         match accuracy {
@@ -107,9 +108,9 @@ impl PyScene {
     }
 }
 
-impl<'py, P: Dtype> BatchCall<'_, 'py, P> {
-    /// Evaluates `algorithm` for every state, in chunks of the number of lanes.
-    pub(super) fn in_chunks(
+impl<'py> BatchCall<'_, 'py> {
+    /// Evaluates `algorithm` for every state, in chunks of the number of lanes, and rounds the results to `P`.
+    pub(super) fn in_chunks<P: Dtype>(
         &self,
         py: Python<'py>,
         algorithm: Algorithm,
@@ -119,11 +120,14 @@ impl<'py, P: Dtype> BatchCall<'_, 'py, P> {
         if accuracy.is_none() && self.is_void(results) {
             return Ok(());
         }
-        let (scene, cost) = (&self.scene.scene, self.cost.of_many::<P>(self.states, algorithm));
+        let (scene, cost) = (&self.scene.scene, self.cost.of_many(self.states, algorithm));
         let width = scene.width(algorithm);
-        self.chunks(py, (width, cost), None, results, &|evaluator, states, first, out| match accuracy {
-            Some(accuracy) => accuracy.evaluate(scene, evaluator, states, first, out),
-            None => scene.evaluate(evaluator, algorithm, states, out),
+        self.chunks(py, (width, cost), None, results, &|evaluator, states, first, out| {
+            let outcome = match accuracy {
+                Some(accuracy) => accuracy.evaluate(scene, evaluator, states, first, out),
+                None => scene.evaluate(evaluator, algorithm, states, out),
+            };
+            check_range::<P>(outcome, algorithm, out, width)
         })
     }
 
@@ -132,34 +136,34 @@ impl<'py, P: Dtype> BatchCall<'_, 'py, P> {
         &self,
         py: Python<'py>,
         algorithm: Algorithm,
-        third: &Third<'_, P>,
-        results: &mut [P],
+        third: &Third<'_>,
+        results: &mut [f64],
     ) -> PyResult<()> {
-        let (scene, cost) = (&self.scene.scene, self.cost.of_many::<P>(self.states, algorithm));
+        let (scene, cost) = (&self.scene.scene, self.cost.of_many(self.states, algorithm));
         let width = scene.width(algorithm);
         self.chunks(py, (width, cost), Some(third), results, &|evaluator, states, _, out| {
             scene.evaluate(evaluator, algorithm, states, out)
         })
     }
 
-    /// Evaluates every state in chunks of the number of lanes, with `width` results of `cost` ns per state: `run`
-    /// receives the states, the index of the first, and the memory of the results.
-    pub(super) fn chunks(
+    /// Evaluates every state in chunks of the number of lanes, with `width` results of `cost` ns per state, and rounds
+    /// the results to `P`: `run` receives the states, the index of the first, and the memory of the results.
+    pub(super) fn chunks<P: Dtype>(
         &self,
         py: Python<'py>,
         (width, cost): (usize, usize),
-        third: Option<&Third<'_, P>>,
+        third: Option<&Third<'_>>,
         results: &mut [P],
-        run: &Run<'_, P>,
+        run: &Run<'_>,
     ) -> PyResult<()> {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
         let (bodies, errors, tolerance) = (scene.model().bodies.len(), &self.errors, self.tolerance);
         self.run(py, cost, |batch| {
             batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
-                let (evaluator, forces) = P::parts(scratch);
+                let Scratch { evaluator, forces, .. } = scratch;
                 let evaluator = evaluator.get_or_insert_with(|| Evaluator::new(scene));
-                let lanes = evaluator.lanes();
+                let (lanes, mut room) = (evaluator.lanes(), Vec::new());
                 let mut thirds = vec![Vec::new(); if third.is_some() { lanes } else { 0 }];
                 // Reset for every chunk only if it contains forces: that is a kilobyte, a tenth of the time of inverse
                 // dynamics.
@@ -167,40 +171,43 @@ impl<'py, P: Dtype> BatchCall<'_, 'py, P> {
                 for first in states.clone().step_by(lanes) {
                     let count = lanes.min(states.end - first);
                     let from = (first - states.start) * width;
-                    let out = &mut results[from..from + count * width];
+                    let rounded = &mut results[from..from + count * width];
+                    let out = P::in_f64(rounded, &mut room);
                     take(&mut chunk[..count], &arguments, first);
                     if wrenches.is_empty() && third.is_none() {
                         evaluate((evaluator, run, errors), &chunk[..count], first, out)?;
-                        continue;
-                    }
-                    let mut chunk = chunk;
-                    let mut is_bad = [false; MOST_LANES];
-                    let mut thirds = thirds.iter_mut();
-                    for (lane, (state, forces)) in chunk.iter_mut().zip(&mut *forces).take(count).enumerate() {
-                        let at = first + lane;
-                        let mut outcome = wrenches::on_bodies(&wrenches, bodies, at, forces);
-                        state.wrenches = forces;
-                        if let (Some(third), Some(numbers)) = (third, thirds.next()) {
-                            outcome = outcome.and_then(|()| third(&arguments, at, numbers));
-                            state.seed[2] = numbers;
+                    } else {
+                        let mut chunk = chunk;
+                        let mut is_bad = [false; MOST_LANES];
+                        let mut thirds = thirds.iter_mut();
+                        for (lane, (state, forces)) in chunk.iter_mut().zip(&mut *forces).take(count).enumerate() {
+                            let at = first + lane;
+                            let mut outcome = wrenches::on_bodies(&wrenches, bodies, at, forces);
+                            state.wrenches = forces;
+                            if let (Some(third), Some(numbers)) = (third, thirds.next()) {
+                                outcome = outcome.and_then(|()| third(&arguments, at, numbers));
+                                state.seed[2] = numbers;
+                            }
+                            if let Err(error) = outcome {
+                                errors.note(Fault { state: at, error })?;
+                                is_bad[lane] = true;
+                            }
                         }
-                        if let Err(error) = outcome {
-                            errors.note(Fault { state: at, error })?;
-                            is_bad[lane] = true;
+                        evaluate((evaluator, run, errors), &chunk[..count], first, out)?;
+                        for lane in (0..count).filter(|&lane| is_bad[lane]) {
+                            out[lane * width..(lane + 1) * width].fill(f64::NAN);
                         }
                     }
-                    evaluate((evaluator, run, errors), &chunk[..count], first, out)?;
-                    for lane in (0..count).filter(|&lane| is_bad[lane]) {
-                        out[lane * width..(lane + 1) * width].fill(P::nearest(f64::NAN));
+                    // Empty for f64, whose results are in place.
+                    for (rounded, &result) in rounded.iter_mut().zip(&room) {
+                        *rounded = P::nearest(result);
                     }
                 }
                 Ok(())
             })
         })
     }
-}
 
-impl<'py> BatchCall<'_, 'py> {
     /// Evaluates a kinematic quantity for every state, in chunks of the number of lanes.
     pub(super) fn quantity_in_chunks(
         &self,
@@ -212,7 +219,7 @@ impl<'py> BatchCall<'_, 'py> {
             return Ok(());
         }
         let scene = &self.scene.scene;
-        let lanes = InstructionSet::of_process().lanes(size_of::<f64>()).min(self.states.max(1));
+        let lanes = InstructionSet::of_process().lanes().min(self.states.max(1));
         let cost = self.cost.of_one() / lanes;
         self.chunks(py, (what.width(scene.nv()), cost), None, results, &|evaluator, states, _, out| {
             scene.evaluate_kinematic_quantity(evaluator, what, states, out)
@@ -221,14 +228,13 @@ impl<'py> BatchCall<'_, 'py> {
 }
 
 /// Function that evaluates neighboring states of a batch from an index on.
-pub(super) type Run<'a, P> =
-    dyn Fn(&mut Evaluator<P>, &[Arguments<'_, P>], usize, &mut [P]) -> Result<(), Fault> + Sync + 'a;
+pub(super) type Run<'a> = dyn Fn(&mut Evaluator, &[Arguments<'_>], usize, &mut [f64]) -> Result<(), Fault> + Sync + 'a;
 
 /// Function that writes the third seed vector of one state of these arguments.
-pub(super) type Third<'a, P> = dyn Fn(&[Broadcast<'_, P>], usize, &mut Vec<P>) -> Result<(), Error> + Sync + 'a;
+pub(super) type Third<'a> = dyn Fn(&[Broadcast<'_>], usize, &mut Vec<f64>) -> Result<(), Error> + Sync + 'a;
 
 /// Sets the arguments of neighboring states of a batch: q, qd, u and the seed, but not the forces.
-fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], first: usize) {
+fn take<'a>(states: &mut [Arguments<'a>], arguments: &[Broadcast<'a>], first: usize) {
     let of = |k: usize, state: usize| arguments.get(k).map_or(&[][..], |argument| argument.state(state));
     for (i, state) in states.iter_mut().enumerate() {
         (state.q, state.qd, state.u) = (of(0, first + i), of(1, first + i), of(2, first + i));
@@ -240,18 +246,18 @@ fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], 
 
 /// Evaluates neighboring states of a batch from index `first` on. If faults are collected, invalid states do not affect
 /// the others.
-fn evaluate<P: Dtype>(
-    (evaluator, run, errors): (&mut Evaluator<P>, &Run<'_, P>, &Errors),
-    states: &[Arguments<'_, P>],
+fn evaluate(
+    (evaluator, run, errors): (&mut Evaluator, &Run<'_>, &Errors),
+    states: &[Arguments<'_>],
     first: usize,
-    out: &mut [P],
+    out: &mut [f64],
 ) -> Result<(), Fault> {
     let (width, mut done) = (out.len() / states.len(), 0);
     // The states before an invalid one are finished, in the same lanes as without it.
     while let Err(fault) = run(evaluator, &states[done..], first + done, &mut out[done * width..]) {
         let bad = done + fault.state;
         errors.note(Fault { state: first + bad, ..fault })?;
-        out[bad * width..(bad + 1) * width].fill(P::nearest(f64::NAN));
+        out[bad * width..(bad + 1) * width].fill(f64::NAN);
         done = bad + 1;
         if done == states.len() {
             break;

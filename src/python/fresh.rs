@@ -1,11 +1,11 @@
 //! New arrays for results; the memory of very large ones is reused.
 
+use super::dtype::Dtype;
 use super::errors::no_room;
 use super::input::MANY;
 use super::object::{Object, imported};
 use crate::memory;
-use crate::scalar::Precision;
-use numpy::{Element, IxDyn, PyArray, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{IxDyn, PyArray, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
@@ -27,10 +27,7 @@ const MOST: usize = 128 << 20;
 static KEPT: Mutex<Vec<(usize, Py<PyAny>)>> = Mutex::new(Vec::new());
 
 /// New array of zeros.
-pub(super) fn zeros<'py, P: Precision + Element>(
-    py: Python<'py>,
-    shape: &[usize],
-) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+pub(super) fn zeros<'py, P: Dtype>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     if entries(shape).is_some_and(|entries| entries <= MANY) {
         return Ok(PyArray::zeros(py, IxDyn(shape), false));
     }
@@ -38,10 +35,7 @@ pub(super) fn zeros<'py, P: Precision + Element>(
 }
 
 /// New uninitialized array: setting megabytes to zero takes a tenth of the time of computing M.
-pub(super) fn unwritten<'py, P: Precision + Element>(
-    py: Python<'py>,
-    shape: &[usize],
-) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+pub(super) fn unwritten<'py, P: Dtype>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     match entries(shape) {
         Some(entries) if entries <= MANY => zeros(py, shape),
         Some(entries) if entries.saturating_mul(size_of::<P>()) >= LARGE => used_again(py, entries)?.reshape(shape),
@@ -61,12 +55,12 @@ pub(super) fn entries(shape: &[usize]) -> Option<usize> {
     shape.iter().try_fold(1, |product: usize, &length| product.checked_mul(length))
 }
 
-fn empty<'py, P: Precision + Element>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+fn empty<'py, P: Dtype>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     made_by(py, imported!(py, "numpy", "empty")?, shape)
 }
 
 /// Calls a function of NumPy with a shape.
-fn made_by<'py, P: Precision + Element>(
+fn made_by<'py, P: Dtype>(
     py: Python<'py>,
     function: &Object<'py>,
     shape: &[usize],
@@ -78,7 +72,7 @@ fn made_by<'py, P: Precision + Element>(
 }
 
 /// Array of `entries` numbers without other references, reused or added to the reusable memory.
-fn used_again<P: Precision + Element>(py: Python<'_>, entries: usize) -> PyResult<Bound<'_, PyArrayDyn<P>>> {
+fn used_again<P: Dtype>(py: Python<'_>, entries: usize) -> PyResult<Bound<'_, PyArrayDyn<P>>> {
     // Without the GIL, another thread could create a reference during the count.
     let has_lock = match py.import("sys")?.getattr_opt("_is_gil_enabled")? {
         Some(is_enabled) => is_enabled.call0()?.extract()?,
@@ -110,7 +104,7 @@ fn used_again<P: Precision + Element>(py: Python<'_>, entries: usize) -> PyResul
 /// Reusable array of `entries` numbers without references outside of this file. Views are references, and read-only
 /// memory is not reused.
 #[allow(deprecated)] // the count of references is right where the interpreter's lock is held
-fn free<P: Precision + Element>(py: Python<'_>, entries: usize) -> Option<Bound<'_, PyArrayDyn<P>>> {
+fn free<P: Dtype>(py: Python<'_>, entries: usize) -> Option<Bound<'_, PyArrayDyn<P>>> {
     let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
     let (at, array) = kept.iter().enumerate().find_map(|(at, (_, array))| {
         let is_alone = array.get_refcnt(py) == 1;

@@ -1,4 +1,4 @@
-//! Conversion of arguments to contiguous float64 (or float32 with `dtype`); no other file converts.
+//! Conversion of arguments to contiguous float64; no other file converts.
 //!
 //! This file reads arrays of numbers. `phipsi._arguments` converts lists, tables, dicts and masked arrays to arrays and
 //! matches labels with joints.
@@ -9,7 +9,6 @@ use super::object::{Object, imported};
 use crate::batch::{Broadcast, shape_text};
 use crate::error::Error;
 use crate::memory;
-use crate::scalar::Precision;
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, IntoPyArray, PyArray, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
@@ -26,21 +25,21 @@ pub(super) const FEW: usize = 64;
 /// Larger arrays are allocated by Python, which raises if memory runs out.
 pub(super) const MANY: usize = 1 << 12;
 
-/// An array argument: C-contiguous numbers of type `P`, borrowed if possible, otherwise converted.
-pub(super) struct Input<'py, P: Element = f64> {
+/// An array argument: C-contiguous float64 numbers, borrowed if possible, otherwise converted.
+pub(super) struct Input<'py> {
     /// Name in messages.
     pub name: Cow<'static, str>,
     width: usize,
     /// Number of axes of one state.
     own_axes: usize,
-    array: Bound<'py, PyArrayDyn<P>>,
-    numbers: Numbers<'py, P>,
+    array: Bound<'py, PyArrayDyn<f64>>,
+    numbers: Numbers<'py>,
 }
 
 /// Values of an argument in row-major order.
-enum Numbers<'py, P: Element> {
-    Copied(Vec<P>),
-    Borrowed(PyReadonlyArrayDyn<'py, P>),
+enum Numbers<'py> {
+    Copied(Vec<f64>),
+    Borrowed(PyReadonlyArrayDyn<'py, f64>),
 }
 
 impl<'py> Input<'py> {
@@ -74,7 +73,7 @@ impl<'py> Input<'py> {
     }
 }
 
-impl<'py, P: Precision + Element> Input<'py, P> {
+impl<'py> Input<'py> {
     /// Reads an argument of shape (..., entries of the axis).
     pub fn new<'a>(
         name: impl Into<Cow<'static, str>>,
@@ -108,7 +107,7 @@ impl<'py, P: Precision + Element> Input<'py, P> {
     }
 
     /// Checks the last axis.
-    fn of(name: Cow<'static, str>, array: Bound<'py, PyArrayDyn<P>>, width: usize) -> PyResult<Self> {
+    fn of(name: Cow<'static, str>, array: Bound<'py, PyArrayDyn<f64>>, width: usize) -> PyResult<Self> {
         if array.shape().last() != Some(&width) {
             return Err(wrong_shape(&name, array.shape(), format!("(..., {width})")));
         }
@@ -132,12 +131,12 @@ impl<'py, P: Precision + Element> Input<'py, P> {
     }
 
     /// Broadcasts the states to a batch.
-    pub fn over(&self, batch: &[usize]) -> PyResult<Broadcast<'_, P>> {
+    pub fn over(&self, batch: &[usize]) -> PyResult<Broadcast<'_>> {
         Ok(Broadcast::new(&self.name, self.data()?, self.width, self.leading(), batch)?)
     }
 
     /// All values in row-major order.
-    pub fn data(&self) -> PyResult<&[P]> {
+    pub fn data(&self) -> PyResult<&[f64]> {
         match &self.numbers {
             Numbers::Copied(numbers) => Ok(numbers),
             Numbers::Borrowed(array) => Ok(array.as_slice()?),
@@ -175,7 +174,7 @@ pub(super) fn shaped<'a>(
     value: &Object<'_>,
     axis: impl Into<Axis<'a>>,
 ) -> PyResult<(Vec<usize>, Vec<f64>)> {
-    let array = read::<f64>(name, value, axis.into())?;
+    let array = read(name, value, axis.into())?;
     Ok((array.shape().to_vec(), copied(name, &array)?))
 }
 
@@ -261,14 +260,10 @@ pub(super) fn in_python<'py>(
     function.call1((name, value, axis.joints(), axis.width()))
 }
 
-/// Reads an array: C-contiguous aligned numbers of type `P` without a copy, other real numbers by conversion; the rest
+/// Reads an array: C-contiguous aligned float64 numbers without a copy, other real numbers by conversion; the rest
 /// raises.
-pub(super) fn read<'py, P: Precision + Element>(
-    name: &str,
-    value: &Object<'py>,
-    axis: Axis<'_>,
-) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
-    match value.cast::<PyArrayDyn<P>>() {
+pub(super) fn read<'py>(name: &str, value: &Object<'py>, axis: Axis<'_>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    match value.cast::<PyArrayDyn<f64>>() {
         Ok(array) if in_order(array) && is_bare(value) => Ok(array.clone()),
         _ => convert(name, value, axis),
     }
@@ -304,12 +299,8 @@ pub(super) fn plain(value: &Object<'_>, width: usize) -> Option<(Vec<f64>, Range
     Some((array.to_vec().ok()?, addresses(array)))
 }
 
-/// New C-contiguous array of type `P` with the numbers of `value`.
-fn convert<'py, P: Precision + Element>(
-    name: &str,
-    value: &Object<'py>,
-    axis: Axis<'_>,
-) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+/// New C-contiguous float64 array with the numbers of `value`.
+fn convert<'py>(name: &str, value: &Object<'py>, axis: Axis<'_>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let py = value.py();
     let is_real = |array: &Bound<'_, PyUntypedArray>| matches!(array.dtype().kind(), b'f' | b'i' | b'u');
     let found = if is_bare(value) {
@@ -325,8 +316,8 @@ fn convert<'py, P: Precision + Element>(
         let array = in_python(imported!(py, "phipsi._arguments", "array_of")?, name, value, axis);
         array.map_err(|cause| no_room(py, name, &cause, None))?.cast_into()?
     };
-    let bytes = memory::bytes_of::<P>(&[array.len()]);
+    let bytes = memory::bytes_of::<f64>(&[array.len()]);
     memory::room(name, bytes)?;
-    let converted = array.call_method1("astype", (P::NAME, "C"));
+    let converted = array.call_method1("astype", ("float64", "C"));
     Ok(converted.map_err(|cause| no_room(py, name, &cause, Some(bytes)))?.cast_into()?)
 }

@@ -12,6 +12,7 @@
 
 #[macro_use]
 mod docstrings;
+mod dtype;
 #[macro_use]
 mod methods;
 

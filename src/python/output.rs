@@ -1,15 +1,15 @@
 //! Results as arrays; no other file creates them.
 
+use super::dtype::Dtype;
 use super::fresh::{entries, unwritten, zeros};
 use super::input::{FEW, MANY, addresses, is_bare, wrong_shape};
 use super::object::{Object, imported};
 use crate::batch::shape_text;
 use crate::error::Error;
-use crate::scalar::Precision;
 use numpy::ndarray::{ArrayD, ArrayView2, ArrayView3};
 use numpy::{
-    AsSliceError, BorrowError, Element, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArray,
-    PyUntypedArrayMethods, ToPyArray,
+    AsSliceError, BorrowError, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArray, PyUntypedArrayMethods,
+    ToPyArray,
 };
 use pyo3::prelude::*;
 use pyo3::types::PySlice;
@@ -22,13 +22,13 @@ pub(super) type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
 const AT_A_TIME: usize = 1 << 19;
 
 /// Memory of a result: a new array, or the caller's `out`.
-pub(super) enum Output<'py, P: Element = f64> {
+pub(super) enum Output<'py, P: Dtype = f64> {
     /// Few numbers, which become an array at the end; this is cheaper than tracking the borrow of an array.
     Copied(Python<'py>, ArrayD<P>),
     Borrowed(Bound<'py, PyArrayDyn<P>>, PyReadwriteArrayDyn<'py, P>),
 }
 
-impl<'py, P: Precision + Element> Output<'py, P> {
+impl<'py, P: Dtype> Output<'py, P> {
     /// New array of zeros of the given shape.
     pub fn new(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
         Self::made(py, shape, zeros)

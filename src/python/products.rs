@@ -277,7 +277,7 @@ impl PyScene {
         };
         let call = self.product_call(which, given, Vec::new(), (keywords, which.entry().cost[0]))?;
         if !parameters && names.is_empty() {
-            let mut output = call.output(py, &[3, nv], None, Output::unwritten)?;
+            let mut output = call.output::<f64>(py, &[3, nv], None, Output::unwritten)?;
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
             let all = output.finish().into_any();
             return class.call1((part(&all, 1, 0)?, part(&all, 1, 1)?, part(&all, 1, 2)?));

@@ -1,6 +1,6 @@
 //! Measurements of the report: residuals, reference, error and time of each method, growth.
 
-use super::choice::{Precise, choose, read_precision};
+use super::choice::choose;
 use super::counts::count;
 use super::errors::asked_by;
 use super::input::{Input, state};
@@ -137,19 +137,18 @@ pub(super) fn reference_of(
     Ok(PyReference { values, nv: scene.scene.nv() })
 }
 
-/// Median time per state (ns) of a method in a precision, and the error of each state compared with the reference.
+/// Median time per state (ns) of a method, and the error of each state compared with the reference.
 ///
 /// Times `Scene::evaluate` in Rust, one state per call; the error is that of the same calls, the largest over the
-/// joints relative to the largest acceleration, or NaN after an invalid pivot. method: one of METHODS; precision:
-/// "float64" or "float32"; repeats: passes over the states.
+/// joints relative to the largest acceleration, or NaN after an invalid pivot. method: one of METHODS; repeats: passes over
+/// the states.
 #[pyfunction(name = "measure")]
-#[pyo3(signature = (scene, method, precision, q, qd, tau, reference, repeats))]
+#[pyo3(signature = (scene, method, q, qd, tau, reference, repeats))]
 #[allow(clippy::too_many_arguments)] // keywords, in Python
 pub(super) fn measure_method<'py>(
     py: Python<'py>,
     scene: &PyScene,
     method: &str,
-    precision: &str,
     q: &Object<'py>,
     qd: &Object<'py>,
     tau: &Object<'py>,
@@ -165,10 +164,7 @@ pub(super) fn measure_method<'py>(
         return Err(Error::argument("reference", found, "the reference of these states").into());
     }
     let values = &reference.values;
-    let measurement = match read_precision(precision)? {
-        Precise::Float64 => detached_checked(py, || measure::<f64>(&scene.scene, method, states, values, repeats))?,
-        Precise::Float32 => detached_checked(py, || measure::<f32>(&scene.scene, method, states, values, repeats))?,
-    };
+    let measurement = detached_checked(py, || measure(&scene.scene, method, states, values, repeats))?;
     let errors = from_numbers(py, &measurement.errors, &[measurement.errors.len()])?;
     Ok((measurement.ns, errors.cast_into()?))
 }

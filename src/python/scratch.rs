@@ -1,6 +1,6 @@
 //! Workspaces of a thread, reused between calls.
 
-use crate::batch::evaluator::{Evaluated, Evaluator};
+use crate::batch::evaluator::Evaluator;
 use crate::dynamics::derivatives::{HessianScratch, RegressorScratch};
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{ConstraintScratch, Estimate, EstimateCovariance, EstimateScratch};
@@ -9,7 +9,6 @@ use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
-use numpy::Element;
 
 /// Forces on the bodies of one state.
 pub(super) type Forces = Vec<SpatialVector<f64>>;
@@ -28,9 +27,8 @@ pub(super) struct Scratch {
     hessians: Option<HessianScratch>,
     /// For regressors only.
     regressors: Option<RegressorScratch<f64>>,
-    /// Evaluators of the vectorized kernels, for float64 and float32.
+    /// Evaluator of the vectorized kernels.
     pub evaluator: Option<Evaluator>,
-    evaluator_f32: Option<Evaluator<f32>>,
     /// Forces on bodies for one state per lane; empty without wrenches.
     pub forces: Vec<Forces>,
     /// Results of one state, before they are copied to an array.
@@ -49,7 +47,6 @@ impl Scratch {
             hessians: None,
             regressors: None,
             evaluator: None,
-            evaluator_f32: None,
             forces: vec![Vec::new(); MOST_LANES],
             results: Vec::new(),
             placements: Vec::new(),
@@ -78,24 +75,6 @@ impl Scratch {
     /// For a call on regressors, and the buffer for the results of one state.
     pub fn for_regressors(&mut self, scene: &Scene) -> (&mut RegressorScratch<f64>, &mut Vec<f64>) {
         (self.regressors.get_or_insert_with(|| scene.regressor_scratch()), &mut self.results)
-    }
-}
-
-/// Scalar type of the vectorized algorithms.
-pub(super) trait Dtype: Evaluated + Element {
-    /// The evaluator, and the forces on bodies of the current states.
-    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Forces]);
-}
-
-impl Dtype for f64 {
-    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Forces]) {
-        (&mut scratch.evaluator, &mut scratch.forces)
-    }
-}
-
-impl Dtype for f32 {
-    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Forces]) {
-        (&mut scratch.evaluator_f32, &mut scratch.forces)
     }
 }
 

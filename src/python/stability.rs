@@ -1,6 +1,6 @@
 //! Exact results, their sensitivity, and the error and time of each method on one state.
 
-use super::choice::{Precise, choose, read_precision};
+use super::choice::choose;
 use super::counts::{count, count_or, number};
 use super::input::{fixed, state};
 use super::interrupts::{detached, detached_checked};
@@ -72,24 +72,17 @@ impl PyExact {
         norms(py, &self.exact.difference(&wide))
     }
 
-    /// Error of a method in "float64" or "float32": (max-norm, components, reason).
+    /// Error of a method: (max-norm, components, reason).
     ///
     /// method: one of FORMS; for other quantities than forward dynamics, the recursion of the library. After a failure,
     /// the errors are NaN and the reason is a text, otherwise None.
-    #[pyo3(signature = (method, precision="float64"))]
-    fn error<'py>(
-        &self,
-        py: Python<'py>,
-        method: &str,
-        precision: &str,
-    ) -> PyResult<(f64, Object<'py>, Option<&'static str>)> {
-        let (method, precision) = (choose("method", method, FORMS)?, read_precision(precision)?);
+    #[pyo3(signature = (method))]
+    fn error<'py>(&self, py: Python<'py>, method: &str) -> PyResult<(f64, Object<'py>, Option<&'static str>)> {
+        let method = choose("method", method, FORMS)?;
         let (scene, state, exact) = (&self.scene.get().scene, self.state(), &self.exact);
-        let found = detached(py, || match (self.quantity, precision) {
-            (Quantity::ForwardDynamics, Precise::Float64) => forward_error::<f64>(scene, method, state, exact),
-            (Quantity::ForwardDynamics, Precise::Float32) => forward_error::<f32>(scene, method, state, exact),
-            (quantity, Precise::Float64) => recursion_error::<f64>(scene, quantity, state, exact),
-            (quantity, Precise::Float32) => recursion_error::<f32>(scene, quantity, state, exact),
+        let found = detached(py, || match self.quantity {
+            Quantity::ForwardDynamics => forward_error(scene, method, state, exact),
+            quantity => recursion_error(scene, quantity, state, exact),
         })?;
         let nothing = || Difference { norm: f64::NAN, components: vec![f64::NAN; exact.values.len()] };
         let reason = found.as_ref().err().map(|failure| Failure::reason(*failure));
@@ -117,19 +110,16 @@ impl PyExact {
     }
 
     /// Median time (ns) of a method of forward dynamics on this state over repeats calls.
-    #[pyo3(signature = (method, precision, repeats))]
-    fn time(&self, py: Python<'_>, method: &str, precision: &str, repeats: &Object<'_>) -> PyResult<f64> {
+    #[pyo3(signature = (method, repeats))]
+    fn time(&self, py: Python<'_>, method: &str, repeats: &Object<'_>) -> PyResult<f64> {
         let repeats = count("repeats", repeats, 1)?;
-        let (method, precision) = (choose("method", method, FORMS)?, read_precision(precision)?);
+        let method = choose("method", method, FORMS)?;
         if self.quantity != Quantity::ForwardDynamics {
             return Err(Error::argument("quantity", format!("{:?}", self.quantity), "forward dynamics").into());
         }
         let (scene, values) = (&self.scene.get().scene, &self.exact.values);
         let states = States { q: &self.q, qd: &self.qd, tau: &self.u };
-        let measured = detached_checked(py, || match precision {
-            Precise::Float64 => measure::<f64>(scene, method, states, values, repeats),
-            Precise::Float32 => measure::<f32>(scene, method, states, values, repeats),
-        })?;
+        let measured = detached_checked(py, || measure(scene, method, states, values, repeats))?;
         Ok(measured.ns)
     }
 }

@@ -276,7 +276,7 @@ impl PyScene {
             joints.iter().flat_map(|all| all.as_chunks::<16>().0).map(by_rows).collect();
         let links = links.map(|links| names("links", links, "names of links")).transpose()?.unwrap_or_default();
         let frames = links.iter().map(|link| scene.frame(&link.as_str().into())).collect::<Result<Vec<_>, _>>()?;
-        let lanes = InstructionSet::of_process().lanes(size_of::<f64>());
+        let lanes = InstructionSet::of_process().lanes();
         let each = if forward { cost::FORWARD } else { cost::INVERSE } * bodies.max(1) + cost::LINK * links.len();
         let [q, qd, third] = &state;
         let given = [("q", q), ("qd", qd), (if forward { "tau" } else { "qdd" }, third)];

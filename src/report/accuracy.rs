@@ -1,8 +1,7 @@
 //! Error against run time: each method for the joint accelerations, its time per state and its error relative to
 //! double-double arithmetic.
 //!
-//! The measured calls are the public ones: [`Scene::evaluate`] with one state per call, and [`Scene::evaluator_f32`] in
-//! f32. Errors and times are those of the same calls.
+//! The measured calls are the public ones: [`Scene::evaluate`] with one state per call. Errors and times are those of the same calls.
 //!
 //! ```
 //! use phipsi::report::accuracy::{States, reference};
@@ -22,7 +21,7 @@
 
 use super::growth::median_ns;
 use crate::algorithm::{Algorithm, Arguments};
-use crate::batch::evaluator::{Evaluated, Evaluator};
+use crate::batch::evaluator::Evaluator;
 use crate::dynamics;
 use crate::error::{Error, check_length};
 use crate::filter::Form;
@@ -106,7 +105,7 @@ pub struct States<'a> {
     pub tau: &'a [f64],
 }
 
-/// Time and error of one method in one precision.
+/// Time and error of one method.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
     /// Median time per state, ns.
@@ -114,10 +113,6 @@ pub struct Measurement {
     /// Per state, the largest error of an acceleration relative to the largest acceleration; NaN if the method failed.
     pub errors: Vec<f64>,
 }
-
-/// A scalar type that states can be evaluated in and that faer supports.
-pub trait Dense: Evaluated + Real + faer::traits::RealField {}
-impl<P: Evaluated + Real + faer::traits::RealField> Dense for P {}
 
 /// The number of states, after checking the array lengths.
 fn count_of(scene: &Scene, states: States<'_>) -> Result<usize, Error> {
@@ -158,36 +153,36 @@ pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>,
 }
 
 /// Scratch memory of one method.
-pub(super) struct Solver<'a, P: Dense> {
+pub(super) struct Solver<'a> {
     scene: &'a Scene,
     method: Method,
-    evaluator: Evaluator<P>,
-    matrix: Vec<P>,
-    right: Vec<P>,
+    evaluator: Evaluator,
+    matrix: Vec<f64>,
+    right: Vec<f64>,
     buffer: MemBuffer,
 }
 
-impl<'a, P: Dense> Solver<'a, P> {
+impl<'a> Solver<'a> {
     /// Scratch memory for one method; filter methods allocate no matrix.
     pub fn new(scene: &'a Scene, method: Method) -> Result<Self, Error> {
         let nv = scene.nv();
         let order = if method.is_dense() { nv } else { 0 };
-        let need = ldlt::factor::cholesky_in_place_scratch::<P>(order, Par::Seq, Spec::default())
-            .or(llt::factor::cholesky_in_place_scratch::<P>(order, Par::Seq, Spec::default()));
+        let need = ldlt::factor::cholesky_in_place_scratch::<f64>(order, Par::Seq, Spec::default())
+            .or(llt::factor::cholesky_in_place_scratch::<f64>(order, Par::Seq, Spec::default()));
         Ok(Self {
             scene,
             method,
             evaluator: Evaluator::new(scene),
-            matrix: memory::filled("scene", order.saturating_mul(order), P::nearest(f64::NAN))?,
-            right: vec![P::nearest(f64::NAN); nv],
+            matrix: memory::filled("scene", order.saturating_mul(order), f64::NAN)?,
+            right: vec![f64::NAN; nv],
             buffer: MemBuffer::new(need),
         })
     }
 
     /// Evaluates one state. Returns false if a pivot is singular or a result is not finite.
-    pub fn run(&mut self, q: &[P], qd: &[P], tau: &[P], qdd: &mut [P]) -> bool {
+    pub fn run(&mut self, q: &[f64], qd: &[f64], tau: &[f64], qdd: &mut [f64]) -> bool {
         let Self { scene, method, evaluator, matrix, right, buffer } = self;
-        let mut call = |algorithm, state: Arguments<'_, P>, out: &mut [P]| {
+        let mut call = |algorithm, state: Arguments<'_>, out: &mut [f64]| {
             scene.evaluate(evaluator, algorithm, &[state], out).is_ok()
         };
         let configuration = Arguments { q, qd: &[], u: &[], wrenches: &[], ..Arguments::default() };
@@ -219,7 +214,7 @@ impl<'a, P: Dense> Solver<'a, P> {
         if *method == Method::ClosedInverse {
             let nv = qdd.len();
             for (row, qdd) in matrix.chunks_exact(nv.max(1)).zip(qdd.iter_mut()) {
-                *qdd = row.iter().zip(&*right).fold(<P as Real>::from_f64(0.0), |sum, (&m, &t)| sum + m * t);
+                *qdd = row.iter().zip(&*right).fold(0.0, |sum, (&m, &t)| sum + m * t);
             }
             return true;
         }
@@ -229,7 +224,7 @@ impl<'a, P: Dense> Solver<'a, P> {
 }
 
 /// Solves M x = right in place, overwriting M. Returns false if a pivot is not positive.
-fn dense_solve<P: Dense>(matrix: &mut [P], right: &mut [P], stack: &mut MemStack, with_diagonal: bool) -> bool {
+fn dense_solve(matrix: &mut [f64], right: &mut [f64], stack: &mut MemStack, with_diagonal: bool) -> bool {
     let n = right.len();
     let mut matrix = MatMut::from_column_major_slice_mut(matrix, n, n);
     let mut right = MatMut::from_column_major_slice_mut(right, n, 1);
@@ -262,13 +257,13 @@ fn dense_solve<P: Dense>(matrix: &mut [P], right: &mut [P], stack: &mut MemStack
     true
 }
 
-/// Times `method` in the scalar type `P` over all states, one per call, and compares the results with the reference.
+/// Times `method` over all states, one per call, and compares the results with the reference.
 ///
 /// # Errors
 ///
 /// [`Error::Shape`] for wrong lengths, [`Error::Memory`] for too many states or repeats, and [`Error::Interrupted`] if
 /// [`interrupt`] stops the work.
-pub fn measure<P: Dense>(
+pub fn measure(
     scene: &Scene,
     method: Method,
     states: States<'_>,
@@ -277,14 +272,9 @@ pub fn measure<P: Dense>(
 ) -> Result<Measurement, Error> {
     let (nq, nv, count) = (scene.nq(), scene.nv(), count_of(scene, states)?);
     check_length("reference", reference.len(), count * nv)?;
-    let mut solver = Solver::<P>::new(scene, method)?;
-    let cast = |x: &[f64]| -> Result<Vec<P>, Error> {
-        let mut all = memory::with_capacity("q", x.len())?;
-        all.extend(x.iter().map(|&v| P::nearest(v)));
-        Ok(all)
-    };
-    let (q, qd, tau) = (cast(states.q)?, cast(states.qd)?, cast(states.tau)?);
-    let mut qdd = vec![P::nearest(f64::NAN); nv];
+    let mut solver = Solver::new(scene, method)?;
+    let States { q, qd, tau } = states;
+    let mut qdd = vec![f64::NAN; nv];
     let state = |i: usize| (&q[i * nq..(i + 1) * nq], &qd[i * nv..(i + 1) * nv], &tau[i * nv..(i + 1) * nv]);
 
     let mut errors = memory::with_capacity("q", count)?;
@@ -314,12 +304,12 @@ pub fn measure<P: Dense>(
 }
 
 /// Largest error relative to the largest entry of the reference.
-fn error<T: Real>(found: &[T], reference: &[DoubleDouble]) -> f64 {
+fn error(found: &[f64], reference: &[DoubleDouble]) -> f64 {
     let scale = reference.iter().map(|r| r.lane(0).abs()).fold(0.0, f64::max);
     let worst = found
         .iter()
         .zip(reference)
-        .map(|(x, r)| (DoubleDouble::from_f64(x.lane(0)) - *r).lane(0).abs())
+        .map(|(x, r)| (DoubleDouble::from_f64(*x) - *r).lane(0).abs())
         .fold(0.0_f64, |m, e| if e <= m || m.is_nan() { m } else { e });
     worst / scale
 }

@@ -1,10 +1,10 @@
-//! Numerical stability: the error of every method on one state relative to the exact result, in two norms and two
-//! precisions.
+//! Numerical stability: the error of every method on one state relative to the exact result, in two
+//! norms.
 
-use super::accuracy::{CHOLESKY, Dense, LDLT, Method, Solver};
+use super::accuracy::{CHOLESKY, LDLT, Method, Solver};
 use super::sensitivity::{Difference, Exact, Quantity, State};
 use crate::algorithm::{Algorithm, Arguments, Derivatives};
-use crate::batch::evaluator::{Evaluated, Evaluator};
+use crate::batch::evaluator::Evaluator;
 use crate::filter::Form;
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::Scene;
@@ -44,8 +44,7 @@ impl Failure {
     }
 }
 
-/// The error of joint accelerations computed by `method` with states and results in `P`. In float32, the state is
-/// rounded first, and also the scene if the method has float32 kernels.
+/// The error of joint accelerations computed by `method`.
 ///
 /// # Errors
 ///
@@ -54,32 +53,26 @@ impl Failure {
 /// # Panics
 ///
 /// If [`Exact::new`] rejects the state.
-pub fn forward_error<P: Dense>(
-    scene: &Scene,
-    method: Method,
-    state: State<'_>,
-    exact: &Exact,
-) -> Result<Difference, Failure> {
+pub fn forward_error(scene: &Scene, method: Method, state: State<'_>, exact: &Exact) -> Result<Difference, Failure> {
     if method.is_dense() && scene.nv() > DENSE_CAP {
         return Err(Failure::TooLarge);
     }
-    let (q, qd, u) = (cast::<P>(state.q), cast::<P>(state.qd), cast::<P>(state.u));
-    let mut qdd = cast::<P>(&vec![f64::NAN; scene.nv()]);
-    let mut solver = Solver::<P>::new(scene, method).map_err(|_| Failure::TooLarge)?;
-    let sound = solver.run(&q, &qd, &u, &mut qdd);
+    let mut qdd = vec![f64::NAN; scene.nv()];
+    let mut solver = Solver::new(scene, method).map_err(|_| Failure::TooLarge)?;
+    let sound = solver.run(state.q, state.qd, state.u, &mut qdd);
     if !sound {
         return Err(Failure::Pivot);
     }
     finite(&qdd, exact)
 }
 
-/// The error of another quantity computed by [`Scene::evaluate`] with states and results in `P`; forward dynamics in
+/// The error of another quantity computed by [`Scene::evaluate`]; forward dynamics in
 /// covariance form.
 ///
 /// # Errors
 ///
 /// As [`forward_error`].
-pub fn recursion_error<P: Dense>(
+pub fn recursion_error(
     scene: &Scene,
     quantity: Quantity,
     state: State<'_>,
@@ -88,8 +81,7 @@ pub fn recursion_error<P: Dense>(
     if quantity.count(scene.nv()) > DENSE_CAP * DENSE_CAP {
         return Err(Failure::TooLarge);
     }
-    let (q, qd, u) = (cast::<P>(state.q), cast::<P>(state.qd), cast::<P>(state.u));
-    let mut state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &[], ..Arguments::default() };
+    let mut state = Arguments { q: state.q, qd: state.qd, u: state.u, wrenches: &[], ..Arguments::default() };
     let algorithm = match quantity {
         Quantity::ForwardDynamics => Algorithm::ForwardDynamics(Form::Covariance),
         Quantity::InverseDynamics => Algorithm::InverseDynamics,
@@ -103,8 +95,8 @@ pub fn recursion_error<P: Dense>(
         }
         Quantity::AccelerationDerivative => Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Covariance)),
     };
-    let mut out = cast::<P>(&vec![f64::NAN; scene.width(algorithm)]);
-    if scene.evaluate(&mut Evaluator::<P>::new(scene), algorithm, &[state], &mut out).is_err() {
+    let mut out = vec![f64::NAN; scene.width(algorithm)];
+    if scene.evaluate(&mut Evaluator::new(scene), algorithm, &[state], &mut out).is_err() {
         let is_factored = algorithm.form().is_some();
         return Err(if is_factored { Failure::Pivot } else { Failure::NotFinite });
     }
@@ -112,12 +104,8 @@ pub fn recursion_error<P: Dense>(
     finite(&out[..exact.values.len().min(out.len())], exact)
 }
 
-fn cast<P: Evaluated>(x: &[f64]) -> Vec<P> {
-    x.iter().map(|&v| P::nearest(v)).collect()
-}
-
-fn finite<P: Evaluated>(found: &[P], exact: &Exact) -> Result<Difference, Failure> {
-    let found: Vec<DoubleDouble> = found.iter().map(|x| DoubleDouble::from_f64(x.widened())).collect();
+fn finite(found: &[f64], exact: &Exact) -> Result<Difference, Failure> {
+    let found: Vec<DoubleDouble> = found.iter().map(|&x| DoubleDouble::from_f64(x)).collect();
     let all = exact.difference(&found);
     if found.iter().all(|x| x.high.is_finite()) { Ok(all) } else { Err(Failure::NotFinite) }
 }

@@ -1,7 +1,7 @@
 //! An f64 with fused multiply-adds, for one state on processors that support them.
 
 use super::Real;
-use super::trigonometry::{Circle, far, of_reduced};
+use super::trigonometry::{LARGEST, ROUNDER, far, of_reduced};
 use std::slice::from_mut;
 
 /// An f64 whose [`Real::mul_add`] is one instruction inside code compiled for such a processor, and a slow call
@@ -49,15 +49,14 @@ impl Real for Fused {
 
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let rounder = <f64 as Circle>::ROUNDER;
-        let shifted = self.0.mul_add(std::f64::consts::FRAC_2_PI, rounder);
-        let (sine, cosine) = of_reduced::<f64, _>(self, Self(shifted - rounder));
+        let shifted = self.0.mul_add(std::f64::consts::FRAC_2_PI, ROUNDER);
+        let (sine, cosine) = of_reduced(self, Self(shifted - ROUNDER));
         // As in `Lanes`.
         let quadrant = shifted.to_bits();
         let (s, c) = if quadrant & 1 == 1 { (cosine.0, sine.0) } else { (sine.0, cosine.0) };
         let (of_sine, of_cosine) = ((quadrant & 2) << 62, (quadrant.wrapping_add(1) & 2) << 62);
         let (mut s, mut c) = (f64::from_bits(s.to_bits() ^ of_sine), f64::from_bits(c.to_bits() ^ of_cosine));
-        if !(self.0.abs() <= <f64 as Circle>::LARGEST) {
+        if !(self.0.abs() <= LARGEST) {
             far(&[self.0], from_mut(&mut s), from_mut(&mut c));
         }
         (Self(s), Self(c))

@@ -16,30 +16,21 @@ pub trait Instructions: Simd {
     /// Transposes a square block of registers: entry j of register i becomes entry i of register j.
     fn transpose(self, block: &mut [Self::f64s]);
 
-    /// Transposes a square block of f32 registers.
-    fn transpose_f32(self, block: &mut [Self::f32s]);
-
     /// Loads the first entries of `numbers` into the lower half of the lanes and the last ones into the upper half;
     /// `numbers` has at least half as many entries as lanes.
     fn load_ends(self, numbers: &[f64]) -> Self::f64s;
 
     /// Stores the lower half of the lanes to the first entries of `numbers`, and the upper half to the last ones.
     fn store_ends(self, numbers: &mut [f64], lanes: Self::f64s);
-
-    /// As [`Self::load_ends`].
-    fn load_ends_f32(self, numbers: &[f32]) -> Self::f32s;
-
-    /// As [`Self::store_ends`].
-    fn store_ends_f32(self, numbers: &mut [f32], lanes: Self::f32s);
 }
 
 /// Definitions common to all instruction sets, for half as many entries as lanes.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 macro_rules! ends {
-    ($number:ty, $registers:ident, $half:literal, $load:ident, $store:ident) => {
+    ($half:literal) => {
         #[inline(always)]
-        fn $load(self, numbers: &[$number]) -> Self::$registers {
-            let [low, high]: [[$number; $half]; 2] = match (numbers.first_chunk(), numbers.last_chunk()) {
+        fn load_ends(self, numbers: &[f64]) -> Self::f64s {
+            let [low, high]: [[f64; $half]; 2] = match (numbers.first_chunk(), numbers.last_chunk()) {
                 (Some(&low), Some(&high)) => [low, high],
                 _ => Default::default(),
             };
@@ -47,8 +38,8 @@ macro_rules! ends {
         }
 
         #[inline(always)]
-        fn $store(self, numbers: &mut [$number], lanes: Self::$registers) {
-            let [low, high]: [[$number; $half]; 2] = cast(lanes);
+        fn store_ends(self, numbers: &mut [f64], lanes: Self::f64s) {
+            let [low, high]: [[f64; $half]; 2] = cast(lanes);
             if let Some(first) = numbers.first_chunk_mut() {
                 *first = low;
             }
@@ -77,23 +68,6 @@ pub struct Align32;
 #[repr(align(64))]
 pub struct Align64;
 
-/// Groups entries 0, 1, 2 and 3 of each 16 bytes of four f32 registers.
-#[cfg(target_arch = "x86_64")]
-macro_rules! kinds {
-    ($set:expr, $low:ident, $high:ident, $low_pair:ident, $high_pair:ident, $rows:expr) => {{
-        let [a, b, c, d] = $rows;
-        let [a, b, c, d] = [cast(a), cast(b), cast(c), cast(d)];
-        let (ab, ab_high) = (cast($set.$low(a, b)), cast($set.$high(a, b)));
-        let (cd, cd_high) = (cast($set.$low(c, d)), cast($set.$high(c, d)));
-        [
-            $set.$low_pair(ab, cd),
-            $set.$high_pair(ab, cd),
-            $set.$low_pair(ab_high, cd_high),
-            $set.$high_pair(ab_high, cd_high),
-        ]
-    }};
-}
-
 #[cfg(target_arch = "x86_64")]
 impl Instructions for pulp::x86::V3 {
     type Alignment = Align32;
@@ -117,23 +91,7 @@ impl Instructions for pulp::x86::V3 {
         *d = cast(s._mm256_permute2f128_pd::<0x31>(ab_odd, cd_odd));
     }
 
-    #[inline(always)]
-    fn transpose_f32(self, block: &mut [Self::f32s]) {
-        let Ok(block) = <&mut [_; 8]>::try_from(block) else { return };
-        let s = self.avx;
-        let [a, b, c, d, e, f, g, h] = *block;
-        let first =
-            kinds!(s, _mm256_unpacklo_ps, _mm256_unpackhi_ps, _mm256_unpacklo_pd, _mm256_unpackhi_pd, [a, b, c, d]);
-        let second =
-            kinds!(s, _mm256_unpacklo_ps, _mm256_unpackhi_ps, _mm256_unpacklo_pd, _mm256_unpackhi_pd, [e, f, g, h]);
-        for kind in 0..4 {
-            block[kind] = cast(s._mm256_permute2f128_pd::<0x20>(first[kind], second[kind]));
-            block[4 + kind] = cast(s._mm256_permute2f128_pd::<0x31>(first[kind], second[kind]));
-        }
-    }
-
-    ends!(f64, f64s, 2, load_ends, store_ends);
-    ends!(f32, f32s, 4, load_ends_f32, store_ends_f32);
+    ends!(2);
 }
 
 /// Quarters 0 of four registers in one register, then quarters 1, 2 and 3.
@@ -189,25 +147,7 @@ impl Instructions for pulp::x86::V4 {
         }
     }
 
-    #[inline(always)]
-    fn transpose_f32(self, block: &mut [Self::f32s]) {
-        let Ok(block) = <&mut [_; 16]>::try_from(block) else { return };
-        let s = self.avx512f;
-        let four = |first: usize| {
-            let rows = [block[first], block[first + 1], block[first + 2], block[first + 3]];
-            kinds!(s, _mm512_unpacklo_ps, _mm512_unpackhi_ps, _mm512_unpacklo_pd, _mm512_unpackhi_pd, rows)
-        };
-        let [a, b, c, d] = [four(0), four(4), four(8), four(12)];
-        for kind in 0..4 {
-            let columns = quarters(self, [a[kind], b[kind], c[kind], d[kind]]);
-            for (quarter, column) in columns.into_iter().enumerate() {
-                block[4 * quarter + kind] = cast(column);
-            }
-        }
-    }
-
-    ends!(f64, f64s, 4, load_ends, store_ends);
-    ends!(f32, f32s, 8, load_ends_f32, store_ends_f32);
+    ends!(4);
 }
 
 #[cfg(target_arch = "aarch64")]
@@ -226,15 +166,5 @@ impl Instructions for pulp::aarch64::Neon {
         (*a, *b) = (cast([x[0], y[0]]), cast([x[1], y[1]]));
     }
 
-    #[inline(always)]
-    fn transpose_f32(self, block: &mut [Self::f32s]) {
-        let Ok(block) = <&mut [_; 4]>::try_from(block) else { return };
-        let rows: [[f32; 4]; 4] = block.map(cast);
-        for (column, to) in block.iter_mut().enumerate() {
-            *to = cast(rows.map(|row| row[column]));
-        }
-    }
-
-    ends!(f64, f64s, 1, load_ends, store_ends);
-    ends!(f32, f32s, 2, load_ends_f32, store_ends_f32);
+    ends!(1);
 }

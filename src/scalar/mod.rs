@@ -1,7 +1,7 @@
 //! The scalar types that the recursions are generic over.
 //!
 //! The trait [`Real`] has the arithmetic that nalgebra's matrices need, and the few functions that the sweeps call.
-//! Every `nalgebra::RealField + Copy` type implements it (f64, f32, dual numbers), and so does [`DoubleDouble`], the
+//! Every `nalgebra::RealField + Copy` type implements it (f64, dual numbers), and so does [`DoubleDouble`], the
 //! reference with about 31 digits.
 //!
 //! ```
@@ -19,21 +19,18 @@ mod columns;
 mod counting;
 mod double_double;
 mod dual;
-#[cfg(feature = "lanes")]
-mod element;
 mod folding;
 mod fused;
 #[cfg(feature = "lanes")]
 mod instructions;
 #[cfg(feature = "lanes")]
 mod lanes;
-mod precision;
 #[cfg(feature = "lanes")]
 mod register_columns;
 mod traced;
 #[cfg(feature = "lanes")]
 mod transposed;
-mod trigonometry;
+pub(crate) mod trigonometry;
 
 #[doc(hidden)]
 pub use columns::ColumnsOf;
@@ -41,9 +38,6 @@ pub use columns::ColumnsOf;
 pub use counting::Operations;
 pub use double_double::DoubleDouble;
 pub use dual::Dual;
-#[cfg(feature = "lanes")]
-#[doc(hidden)]
-pub use element::Element;
 #[doc(hidden)]
 pub use fused::Fused;
 #[cfg(feature = "lanes")]
@@ -52,18 +46,14 @@ pub use instructions::Instructions;
 #[cfg(feature = "lanes")]
 #[doc(hidden)]
 pub use lanes::Lanes;
-#[doc(hidden)]
-pub use precision::Precision;
 pub use traced::{Operation, Traced};
-#[doc(hidden)]
-pub use trigonometry::Circle;
 
 use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};
 use num_traits::{One, Zero};
 use std::ops::Neg;
 
 /// Largest number of lanes of any scalar.
-pub(crate) const MOST_LANES: usize = 16;
+pub(crate) const MOST_LANES: usize = 8;
 
 /// A scalar for the recursions: one real number, or one per lane of a register.
 ///
@@ -265,7 +255,7 @@ impl<T: nalgebra::RealField + Copy> Real for T {
 
     #[inline]
     fn lane(self, _index: usize) -> f64 {
-        // Exact for f64 and f32; the real part of a dual number.
+        // Exact for f64; the real part of a dual number.
         nalgebra::try_convert(self).unwrap_or(f64::NAN)
     }
 

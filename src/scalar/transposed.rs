@@ -4,7 +4,7 @@
 //! at least half as many values as there are lanes, by a block whose upper half overlaps its lower half. Loop counts
 //! are compile-time constants, because the blocks would otherwise be stored in memory.
 
-use super::{Element, Instructions, Lanes, MOST_LANES, Real};
+use super::{Instructions, Lanes, MOST_LANES, Real};
 use pulp::bytemuck::{cast_slice, cast_slice_mut};
 use std::ops::Range;
 
@@ -14,18 +14,18 @@ fn last_run(length: usize, lanes: usize) -> Range<usize> {
     if length.is_multiple_of(lanes) { 0..0 } else { length.saturating_sub(lanes)..length }
 }
 
-impl<S: Instructions, P: Element> Lanes<S, P> {
+impl<S: Instructions> Lanes<S> {
     /// Half the number of lanes.
     const HALF: usize = Self::LANES / 2;
 
     /// Reads the values of each lane into `numbers`. Returns zero in each lane whose values are all finite, else NaN. A
     /// lane with an empty slice is unchanged; a slice that is too short is a fault of every lane.
     #[inline(always)]
-    pub(crate) fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [P]) -> Self {
+    pub(crate) fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [f64]) -> Self {
         let Some(zero) = numbers.first().map(|number| number.constant(0.0)) else { return Self::filled(0.0) };
         let length = numbers.len();
         // Slices of known equal length let the compiler check bounds once per block instead of once per row.
-        let mut states: [&[P]; MOST_LANES] = [&[]; MOST_LANES];
+        let mut states: [&[f64]; MOST_LANES] = [&[]; MOST_LANES];
         for (lane, state) in states.iter_mut().enumerate().take(Self::LANES) {
             let given = of(lane);
             let Some(whole) = given.get(..length) else {
@@ -57,7 +57,7 @@ impl<S: Instructions, P: Element> Lanes<S, P> {
             let block = if numbers.len() == Self::LANES {
                 zero.turned_over(|lane| cast_slice(&states[lane][run.clone()])[0])
             } else {
-                zero.turned_over(|lane| P::load_ends(zero.simd, &states[lane][run.clone()]))
+                zero.turned_over(|lane| zero.simd.load_ends(&states[lane][run.clone()]))
             };
             let last = numbers.len() - Self::HALF;
             for lane in 0..Self::HALF {
@@ -73,18 +73,18 @@ impl<S: Instructions, P: Element> Lanes<S, P> {
 
     /// A transposed square block; `self` fills missing rows.
     #[inline(always)]
-    fn turned_over(self, row: impl Fn(usize) -> P::Register<S>) -> [P::Register<S>; MOST_LANES] {
+    fn turned_over(self, row: impl Fn(usize) -> S::f64s) -> [S::f64s; MOST_LANES] {
         let mut block = [self.value; MOST_LANES];
         for (lane, register) in block.iter_mut().enumerate().take(Self::LANES) {
             *register = row(lane);
         }
-        P::transpose(self.simd, &mut block[..Self::LANES]);
+        self.simd.transpose(&mut block[..Self::LANES]);
         block
     }
 
     /// Writes the values of each lane one after another, for the number of lanes that fit into `out`.
     #[inline(always)]
-    pub(crate) fn put_lanes(numbers: &[Self], out: &mut [P]) {
+    pub(crate) fn put_lanes(numbers: &[Self], out: &mut [f64]) {
         let square = |run: Range<usize>| Some(&numbers[run]).map(|numbers| move |lane: usize| numbers[lane].value);
         let Some(zero) = numbers.first().map(|number| number.constant(0.0)) else { return };
         zero.put(numbers.len(), (square, |at| numbers[at]), out);
@@ -92,7 +92,7 @@ impl<S: Instructions, P: Element> Lanes<S, P> {
 
     /// As `put_lanes`, for the values with the indices `chosen` in `numbers`; index 0 stands for zero.
     #[inline(always)]
-    pub(crate) fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [P]) {
+    pub(crate) fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [f64]) {
         let square = |run: Range<usize>| {
             let chosen = &chosen[run];
             let are_zero = chosen.iter().fold(0, |any, &at| any | at) == 0;
@@ -105,13 +105,13 @@ impl<S: Instructions, P: Element> Lanes<S, P> {
     /// Writes `length` values per lane: `square` returns those of a range, or `None` if all are zero (`self`), and
     /// `number` returns a single one.
     #[inline(always)]
-    fn put<R: Fn(usize) -> P::Register<S>>(
+    fn put<R: Fn(usize) -> S::f64s>(
         self,
         length: usize,
         (square, number): (impl Fn(Range<usize>) -> Option<R>, impl Fn(usize) -> Self),
-        out: &mut [P],
+        out: &mut [f64],
     ) {
-        let mut states: [&mut [P]; MOST_LANES] = Default::default();
+        let mut states: [&mut [f64]; MOST_LANES] = Default::default();
         for (state, out) in states.iter_mut().zip(out.chunks_exact_mut(length.max(1))) {
             *state = out;
         }
@@ -148,7 +148,7 @@ impl<S: Instructions, P: Element> Lanes<S, P> {
             if to.len() == Self::LANES {
                 cast_slice_mut(to)[0] = block[lane];
             } else {
-                P::store_ends(self.simd, to, block[lane]);
+                self.simd.store_ends(to, block[lane]);
             }
         }
     }
@@ -160,24 +160,25 @@ mod tests {
     use std::cmp::Ordering;
 
     /// Value `at` of a lane.
-    fn number<P: Element>(lane: usize, at: usize) -> P {
-        P::nearest(f64::from(u32::try_from(1 + at + 1000 * lane).expect("small")))
+    fn number(lane: usize, at: usize) -> f64 {
+        f64::from(u32::try_from(1 + at + 1000 * lane).expect("small"))
     }
 
-    fn come_and_go<S: Instructions, P: Element>() {
+    fn come_and_go<S: Instructions>() {
         if S::token().is_none() {
             return;
         }
-        let lanes = Lanes::<S, P>::LANES;
+        let lanes = Lanes::<S>::LANES;
         for length in 1..=3 * lanes + 1 {
-            let states: Vec<Vec<P>> = (0..lanes).map(|lane| (0..length).map(|at| number(lane, at)).collect()).collect();
-            let slices: Vec<&[P]> = states.iter().map(Vec::as_slice).collect();
-            let mut numbers = vec![Lanes::<S, P>::filled(f64::NAN); length];
+            let states: Vec<Vec<f64>> =
+                (0..lanes).map(|lane| (0..length).map(|at| number(lane, at)).collect()).collect();
+            let slices: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
+            let mut numbers = vec![Lanes::<S>::filled(f64::NAN); length];
             let fault = Lanes::take_lanes(&mut numbers, |lane| slices[lane]);
-            assert!(fault.lanes().iter().all(|&fault| fault == P::default()));
+            assert!(fault.lanes().iter().all(|&fault| fault == 0.0));
             for (at, number_of_all) in numbers.iter().enumerate() {
                 for (lane, &found) in number_of_all.lanes().iter().enumerate() {
-                    assert_eq!(found, number(lane, at), "{} of {length}, lane {lane}", P::NAME);
+                    assert_eq!(found, number(lane, at), "{at} of {length}, lane {lane}");
                 }
             }
             // Reversed, with value 0 inserted at the front; every third value is zero, and for three blocks the whole
@@ -187,15 +188,15 @@ mod tests {
             let place = |i: usize| if is_zero(i) { 0 } else { u32::try_from(length - i).expect("small") };
             let chosen: Vec<u32> = (0..length).map(place).collect();
             for count in [1, lanes / 2 + 1, lanes] {
-                let mut out = vec![P::nearest(f64::NAN); count * length];
+                let mut out = vec![f64::NAN; count * length];
                 Lanes::put_lanes(&numbers, &mut out);
-                assert_eq!(out, states[..count].concat(), "{} of {length}", P::NAME);
-                out.fill(P::nearest(f64::NAN));
+                assert_eq!(out, states[..count].concat(), "{count} of {length}");
+                out.fill(f64::NAN);
                 Lanes::put_chosen(&zeros_and, &chosen, &mut out);
                 for (at, &found) in out.iter().enumerate() {
                     let (lane, i) = (at / length, at % length);
-                    let expected = if is_zero(i) { P::default() } else { number(lane, length - 1 - i) };
-                    assert_eq!(found, expected, "{} chosen of {length}, lane {lane}", P::NAME);
+                    let expected = if is_zero(i) { 0.0 } else { number(lane, length - 1 - i) };
+                    assert_eq!(found, expected, "{at} chosen of {length}, lane {lane}");
                 }
             }
             let before = numbers.clone();
@@ -205,10 +206,10 @@ mod tests {
             for at in 0..length {
                 for odd in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
                     let mut states = states.clone();
-                    states[lanes - 1][at] = P::nearest(odd);
+                    states[lanes - 1][at] = odd;
                     let fault = Lanes::take_lanes(&mut numbers, |lane| &states[lane]);
                     for (lane, &fault) in fault.lanes().iter().enumerate() {
-                        assert_eq!(fault == P::default(), lane != lanes - 1, "{odd} at {at} of {length}, lane {lane}");
+                        assert_eq!(fault == 0.0, lane != lanes - 1, "{odd} at {at} of {length}, lane {lane}");
                     }
                 }
             }
@@ -216,7 +217,7 @@ mod tests {
     }
 
     /// The smaller of two numbers in either order, and NaN with any operand.
-    fn smaller_or_nan<S: Instructions, P: Element>() {
+    fn smaller_or_nan<S: Instructions>() {
         if S::token().is_none() {
             return;
         }
@@ -224,34 +225,28 @@ mod tests {
         for a in numbers {
             for b in numbers {
                 let expected = if a.is_nan() || b.is_nan() { f64::NAN } else { a.min(b) };
-                for &found in Lanes::<S, P>::filled(a).worst(Lanes::filled(b)).lanes() {
-                    let found = found.widened();
+                for &found in Lanes::<S>::filled(a).worst(Lanes::filled(b)).lanes() {
                     // Both zeros are equal.
                     let same = found.partial_cmp(&expected) == Some(Ordering::Equal);
-                    assert!(same || (found.is_nan() && expected.is_nan()), "{} {a} {b}: {found}", P::NAME);
+                    assert!(same || (found.is_nan() && expected.is_nan()), "{a} {b}: {found}");
                 }
             }
         }
     }
 
-    fn on_all_instructions<P: Element>() {
+    #[test]
+    fn numbers_come_to_their_places_and_back_and_the_smaller_of_two_is_found() {
         #[cfg(target_arch = "x86_64")]
         {
-            come_and_go::<pulp::x86::V3, P>();
-            come_and_go::<pulp::x86::V4, P>();
-            smaller_or_nan::<pulp::x86::V3, P>();
-            smaller_or_nan::<pulp::x86::V4, P>();
+            come_and_go::<pulp::x86::V3>();
+            come_and_go::<pulp::x86::V4>();
+            smaller_or_nan::<pulp::x86::V3>();
+            smaller_or_nan::<pulp::x86::V4>();
         }
         #[cfg(target_arch = "aarch64")]
         {
-            come_and_go::<pulp::aarch64::Neon, P>();
-            smaller_or_nan::<pulp::aarch64::Neon, P>();
+            come_and_go::<pulp::aarch64::Neon>();
+            smaller_or_nan::<pulp::aarch64::Neon>();
         }
-    }
-
-    #[test]
-    fn numbers_come_to_their_places_and_back_and_the_smaller_of_two_is_found() {
-        on_all_instructions::<f64>();
-        on_all_instructions::<f32>();
     }
 }

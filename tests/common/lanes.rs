@@ -2,8 +2,7 @@
 
 use super::{ALL_KINDS, Random, Tree, random_inertial, random_state};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
-use phipsi::batch::{Evaluated, Evaluator};
-use phipsi::batch::{INSTRUCTION_SETS, InstructionSet};
+use phipsi::batch::{Evaluator, INSTRUCTION_SETS, InstructionSet};
 use phipsi::filter::Form;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Simplifications};
 use phipsi::spatial::SpatialVector;
@@ -50,7 +49,7 @@ pub fn on_a_large_stack(work: impl FnOnce() + Send + 'static) {
 }
 
 /// q, qd, u.
-pub type State<P = f64> = (Vec<P>, Vec<P>, Vec<P>);
+pub type State = (Vec<f64>, Vec<f64>, Vec<f64>);
 
 /// States from seeds.
 pub fn states(scene: &Scene, count: u64) -> Vec<State> {
@@ -58,22 +57,13 @@ pub fn states(scene: &Scene, count: u64) -> Vec<State> {
 }
 
 /// The arguments of an algorithm.
-pub fn arguments<'a, P>(
-    algorithm: Algorithm,
-    (q, qd, u): &'a State<P>,
-    wrenches: &'a [SpatialVector<f64>],
-) -> Arguments<'a, P> {
+pub fn arguments<'a>(algorithm: Algorithm, (q, qd, u): &'a State, wrenches: &'a [SpatialVector<f64>]) -> Arguments<'a> {
     Arguments { q, qd, u, wrenches, seed: [qd, u, qd], tolerance: None }.read_by(algorithm)
 }
 
 /// The results, one state after another.
-pub fn evaluate<P: Evaluated>(
-    scene: &Scene,
-    evaluator: &mut Evaluator<P>,
-    algorithm: Algorithm,
-    states: &[Arguments<'_, P>],
-) -> Vec<P> {
-    let mut out = vec![P::nearest(f64::NAN); scene.width(algorithm) * states.len()];
+pub fn evaluate(scene: &Scene, evaluator: &mut Evaluator, algorithm: Algorithm, states: &[Arguments<'_>]) -> Vec<f64> {
+    let mut out = vec![f64::NAN; scene.width(algorithm) * states.len()];
     scene.evaluate(evaluator, algorithm, states, &mut out).unwrap_or_else(|fault| panic!("{algorithm:?}: {fault:?}"));
     out
 }

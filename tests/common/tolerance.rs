@@ -10,14 +10,6 @@ pub fn count(n: usize) -> f64 {
     n as f64
 }
 
-/// The float32 bound for a rounding bound in float64; the constants of the scene are rounded too.
-pub fn single(bound: f64) -> f64 {
-    bound * (f64::from(f32::EPSILON) / f64::EPSILON)
-}
-
-/// Largest error of sine and cosine in float32, in units in the last place: 0.80 is the maximum for angles up to 1e5.
-pub const SINGLE_ULPS: f64 = 0.81;
-
 /// For products and sums without a solve: `c * n * eps * scale`.
 pub fn product(n: usize, scale: f64) -> f64 {
     8.0 * count(n.max(1)) * f64::EPSILON * scale

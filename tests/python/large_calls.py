@@ -154,7 +154,7 @@ def exact_of(scene: phipsi.Scene) -> _core.Exact:
 def measured(scene: phipsi.Scene, repeats: int) -> object:
     states = np.full((2, scene.nv), 0.1)
     reference = _core.reference(scene, states, states, states)
-    return _core.measure(scene, "covariance", "float64", states, states, states, reference, repeats)
+    return _core.measure(scene, "covariance", states, states, states, reference, repeats)
 
 
 def in_steps(scene: phipsi.Scene) -> Call:
@@ -362,7 +362,7 @@ LARGE: dict[str, Large] = {
     "measure": Large("repeats", lambda scene: lambda: measured(scene, 10**13), covers=("measure.repeats",)),
     "reference": Large("q", batch(10**6, lambda scene, q: _core.reference(scene, q, q, q)), room=80),
     "exact.time": Large(
-        "repeats", lambda scene: lambda: exact_of(scene).time("covariance form", "float64", 10**13), covers=("time.repeats",)
+        "repeats", lambda scene: lambda: exact_of(scene).time("covariance form", 10**13), covers=("time.repeats",)
     ),
 }
 

@@ -115,7 +115,7 @@ def reported() -> Call:
     scene = chain(7)
     q = states(scene, 64)
     reference = _core.reference(scene, q, q, q)
-    return lambda: _core.measure(scene, "covariance", "float64", q, q, q, reference, 10**7)
+    return lambda: _core.measure(scene, "covariance", q, q, q, reference, 10**7)
 
 
 def exact() -> _core.Exact:
@@ -147,7 +147,6 @@ def backward(record_every: int) -> Callable[[], Call]:
 LONG: dict[str, Callable[[], Call]] = {
     "forward_dynamics": batch(30, 300_000, lambda scene, q: scene.forward_dynamics(q, q, q, form="square-root")),
     "forward_dynamics, auto": batch(30, 500_000, lambda scene, q: scene.forward_dynamics(q, q, q)),
-    "forward_dynamics, float32": batch(30, 500_000, lambda scene, q: scene.forward_dynamics(q, q, q, dtype="float32")),
     "forward_dynamics, in doubt": in_doubt,
     "forward_dynamics, errors=nan": batch(
         30, 300_000, lambda scene, q: scene.forward_dynamics(q, q, q, form="square-root", errors="nan")
@@ -239,7 +238,7 @@ LONG: dict[str, Callable[[], Call]] = {
     "measure": reported,
     "reference": batch(30, 100_000, lambda scene, q: _core.reference(scene, q, q, q)),
     "exact.sensitivity": lambda: lambda: exact().sensitivity(10**7),
-    "exact.time": lambda: lambda: exact().time("covariance form", "float64", 10**7),
+    "exact.time": lambda: lambda: exact().time("covariance form", 10**7),
 }
 
 

@@ -104,18 +104,15 @@ def test_residuals_are_below_their_bounds(bundled: tuple[dict[str, Any], str, Pa
         assert any(word in row["name"] for row in rows), word
 
 
-def test_errors_of_every_method_and_precision(bundled: tuple[dict[str, Any], str, Path]) -> None:
+def test_errors_of_every_method(bundled: tuple[dict[str, Any], str, Path]) -> None:
     rows = bundled[0]["accuracy"]
-    assert [(row["method"], row["precision"]) for row in rows] == [
-        (method, precision) for precision in ("float64", "float32") for method in METHODS
-    ]
+    assert [row["method"] for row in rows] == list(METHODS)
     for row in rows:
-        eps = robot.EPS[row["precision"]]
         assert row["failed_states"] == 0
         assert len(row["errors"]) == 64
-        assert 0.0 < row["error_median"] <= row["error_max"] <= 64 * bundled[0]["condition"]["max"] * eps
+        assert 0.0 < row["error_median"] <= row["error_max"] <= 64 * bundled[0]["condition"]["max"] * robot.EPS
         assert row["ns_per_state"] > 0.0
-        assert row["digits_lost"] == pytest.approx(math.log10(row["error_median"] / eps))
+        assert row["digits_lost"] == pytest.approx(math.log10(row["error_median"] / robot.EPS))
 
 
 def rows_with_times(tree: Any) -> Iterator[dict[str, Any]]:
@@ -515,7 +512,7 @@ def test_every_kind_of_joint_is_drawn_and_measured(tmp_path: Path) -> None:
         assert kind in page
 
 
-def test_states_are_within_limits_and_exact_in_float32() -> None:
+def test_states_are_within_limits() -> None:
     scene = arm()
     drawn = states.draw(scene, 50, 1)
     limits = scene.limits
@@ -523,7 +520,6 @@ def test_states_are_within_limits_and_exact_in_float32() -> None:
     assert (drawn.q <= limits.upper + 1e-6).all()
     assert (np.abs(drawn.qd) <= 1.0).all()
     for values in (drawn.q, drawn.qd, drawn.tau):
-        assert (values == values.astype(np.float32)).all()
         assert np.ptp(values, axis=0).all()
 
 

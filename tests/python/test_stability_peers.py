@@ -32,7 +32,7 @@ def test_the_study_is_the_report_with_the_peers_beside(found: Compared) -> None:
     names = [other.name for other in found.others]
     assert found.methods[4:] == tuple(names)
     for one in found.points:
-        assert {method for method, precision in one.errors if precision == "float64"} == {*phipsi._core.FORMS, *names}
+        assert set(one.errors) == {*phipsi._core.FORMS, *names}
         for error in one.errors.values():
             assert math.isnan(error.norm) == math.isnan(error.component) == (error.reason is not None)
     sections = [section.key for section in COMPARED.sections]
@@ -41,10 +41,8 @@ def test_the_study_is_the_report_with_the_peers_beside(found: Compared) -> None:
 
 def point(ours: float, theirs: float) -> Point:
     sensitivity = {"state": Error(1e-16, 1e-16), "axes": Error(2e-16, 1e-15)}
-    errors = {
-        (form, precision): Error(ours, ours) for form in phipsi._core.FORMS for precision in ("float64", "float32")
-    }
-    errors["Peer", "float64"] = Error(theirs, theirs)
+    errors = {form: Error(ours, ours) for form in phipsi._core.FORMS}
+    errors["Peer"] = Error(theirs, theirs)
     return Point("heavy-tip", 1.0, 0, 8, sensitivity, errors)
 
 

@@ -24,7 +24,7 @@ SMOOTH = """\
 First panel: error against step. Other panels: error against run time. The run time is that of a step, the
 minimum of several timings, times the number of steps, on one thread: scene.simulate, called once from Python for all steps, with the
 default form. DOP853 and Radau are SciPy's methods, through scene.ode; their time is mostly that of Python, and is measured for each run. Not shown:
-threads, larger batches, float32. Without springs and damping, implicit-euler is identical to semi-implicit-euler, and their curves coincide.
+threads, larger batches. Without springs and damping, implicit-euler is identical to semi-implicit-euler, and their curves coincide.
 """
 
 SMOOTH_PEERS = """\

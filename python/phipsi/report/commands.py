@@ -212,9 +212,9 @@ def report(
     """Write a report on a robot: index.html, a self-contained page, and report.json.
 
     The first part describes the robot: motion, links and joints, limits and gravity torques, mass matrix, and the
-    time of each call. The second part describes the computation: simplifications, error and run time of every method
-    in two precisions, checks of the theory, conditioning, the mass matrix from random forces, and the time as a
-    function of the number of bodies. Without ROBOT.urdf, the bundled arm is used.
+    time of each call. The second part describes the computation: simplifications, error and run time of every
+    method, checks of the theory, conditioning, the mass matrix from random forces, and the time as a function of the
+    number of bodies. Without ROBOT.urdf, the bundled arm is used.
 
     With --stability, the report is on the extreme scenes instead: the error of every form and of dense algebra, in
     two norms, compared with the sensitivity of the problems.

@@ -18,9 +18,8 @@ from .structure import Tree, tree_of
 from .text import plural
 from .timing import BATCH, TURNS, Of
 
-#: Machine epsilon by precision: the distance from 1 to the next number.
-EPS = {"float64": float(np.finfo(np.float64).eps), "float32": float(np.finfo(np.float32).eps)}
-PRECISIONS = tuple(EPS)
+#: Machine epsilon: the distance from 1 to the next number.
+EPS = float(np.finfo(np.float64).eps)
 #: Largest number of degrees of freedom for which dense matrices are formed.
 DENSE_CAP = 300
 AUTO = _core.METHODS[0]
@@ -122,10 +121,9 @@ class Report(Findings):
         rows = (row for row in self.parts.get("calls", ()) if (row.of.call, row.of.form, row.of.batch > 1) == (text, form, batch))
         return next(rows, None)
 
-    def accuracy(self, method: str, precision: str = "float64") -> Any:
-        """Row of one method in one precision; None if there is none."""
-        rows = (row for row in self.parts.get("accuracy", ()) if (row.method, row.precision) == (method, precision))
-        return next(rows, None)
+    def accuracy(self, method: str) -> Any:
+        """Row of one method; None if there is none."""
+        return next((row for row in self.parts.get("accuracy", ()) if row.method == method), None)
 
     def head(self) -> dict[str, Any]:
         """Whether all residuals are within their bounds, and the numbers of states."""

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class States:
-    """States of a scene, one per row; all values are exactly representable in float32."""
+    """States of a scene, one per row."""
 
     q: Array
     """(n, nq)."""
@@ -40,20 +40,14 @@ class States:
 def draw(scene: Scene, count: int, seed: int) -> States:
     """Draw states: positions within limits, joint velocities in (-1, 1), torques of the magnitude of the bias torque.
 
-    A joint without limits is rotated in (-pi, pi) or translated in (-1, 1) m. The values are rounded to
-    float32, so that both precisions have the same inputs.
+    A joint without limits is rotated in (-pi, pi) or translated in (-1, 1) m.
     """
     generator = np.random.default_rng(seed)
     low, high = ranges(scene)
     steps = generator.uniform(low, high, (count, scene.nv))
-    q = in_float32(scene.integrate(scene.neutral(), steps))
-    qd = in_float32(generator.uniform(-1.0, 1.0, (count, scene.nv)))
+    q = scene.integrate(scene.neutral(), steps)
+    qd = generator.uniform(-1.0, 1.0, (count, scene.nv))
     size = np.abs(scene.bias_torque(q, qd)).max(axis=0, initial=0.0)
     size = np.where(size > 0.0, size, size.max(initial=0.0) or 1.0)
-    tau = in_float32(generator.uniform(-1.0, 1.0, (count, scene.nv)) * size)
+    tau = generator.uniform(-1.0, 1.0, (count, scene.nv)) * size
     return States(q, qd, tau)
-
-
-def in_float32(values: Array) -> Array:
-    """The values rounded to float32, as float64."""
-    return values.astype(np.float32).astype(np.float64)

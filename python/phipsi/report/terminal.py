@@ -49,9 +49,9 @@ def residuals(console: Console, rows: Sequence[Residual]) -> None:
 def accuracy(console: Console, title: str, rows: Sequence[Accuracy]) -> None:
     """Print time and error of every method: `Scene::evaluate` in Rust, one state per call."""
     cells = [
-        [row.method, row.precision, text.time(row.ns_per_state), f"{row.error_median:.1e}", f"{row.error_max:.1e}"] for row in rows
+        [row.method, text.time(row.ns_per_state), f"{row.error_median:.1e}", f"{row.error_max:.1e}"] for row in rows
     ]
-    table(console, title, ("method", "precision", "call in Rust", "median error", "worst error"), cells, 2)
+    table(console, title, ("method", "call in Rust", "median error", "worst error"), cells, 2)
 
 
 def calls(console: Console, title: str, rows: Sequence[CallTime]) -> None:

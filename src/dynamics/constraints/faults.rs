@@ -4,7 +4,6 @@ use super::geometry::relaxed_at;
 use super::rows::{errors_of_rows, rates_of_rows};
 use super::{Outcome, RowFault};
 use crate::error::{ConstraintViolation, Error, in_language};
-use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::scene::constraint::Tie;
 
@@ -106,11 +105,11 @@ impl Scene {
 
     /// True if a configuration of the right length meets the couplings of joints, whose positions the kernels do not
     /// check.
-    pub(in crate::dynamics) fn couplings_hold<P: Precision>(&self, q: &[P]) -> bool {
+    pub(in crate::dynamics) fn couplings_hold(&self, q: &[f64]) -> bool {
         self.constraints().all.iter().all(|constraint| match &constraint.tie {
             Tie::Coordinates { first, second, multiplier, offset } => {
-                let followed = second.map_or(0.0, |second| multiplier * q[second.q].widened()) + offset;
-                (q[first.q].widened() - followed).abs() <= IN_CALLS
+                let followed = second.map_or(0.0, |second| multiplier * q[second.q]) + offset;
+                (q[first.q] - followed).abs() <= IN_CALLS
             }
             Tie::Frames { .. } => true,
         })

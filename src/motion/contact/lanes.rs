@@ -58,7 +58,7 @@ struct Solved {
     impulse_kept: f64,
 }
 
-impl<T: Vectorized<Number = f64>> Touching<T> {
+impl<T: Vectorized> Touching<T> {
     pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>) -> Self {
         let (nan, n) = (T::from_f64(f64::NAN), scene.contact_points().len());
         let nothing = || Solved {
@@ -224,7 +224,7 @@ struct Finish<'a, T: Vectorized, I> {
     fallback: u64,
 }
 
-impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
+impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
     type Output = u64;
 
     #[inline(always)]
@@ -300,7 +300,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Work for Finish<'_, T, I> {
     }
 }
 
-impl<T: Vectorized<Number = f64>> Touching<T> {
+impl<T: Vectorized> Touching<T> {
     /// The lanes in which a joint reaches a limit or is beyond it.
     #[inline(always)]
     fn at_limits(&self, h: f64, q: &[T], v_next: &[T]) -> u64 {

@@ -1,4 +1,4 @@
-"""Error against run time: every method in both precisions, compared with double-double arithmetic."""
+"""Error against run time: every method, compared with double-double arithmetic."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ... import _core
 from ..pipeline import Section
 from ..plotting import COLORS, Axis, Chart, Panel, Plot, Series, level
 from ..progress import Reporter
-from ..robot import DENSE_CAP, EPS, PRECISIONS, Report, median, rust
+from ..robot import DENSE_CAP, EPS, Report, median, rust
 from ..states import Array
 from ..text import symbols
 from ..timing import Of
@@ -26,10 +26,9 @@ FORWARD = _core.method_call(_core.METHODS[0])[0]
 
 @dataclass(frozen=True)
 class Accuracy:
-    """One method in one precision over all states; error and time belong to the same calls."""
+    """One method over all states; error and time belong to the same calls."""
 
     method: str
-    precision: str
     ns_per_state: float
     """Median time of `Scene::evaluate` in Rust, one state per call."""
     errors: Array
@@ -68,11 +67,11 @@ class Accuracy:
 
     def digits(self, error: float) -> float:
         """log10 of an error in units of eps."""
-        return float(np.log10(max(error, 1e-300) / EPS[self.precision])) if np.isfinite(error) else float("nan")
+        return float(np.log10(max(error, 1e-300) / EPS)) if np.isfinite(error) else float("nan")
 
 
 def accuracy(report: Report, reporter: Reporter) -> list[Accuracy]:
-    """Error against run time: every method in both precisions, compared with double-double arithmetic, `auto` first.
+    """Error against run time: every method, compared with double-double arithmetic, `auto` first.
 
     The time is the median over the rounds of the median over the passes of each round. Methods that form a
     matrix are omitted for large scenes.
@@ -82,14 +81,13 @@ def accuracy(report: Report, reporter: Reporter) -> list[Accuracy]:
         inverse = scene.nv <= INVERSE_CAP
         methods = tuple(m for m in methods if _core.method_call(m)[0] == FORWARD or (inverse and "M^-1" in m))
     reference = _core.reference(scene, *states.arrays)
-    cases = [(method, precision) for precision in PRECISIONS for method in methods]
     # Interleaved, so that changes of the clock rate affect all methods equally.
     rounds = [
-        [_core.measure(scene, *case, *states.arrays, reference, report.effort.repeats) for case in cases]
+        [_core.measure(scene, method, *states.arrays, reference, report.effort.repeats) for method in methods]
         for _ in reporter.each("Error against run time", range(ROUNDS))
     ]
     times = np.median([[ns for ns, _ in row] for row in rounds], axis=0)
-    return [Accuracy(*case, float(ns), errors) for case, ns, (_, errors) in zip(cases, times, rounds[-1], strict=True)]
+    return [Accuracy(method, float(ns), errors) for method, ns, (_, errors) in zip(methods, times, rounds[-1], strict=True)]
 
 
 def _plots(report: Report) -> Iterable[Plot]:
@@ -99,25 +97,17 @@ def _plots(report: Report) -> Iterable[Plot]:
 
 
 def error_against_time(rows: Sequence[Accuracy]) -> Chart:
-    """Median time of `Scene::evaluate` against the error of every state, one panel per precision with a common time
-    axis.
-    """
+    """Median time of `Scene::evaluate` against the error of every state."""
     usable = [row for row in rows if np.isfinite(row.error_median)]
     times = [1e-9 * row.ns_per_state for row in usable]
     x = Axis.times("median time of a call in Rust, one state", min(times) / 1.5, max(times) * 1.25)
-    # The higher precision, which is the default, comes first.
-    return Chart("error-against-time", [_panel([row for row in usable if row.precision == one], one, x) for one in PRECISIONS])
-
-
-def _panel(rows: Sequence[Accuracy], precision: str, x: Axis) -> Panel:
-    eps = EPS[precision]
-    errors = [np.maximum(row.errors[np.isfinite(row.errors)], eps * 1e-3) for row in rows]
-    low = min([eps / 4, *(float(np.quantile(e, 0.02)) for e in errors)])
-    high = max([eps * 12, *(float(e.max()) for e in errors)])
+    errors = [np.maximum(row.errors[np.isfinite(row.errors)], EPS * 1e-3) for row in usable]
+    low = min([EPS / 4, *(float(np.quantile(e, 0.02)) for e in errors)])
+    high = max([EPS * 12, *(float(e.max()) for e in errors)])
     y = Axis.powers("relative error of accelerations", low / 1.8, high * 2.2)
-    series = [level("machine epsilon", eps, x)]
+    series = [level("machine epsilon", EPS, x)]
     generator = np.random.default_rng(0)
-    for row, values in zip(rows, errors, strict=True):
+    for row, values in zip(usable, errors, strict=True):
         name, ink, at = symbols(row.method), row.color(), 1e-9 * row.ns_per_state
         # Spread horizontally, so that points do not overlap.
         spread = at * np.exp(generator.uniform(-0.02, 0.02, len(values)))
@@ -125,9 +115,9 @@ def _panel(rows: Sequence[Accuracy], precision: str, x: Axis) -> Panel:
             Series(name, ink, spread, values, mark=4, shade=0.3, told=False),
             Series(name, ink, [at, at], [row.error_median, row.error_max], line=1.0, told=False),
             Series(name, ink, [at], [row.error_max], mark=10, symbol="dash", note="worst state"),
-            Series(name, ink, [at], [row.error_median], mark=10, hollow=precision == "float32", note="median"),
+            Series(name, ink, [at], [row.error_median], mark=10, note="median"),
         ]
-    return Panel(x, y, series, precision)
+    return Chart("error-against-time", [Panel(x, y, series)])
 
 
 SECTION = Section("accuracy", "Error and run time of every method", accuracy, _plots, empty=[])

@@ -23,14 +23,14 @@ def _collect(report: Report, _: Reporter) -> dict[str, Any]:
 
 
 def _plots(report: Report) -> Iterable[Plot]:
-    rows = [row for row in report.parts["accuracy"] if row.precision == "float64" and np.isfinite(row.error_median)]
+    rows = [row for row in report.parts["accuracy"] if np.isfinite(row.error_median)]
     if rows:
         yield error_against_condition(rows, report.conditions)
 
 
 def error_against_condition(rows: Sequence[Accuracy], conditions: Array) -> Chart:
     """Error of every state against the condition number of M."""
-    eps = EPS["float64"]
+    eps = EPS
     finite = conditions[np.isfinite(conditions)]
     low, high = float(finite.min()), float(finite.max())
     pad = max((high / low) ** 0.06, 1.08)

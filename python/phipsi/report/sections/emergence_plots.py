@@ -37,12 +37,12 @@ PARTS = {
 
 def _floor(error: float) -> float:
     """Error for a logarithmic axis: zero is drawn far below the rounding error."""
-    return max(error, 1e-2 * EPS["float64"])
+    return max(error, 1e-2 * EPS)
 
 
 def error_against_time(found: Emergence) -> Chart:
     """Error of M against the time from q to M, for every method."""
-    eps, points = EPS["float64"], found.points
+    eps, points = EPS, found.points
     times, values = [_seconds(point) for point in points], [_floor(point.error) for point in points]
     x = Axis.times("median time from q to M, one thread", min(times) / 2.0, max(times) * 2.0)
     y = Axis.powers("relative error of M", min([*values, eps]) / 6.0, max([*values, eps * 100.0]) * 5.0)

@@ -51,7 +51,7 @@ def _plot(report: Report) -> Matrix:
     """|M|; zeros, and entries below the rounding error of the largest entry, are white."""
     sizes: Array = np.abs(report.scene.mass_matrix(report.states.q[0]))
     names = [name[2:] for name in columns(report.scene, "v")]
-    return Matrix("mass-matrix", np.where(sizes > EPS["float64"] * sizes.max(), sizes, np.nan), names, "|M|, kg m², kg m or kg")
+    return Matrix("mass-matrix", np.where(sizes > EPS * sizes.max(), sizes, np.nan), names, "|M|, kg m², kg m or kg")
 
 
 def _shown(report: Report) -> dict[str, Any]:

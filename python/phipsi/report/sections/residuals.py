@@ -52,9 +52,9 @@ def residuals(scene: Scene, states: States, conditions: Array, reporter: Reporte
         for name, value, through_inverse in _core.residuals(scene, q, qd, tau):
             values.setdefault(name, []).append(value)
             grows[name] = through_inverse
-    by_size = np.full(len(states), SLACK * scene.nv * EPS["float64"])
+    by_size = np.full(len(states), SLACK * scene.nv * EPS)
     # cond(M) of a small matrix can be below its size; then the bound for sums of nv terms applies.
-    by_condition = np.maximum(by_size, SLACK * conditions * EPS["float64"])
+    by_condition = np.maximum(by_size, SLACK * conditions * EPS)
     return [residual(name, np.array(v), by_condition if grows[name] else by_size, grows[name]) for name, v in values.items()]
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from ... import _core, errors, scenes
 from ..pipeline import Findings
 from ..progress import Reporter
-from ..robot import PRECISIONS
 from ..states import Array
 
 COVARIANCE, ROOT, LDLT, CHOLESKY = _core.FORMS
@@ -71,8 +70,8 @@ class Point:
     degrees_of_freedom: int
     sensitivity: dict[str, Error]
     """By kind of value, `state` first."""
-    errors: dict[tuple[str, str], Error]
-    """By method (including other programs) and precision."""
+    errors: dict[str, Error]
+    """By method, including other programs."""
 
     @property
     def floor(self) -> Error:
@@ -91,7 +90,7 @@ class Point:
 
     def json(self) -> dict[str, Any]:
         """Errors as rows."""
-        rows = [{"method": method, "precision": precision, **error._asdict()} for (method, precision), error in self.errors.items()]
+        rows = [{"method": method, **error._asdict()} for method, error in self.errors.items()]
         about = {key: getattr(self, key) for key in ("name", "value", "seed", "degrees_of_freedom", "sensitivity")}
         return {**about, "errors": rows}
 
@@ -102,7 +101,6 @@ class Timed(NamedTuple):
     case: str
     value: float
     method: str
-    precision: str
     ns: float
     norm: float
     component: float
@@ -177,9 +175,9 @@ class Stability(Findings):
         values = dict.fromkeys(point.value for point in self.points if point.name == name)
         return [_merged([p for p in self.points if (p.name, p.value) == (name, value)]) for value in values]
 
-    def timed(self, name: str, value: float, precision: str = "float64") -> list[Timed]:
+    def timed(self, name: str, value: float) -> list[Timed]:
         """Every method on one case."""
-        return [row for row in self.parts["timed"] if (row.case, row.value, row.precision) == (name, value, precision)]
+        return [row for row in self.parts["timed"] if (row.case, row.value) == (name, value)]
 
     def head(self) -> dict[str, Any]:
         """States, and programs of the comparison."""
@@ -187,16 +185,16 @@ class Stability(Findings):
 
     def keeps(self, method: str) -> bool:
         """Whether the method meets the target in all cases in the max-norm."""
-        return all(point.errors[method, "float64"].norm <= point.aim.norm for point in self.points)
+        return all(point.errors[method].norm <= point.aim.norm for point in self.points)
 
     def largest(self, method: str) -> float:
         """Largest error of the method in the max-norm, without failures."""
-        return worst([point.errors[method, "float64"] for point in self.points]).norm
+        return worst([point.errors[method] for point in self.points]).norm
 
     @property
     def missed(self) -> set[str]:
         """Cases in which the square-root form misses its target in either norm."""
-        roots = [(point, point.errors[ROOT, "float64"]) for point in self.points]
+        roots = [(point, point.errors[ROOT]) for point in self.points]
         return {point.name for point, own in roots if not (own.norm <= point.aim.norm and own.component <= point.aim.component)}
 
     def provenance(self) -> list[tuple[str, str]]:
@@ -232,8 +230,8 @@ def cases(found: Stability, reporter: Reporter) -> list[Point]:
 
 def _point(case: scenes.Extreme, seed: int, others: Sequence[Other]) -> Point:
     exact = exact_of(case)
-    errors_of = {(method, precision): Error.of(*exact.error(method, precision)) for precision in PRECISIONS for method in _core.FORMS}
-    errors_of |= {(other.name, "float64"): other.error(case, exact) for other in others}
+    errors_of = {method: Error.of(*exact.error(method)) for method in _core.FORMS}
+    errors_of |= {other.name: other.error(case, exact) for other in others}
     sensitivity = {kind: Error.of(*norms) for kind, norms in exact.sensitivity(DRAWS).items()}
     return Point(case.name, case.value, seed, case.scene.nv, sensitivity, errors_of)
 
@@ -253,11 +251,10 @@ def timed(found: Stability, reporter: Reporter) -> list[Timed]:
     rows = []
     for name, value in reporter.each("Error against run time", TIMED):
         exact = exact_of(scenes.extreme(name, value, seed=found.seed))
-        for precision in PRECISIONS:
-            for method in _core.FORMS:
-                # Minimum of several medians, because other load only increases times.
-                ns = min(exact.time(method, precision, 200 if found.quick else 2000) for _ in range(5))
-                rows.append(Timed(name, value, method, precision, ns, *Error.of(*exact.error(method, precision))))
+        for method in _core.FORMS:
+            # Minimum of several medians, because other load only increases times.
+            ns = min(exact.time(method, 200 if found.quick else 2000) for _ in range(5))
+            rows.append(Timed(name, value, method, ns, *Error.of(*exact.error(method))))
     return rows
 
 

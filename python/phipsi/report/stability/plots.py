@@ -9,7 +9,6 @@ import numpy as np
 
 from ... import _core
 from ..plotting import COLORS, GRAY, Axis, Chart, Panel, Plot, Series, level
-from ..robot import PRECISIONS
 from ..text import power
 from .measure import COVARIANCE, ROOT, TIMED, Point, Stability
 
@@ -54,7 +53,7 @@ def _curves(found: Stability, points: Sequence[Point], norm: int) -> list[Series
     floor = [float(point.floor[norm] or 0.0) for point in points]
     series = [Series("sensitivity of the problem", GRAY, x, floor, line=1.0, dash=True, below=True)]
     for method, ink in _inks(found).items():
-        y = np.array([float(point.errors[method, "float64"][norm] or 0.0) for point in points])
+        y = np.array([float(point.errors[method][norm] or 0.0) for point in points])
         y = np.where(np.isfinite(y), np.maximum(y, 1e-18), np.nan)
         thick = method in (ROOT, COVARIANCE)
         series.append(Series(method, ink, x, y, line=2.0 if thick else 1.2, mark=7 if thick else 5))
@@ -68,15 +67,13 @@ def _against_time(found: Stability) -> Chart:
 
 def _timed(found: Stability, name: str, value: float) -> Panel:
     inks = {method: ink for method, ink in _inks(found).items() if method in _core.FORMS}
-    rows = [row for precision in PRECISIONS for row in found.timed(name, value, precision)]
+    rows = found.timed(name, value)
     times = [1e-9 * row.ns for row in rows]
     x = Axis.times("median time per state", min(times) / 1.25, max(times) * 1.25)
     floor = next(point for point in found.of(name) if point.value == value).floor.norm
     series = [level("sensitivity of the problem", floor, x)]
     for row in rows:
         if math.isfinite(row.norm):
-            double = row.precision == "float64"
-            look = {"mark": 9 if double else 8, "symbol": "circle" if double else "square", "hollow": not double}
-            series.append(Series(row.method, inks[row.method], [1e-9 * row.ns], [max(row.norm, 1e-18)], note=row.precision, **look))  # type: ignore[arg-type]
+            series.append(Series(row.method, inks[row.method], [1e-9 * row.ns], [max(row.norm, 1e-18)], mark=9))
     title = f"{name}, {f'{value:g}' if 1e-2 <= value < 1e4 else power(round(math.log10(value)))}"
     return Panel(x, Axis.powers(ERROR, 1e-17, 1e2), series, title)

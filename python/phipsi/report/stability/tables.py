@@ -7,15 +7,13 @@ from collections.abc import Sequence
 
 from ... import scenes
 from ..page import Block, Code, Figure, Heading, Table, flowed
-from ..robot import PRECISIONS
 from ..text import plural, time
 from .loops import DENSE
 from .measure import COVARIANCE, DERIVED_FORMS, ROOT, TIMED, Derived, Error, Point, Recursion, Stability
 from .plots import SWEEPS
 
 RUN_TIME = """\
-One point per method; filled circles: float64, hollow squares: float32. A method without a point failed. Times are for one state on one
-thread, calls of Scene::evaluate in Rust (dense methods: with faer).
+One point per method. A method without a point failed. Times are for one state on one thread, calls of Scene::evaluate in Rust (dense methods: with faer).
 """
 AIM = """\
 The accuracy target is an error of at most 1e-13 in the max-norm (largest error relative to the largest acceleration), and of at most 1e-12
@@ -57,7 +55,7 @@ def beyond(found: Stability) -> list[Block]:
     """Cases in which the square-root form misses its target, in either norm: number of states and largest error."""
     grouped: dict[tuple[str, float, str], list[tuple[float, float]]] = {}
     for point in found.points:
-        own, aim = point.errors[ROOT, "float64"], point.aim
+        own, aim = point.errors[ROOT], point.aim
         for norm, ours, allowed in (("max-norm", own.norm, aim.norm), ("components", own.component, aim.component)):
             if not ours <= allowed:
                 grouped.setdefault((point.name, point.value, norm), []).append((ours, allowed))
@@ -80,15 +78,14 @@ def timed(found: Stability) -> list[Block]:
     """Times of the forms."""
     rows, ratios = [], []
     for name, value in TIMED:
-        for precision in PRECISIONS:
-            chosen = found.timed(name, value, precision)
-            base = next(row.ns for row in chosen if row.method == COVARIANCE)
-            for row in chosen:
-                if row.method == ROOT and precision == "float64":
-                    ratios.append(row.ns / base)
-                rows.append([f"{name}, {number(value)}", precision, row.method, time(row.ns), f"{row.ns / base:.2f}", error(row.norm)])
-    words = f"In float64 the square-root form takes {min(ratios):.1f} to {max(ratios):.1f} times as long as the covariance form."
-    return [words, Table(("case", "precision", "method", "time", "relative to covariance", "max-norm error"), rows, 3)]
+        chosen = found.timed(name, value)
+        base = next(row.ns for row in chosen if row.method == COVARIANCE)
+        for row in chosen:
+            if row.method == ROOT:
+                ratios.append(row.ns / base)
+            rows.append([f"{name}, {number(value)}", row.method, time(row.ns), f"{row.ns / base:.2f}", error(row.norm)])
+    words = f"The square-root form takes {min(ratios):.1f} to {max(ratios):.1f} times as long as the covariance form."
+    return [words, Table(("case", "method", "time", "relative to covariance", "max-norm error"), rows, 3)]
 
 
 def recursions(found: Stability) -> list[Block]:
@@ -148,13 +145,13 @@ def singular(found: Stability) -> list[Block]:
 
 def failed(found: Stability) -> list[Block]:
     """Failures of methods, with reasons."""
-    counted: dict[tuple[str, str, str], list[str]] = {}
+    counted: dict[tuple[str, str], list[str]] = {}
     for point in found.points:
-        for (method, precision), one in point.errors.items():
+        for method, one in point.errors.items():
             if one.reason:
-                counted.setdefault((method, precision, one.reason), []).append(f"{point.name} {number(point.value)}")
+                counted.setdefault((method, one.reason), []).append(f"{point.name} {number(point.value)}")
     rows = [[*key, str(len(where)), ", ".join(list(dict.fromkeys(where))[:3])] for key, where in counted.items()]
-    return [Table(("method", "precision", "reason", "states", "such as"), rows, 99)]
+    return [Table(("method", "reason", "states", "such as"), rows, 99)]
 
 
 def cases(found: Stability) -> list[Block]:
@@ -170,11 +167,9 @@ def cases(found: Stability) -> list[Block]:
 
 def _numbers(found: Stability, points: Sequence[Point], norm: int) -> Table:
     """One row per point: sensitivities, and the error of every method, in one of the norms of Error."""
-    singles = (ROOT, COVARIANCE)
     rows = []
     for point in points:
         shown: list[Error] = [point.sensitivity["state"], point.parameters]
-        shown += [point.errors[method, "float64"] for method in found.methods]
-        shown += [point.errors[method, "float32"] for method in singles]
+        shown += [point.errors[method] for method in found.methods]
         rows.append([number(point.value), *(error(float(one[norm] or 0.0)) for one in shown)])
-    return Table(("value", "state", "parameters", *found.methods, "root, float32", "covariance, float32"), rows)
+    return Table(("value", "state", "parameters", *found.methods), rows)
