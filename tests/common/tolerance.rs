@@ -10,6 +10,11 @@ pub fn count(n: usize) -> f64 {
     n as f64
 }
 
+/// The float32 bound of generated code for a rounding bound in float64.
+pub fn single(bound: f64) -> f64 {
+    bound * (f64::from(f32::EPSILON) / f64::EPSILON)
+}
+
 /// For products and sums without a solve: `c * n * eps * scale`.
 pub fn product(n: usize, scale: f64) -> f64 {
     8.0 * count(n.max(1)) * f64::EPSILON * scale
