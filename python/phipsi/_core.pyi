@@ -677,7 +677,6 @@ class Scene:
         parameters: bool = False,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
-        baumgarte: float | None = None,
         compliance: ArrayLike | None = None,
         smoothing: float = 0.0,
     ) -> RolloutGradients:
@@ -703,7 +702,7 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution, baumgarte, compliance, smoothing
+        limits, restitution, compliance, smoothing
             As given to simulate.
 
         Returns
@@ -765,7 +764,6 @@ class Scene:
         form: Literal["auto", "covariance"] = "auto",
         tolerance: float | None = None,
         progress: Callable[[int, int], object] | None = None,
-        baumgarte: float | None = None,
         compliance: ArrayLike | None = None,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
@@ -819,8 +817,6 @@ class Scene:
             As in forward_dynamics.
         progress : callable, optional
             Function of (steps done, steps), called at most 20 times per second.
-        baumgarte : float, optional
-            Rate of Baumgarte stabilization of the connections, 1/s. None: projection after each step.
         compliance : float or (..., m) array_like, optional
             Compliance of each row of the connections in the order of constraint_rows, (m/s^2)/N or (rad/s^2)/(N m), not
             negative. None: the connections are rigid.
@@ -895,7 +891,6 @@ class Scene:
         friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
         tolerance: float | None = None,
-        baumgarte: float | None = None,
         compliance: ArrayLike | None = None,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
@@ -914,7 +909,7 @@ class Scene:
             Step, s.
         method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
             As in simulate, for all steps.
-        baumgarte, compliance, limits, restitution, accuracy, smoothing
+        compliance, limits, restitution, accuracy, smoothing
             As in simulate, for all steps.
 
         Returns

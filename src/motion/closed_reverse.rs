@@ -10,12 +10,11 @@ use super::constrained::{Constrained, ConstrainedScratch, Failure};
 use super::limit_rows::limit_rows;
 use super::properties::joint_of_row;
 use super::scratch::{Scratch, add_scaled};
-use super::settings::Stabilization;
 use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
 use crate::batch::accelerations::KernelArguments;
-use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowsAre, subtract_products};
+use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, subtract_products};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::derivatives::{Constants, Parameters};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
@@ -77,15 +76,15 @@ impl BackwardSolver<f64> for ClosedBackward<'_> {
         out: &mut [f64],
     ) -> u64 {
         let KernelArguments { scene: (model, _), state: (q, qd, _), qdd, .. } = call;
-        let Constrained { scene, scratch, alpha, compliance } = &mut self.forward;
+        let Constrained { scene, scratch, compliance } = &mut self.forward;
         let ConstrainedScratch { workspace, rows, .. } = &mut **scratch;
         if let Some(forces) = self.forces.pop() {
             rows.forces = forces;
         }
-        let wanted = RowsAre { alpha: *alpha, compliance };
         let (system, room) = ((model, scene.constraints()), (workspace, rows));
         let constants = &mut Constants { parameters, ..Constants::default() };
-        let found = self.adjoint.of_dynamics(system, room, (q, qd, qdd), (&[], cotangent, wanted), (constants, out));
+        let found =
+            self.adjoint.of_dynamics(system, room, (q, qd, qdd), (&[], cotangent, *compliance), (constants, out));
         if let Err(at) = found {
             scratch.note_error(scene.row_fault(at));
         }
@@ -110,8 +109,7 @@ impl ClosedReverse {
     /// From `gradients.end` to all results of [`StepGradients`]. Returns the joint and the error if that fails.
     pub fn step(&mut self, scene: &Scene, settings: &StepSettings) -> Result<(), (String, Error)> {
         let Self { scratch: s, gradients, closed, adjoint, limits, newton, forces } = self;
-        let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
-        let mut forward = Constrained { scene, scratch: closed, alpha, compliance: &settings.compliance };
+        let mut forward = Constrained { scene, scratch: closed, compliance: &settings.compliance };
         let by = (settings, &settings.scheme);
         let named = |(lost, error): Failure| match (lost, error) {
             (Some(lost), _) => {
@@ -136,13 +134,10 @@ impl ClosedReverse {
             return Err((joint, Error::argument("limits", found, expected)));
         }
         adjoint.begin();
-        if alpha.is_none() {
-            let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-            let through =
-                through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &free), gradients);
-            s.model.system.noise = noise;
-            through.map_err(|error| (String::new(), error))?;
-        }
+        let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
+        let through = through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &free), gradients);
+        s.model.system.noise = noise;
+        through.map_err(|error| (String::new(), error))?;
         // Stages without weight have no adjoint.
         forces.truncate(settings.scheme.tableau.last_stage() + 1);
         let mut solver = ClosedBackward { forward, adjoint, forces };

@@ -99,9 +99,6 @@ impl Constrained<'_> {
                 *x = h * v;
             }
             advance(&s.model, &s.q, &s.x, &mut s.q_next);
-            if self.alpha.is_some() {
-                break;
-            }
             self.positions_onto_connections(&s.model, &mut s.q_next, None)?;
             // The projection moves joints because of the curvature of the connections.
             let mut worst = 0.0_f64;
@@ -136,9 +133,7 @@ impl Constrained<'_> {
             all += &more * expansion_kept(&acting.cone, &u, &rest, &more);
         }
         s.v_next = acting.moved(&free, &all);
-        if self.alpha.is_none() {
-            self.velocities_onto_connections(&s.model, &s.q_next, &mut s.v_next)?;
-        }
+        self.velocities_onto_connections(&s.model, &s.q_next, &mut s.v_next)?;
         let mut impacts = Vec::new();
         for (at, &i) in acting.near.iter().enumerate() {
             let (limit, impulse) = (&limits[i], all[3 * at + 2]);

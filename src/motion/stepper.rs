@@ -10,7 +10,6 @@ use super::method::Method;
 use super::properties::of_state;
 use super::scratch::Scratch;
 pub(super) use super::scratch::{fill, scatter, take_lane};
-use super::settings::Stabilization;
 use super::solver::{Checked, Kernels};
 use super::step::step;
 use super::step_settings::StepSettings;
@@ -128,7 +127,7 @@ impl<T: Vectorized<Number = f64>, I: Target> Compiled<T, I> {
 
     fn new(scene: &Scene, settings: &StepSettings, target: I) -> Self {
         let scratch = Scratch::new(scene.model(), settings);
-        let is_lanes = settings.connected.is_some() && settings.is_vectorized();
+        let is_lanes = settings.connected && settings.is_vectorized();
         let limits = || if settings.stops { limit_rows(scene) } else { Vec::new() };
         let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch, limits())));
         let touching = settings.touches_in_lanes(scene).then(|| Box::new(Touching::new(scene, settings, &scratch)));
@@ -150,7 +149,7 @@ impl CheckedState {
     fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
         let model = scene.model();
         let limits = if settings.stops { limit_rows(scene) } else { Vec::new() };
-        let closed = settings.connected.map(|_| (ConstrainedScratch::new(scene, settings, form), limits));
+        let closed = settings.connected.then(|| (ConstrainedScratch::new(scene, settings, form), limits));
         let scratch = Scratch::new(model, settings);
         let substeps = Substeps::new(settings, &scratch);
         let solver = Checked::new(model, settings.coupling.clone(), form).accepting(settings.tolerance).with_kernels();
@@ -168,8 +167,7 @@ impl CheckedState {
         let mut lost = None;
         self.substeps.impacts.clear();
         if let Some((closed, limits)) = &mut self.closed {
-            let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
-            let mut solver = Constrained { scene, scratch: closed, alpha, compliance: &settings.compliance };
+            let mut solver = Constrained { scene, scratch: closed, compliance: &settings.compliance };
             step((settings, &settings.scheme), &mut self.scratch, &mut solver);
             let finished = solver.finish(settings, &mut self.scratch);
             match finished.and_then(|()| solver.stop(settings, limits, &mut self.scratch)) {

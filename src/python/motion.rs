@@ -83,8 +83,6 @@ impl PyScene {
     ///     As in forward_dynamics.
     /// progress : callable, optional
     ///     Function of (steps done, steps), called at most 20 times per second.
-    /// baumgarte : float, optional
-    ///     Rate of Baumgarte stabilization of the connections, 1/s. None: projection after each step.
     #[doc = entries!(compliance)]
     /// limits : {"stop", "report"}, optional
     ///     "stop" (default): position limits are stops. "report": Trajectory.violations() lists them.
@@ -128,14 +126,13 @@ impl PyScene {
     /// ((11, 3), 'rk4')
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None,
                         pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None,
-                        friction_speed=None, form="auto", tolerance=None, progress=None,
-                        baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0,
-                        duration=None, covariance=None, **unknown),
+                        friction_speed=None, form="auto", tolerance=None, progress=None, compliance=None,
+                        limits=None, restitution=0.0, accuracy=None, smoothing=0.0, duration=None, covariance=None, **unknown),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
-                             baumgarte=None, compliance=None, limits=None, \
-                             restitution=0.0, accuracy=None, smoothing=0.0, duration=None, covariance=None)")]
+                             compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
+                             duration=None, covariance=None)")]
     #[allow(clippy::too_many_arguments, clippy::too_many_lines)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
@@ -157,7 +154,6 @@ impl PyScene {
         form: &str,
         tolerance: Option<f64>,
         progress: Option<&Object<'py>>,
-        baumgarte: Option<f64>,
         compliance: Option<&Object<'py>>,
         limits: Option<&str>,
         restitution: f64,
@@ -188,7 +184,6 @@ impl PyScene {
             friction_speed,
             form,
             tolerance,
-            baumgarte,
             compliance,
             limits,
             restitution,

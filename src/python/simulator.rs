@@ -89,7 +89,7 @@ impl PyScene {
     ///     Step, s.
     /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
     ///     As in simulate, for all steps.
-    /// baumgarte, compliance, limits, restitution, accuracy, smoothing
+    /// compliance, limits, restitution, accuracy, smoothing
     ///     As in simulate, for all steps.
     #[doc = section!(Returns)]
     /// simulator : Simulator
@@ -102,12 +102,10 @@ impl PyScene {
     /// 10
     #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None,
                         rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
-                        baumgarte=None, compliance=None, limits=None, restitution=0.0,
-                        accuracy=None, smoothing=0.0, **unknown),
+                        compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, **unknown),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
-                             tolerance=None, baumgarte=None, compliance=None, limits=None, \
-                             restitution=0.0, accuracy=None, smoothing=0.0)")]
+                             tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
@@ -124,7 +122,6 @@ impl PyScene {
         friction_speed: Option<f64>,
         form: &str,
         tolerance: Option<f64>,
-        baumgarte: Option<f64>,
         compliance: Option<&Object<'py>>,
         limits: Option<&str>,
         restitution: f64,
@@ -147,7 +144,6 @@ impl PyScene {
             friction_speed,
             form,
             tolerance,
-            baumgarte,
             compliance,
             limits,
             restitution,
