@@ -44,6 +44,23 @@ impl SetValued {
     pub fn is_outside(&self, q: &[f64]) -> bool {
         self.stops && !(self.lower..=self.upper).contains(&q[self.coordinate])
     }
+
+    /// True if the cubic interpolant of a step of length h from (q, v) to `(q_next, v_next)` passes a stop within the
+    /// step, or is so near to one that its error of fourth order can hide it.
+    pub fn passes(&self, (q, v): (&[f64], &[f64]), (q_next, v_next): (&[f64], &[f64]), h: f64) -> bool {
+        const ERROR: f64 = 1.0 / 16.0;
+        let (start, end) = (q[self.coordinate], q_next[self.coordinate]);
+        let (slope, last) = (h * v[self.row], h * v_next[self.row]);
+        // start + slope x + b x^2 + c x^3 with the extrema of x = r/(3 c) and slope/r.
+        let (b, c) = (3.0 * (end - start) - 2.0 * slope - last, slope + last - 2.0 * (end - start));
+        let r = -(b + (b * b - 3.0 * c * slope).sqrt().copysign(b));
+        self.stops
+            && [r / (3.0 * c), slope / r].into_iter().filter(|x| 0.0 < *x && *x < 1.0).any(|x| {
+                let extreme = start + x * (slope + x * (b + x * c));
+                let error = ERROR * (extreme - start).abs().min((extreme - end).abs());
+                extreme - error < self.lower || extreme + error > self.upper
+            })
+    }
 }
 
 /// The kind of a vertical piece of the graph, on which the velocity is fixed and the torque is in an interval.
