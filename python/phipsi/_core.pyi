@@ -810,7 +810,7 @@ class Scene:
             Coulomb friction instead of that of the scene, N m or N.
         friction_speed : float, optional
             0 or None: exact Coulomb friction. Positive: friction is viscous below this speed, rad/s or m/s. 0 and
-            None are 0.01 in scenes with connections, and in steps in which contacts act.
+            None are 0.01 in steps in which contacts act.
         form : {"auto", "covariance"}, default "auto"
             "auto" recomputes steps whose error estimate exceeds the tolerance; "covariance" checks the pivots only.
         tolerance : float, optional
@@ -861,6 +861,10 @@ class Scene:
         -----
         UnitsWarning
             A step of 1 s or more without error control.
+        FrictionWarning
+            friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
+        LimitWarning
+            Joints that start outside of limits that are stops, or stops that connections prevent from acting.
 
         Notes
         -----

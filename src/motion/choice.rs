@@ -24,7 +24,7 @@ pub(super) fn step_settings(
     let Settings { dt, method, accuracy, .. } = *settings;
     let (mut properties, gains) = (settings.properties.clone(), settings.gains.clone());
     let is_tree = scene.constraints().is_empty() && !touches;
-    if !is_tree && properties.friction_speed == 0.0 {
+    if touches && properties.friction_speed == 0.0 {
         properties.friction_speed = FRICTION_SPEED;
     }
     let chosen = match method {
@@ -49,6 +49,11 @@ pub(super) fn step_settings(
     of.connected = !scene.constraints().is_empty();
     of.compliance.clone_from(&settings.compliance);
     of
+}
+
+/// For a scene with connections: the rows with exact friction or stops.
+pub(super) fn closed_rows(scene: &Scene, settings: &StepSettings) -> Vec<SetValued> {
+    set_valued(scene, settings.coupling.as_deref(), &settings.properties, settings.stops)
 }
 
 /// The rows with exact friction or stops. For coupled joints, these are the independent rows, with the friction and

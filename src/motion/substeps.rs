@@ -524,7 +524,7 @@ impl Substeps {
 }
 
 /// The largest absolute value, at least `least`.
-fn largest(x: &[f64], least: f64) -> f64 {
+pub(super) fn largest(x: &[f64], least: f64) -> f64 {
     x.iter().fold(least, |most, x| most.max(x.abs()))
 }
 

@@ -76,7 +76,7 @@ impl PyScene {
     #[doc = entries!(losses)]
     /// friction_speed : float, optional
     ///     0 or None: exact Coulomb friction. Positive: friction is viscous below this speed, rad/s or m/s. 0 and
-    ///     None are 0.01 in scenes with connections, and in steps in which contacts act.
+    ///     None are 0.01 in steps in which contacts act.
     /// form : {"auto", "covariance"}, default "auto"
     ///     "auto" recomputes steps whose error estimate exceeds the tolerance; "covariance" checks the pivots only.
     /// tolerance : float, optional
@@ -116,6 +116,10 @@ impl PyScene {
     #[doc = section!(Warns)]
     /// UnitsWarning
     ///     A step of 1 s or more without error control.
+    /// FrictionWarning
+    ///     friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
+    /// LimitWarning
+    ///     Joints that start outside of limits that are stops, or stops that connections prevent from acting.
     #[doc = section!(Notes)]
     /// O(N) per stage. docs/motion.md has the equations, the methods and their orders, friction, stops, contacts,
     /// connections, error control and the energy audit.
@@ -192,6 +196,7 @@ impl PyScene {
         };
         let (mut settings, pd) = keywords.read(own)?;
         keywords.warn_of_units(py)?;
+        keywords.warn_of_friction(py, own, &settings)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;
         let qd = own.on_tree(py, own.rate("qd", qd)?, Coupling::rates)?;
         // The torques of a function are recorded, for Trajectory.torques.
@@ -233,6 +238,7 @@ impl PyScene {
         let plan = Plan { given: &given, batch: &batch, steps, dt, progress, nv, own };
         let stopped = run(py, &mut rollout, &mut records, &plan).err();
         own.warn_of_linkage(py)?;
+        warn_of_limits(py, (rollout.dropped() > 0.0).then(|| rollout.dropped_warning()))?;
         fields.set_item("steps", rollout.steps())?;
         let (impacts, made) = (
             rollout.take_impacts(),

@@ -152,6 +152,7 @@ impl PyScene {
         };
         let (mut settings, pd) = keywords.read(own)?;
         keywords.warn_of_units(py)?;
+        keywords.warn_of_friction(py, own, &settings)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(pd.iter().flat_map(Pd::leading));
@@ -225,8 +226,9 @@ impl PySimulator {
 
     /// Advances all states; long runs release the GIL and check for signals between blocks.
     fn advance(&self, py: Python<'_>, torque: &Torque<'_>, steps: usize) -> PyResult<()> {
-        let mut moving = self.moving()?;
-        let moving = &mut *moving;
+        let mut guard = self.moving()?;
+        let moving = &mut *guard;
+        let dropped = moving.dropped();
         moving.check_torque(torque, steps).map_err(|error| fault(py, error, &self.batch))?;
         let cost = moving.cost().saturating_mul(moving.states()).saturating_mul(steps);
         let outcome = if cost < WORTH_RELEASING {
@@ -234,7 +236,13 @@ impl PySimulator {
         } else {
             in_blocks(py, moving, torque, steps)
         };
-        let Err(stopped) = outcome else { return self.scene.get().warn_of_linkage(py) };
+        let Err(stopped) = outcome else {
+            let warning = (moving.dropped() > dropped).then(|| moving.dropped_warning());
+            // The lock is released first, because a handler of warnings can call the simulator.
+            drop(guard);
+            warn_of_limits(py, warning)?;
+            return self.scene.get().warn_of_linkage(py);
+        };
         let now = self.now(py, moving)?;
         Err(stopped.raise(py, &now, &self.batch)?)
     }

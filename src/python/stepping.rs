@@ -10,7 +10,7 @@ use super::scene::PyScene;
 use crate::batch::Fault;
 use crate::error::Error;
 use crate::motion::properties::joint_of_row;
-use crate::motion::{Limits, Method, Properties, Settings, StepFault, StopImpact, Totals};
+use crate::motion::{FRICTION_SPEED, Limits, Method, Properties, Settings, StepFault, StopImpact, Totals};
 use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -94,6 +94,21 @@ impl<'py> Keywords<'_, 'py> {
             self.dt
         );
         warn_as(py, "UnitsWarning", &text)
+    }
+
+    /// Warns about exact friction that is requested where contacts act, whose steps regularize it.
+    pub fn warn_of_friction(&self, py: Python<'py>, own: &PyScene, settings: &Settings) -> PyResult<()> {
+        let friction = &settings.properties.friction;
+        let Some(row) = friction.iter().position(|&friction| friction > 0.0) else { return Ok(()) };
+        if self.friction_speed != Some(0.0) || own.scene.contacts().is_empty() {
+            return Ok(());
+        }
+        let text = format!(
+            "friction_speed: found 0, exact friction, of joint {:?} in a scene with contacts; expected a positive \
+             speed: in steps in which contacts act, friction is viscous below {FRICTION_SPEED} rad/s or m/s",
+            joint_of_row(own.scene.tree(), row)
+        );
+        warn_as(py, "FrictionWarning", &text)
     }
 
     /// Keywords and torques of a run that are not fields of the trajectory.
