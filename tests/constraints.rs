@@ -7,7 +7,7 @@ use crate::common::{ALL_KINDS, Random, tolerance};
 use nalgebra::{DMatrix, DVector};
 use phipsi::batch::Evaluator;
 use phipsi::filter::Form;
-use phipsi::motion::{METHODS, Method, Rollout, Settings, Simulator, Stabilization, Torque};
+use phipsi::motion::{METHODS, Method, Rollout, Settings, Simulator, Torque};
 use phipsi::report::operations::{Task, count};
 use phipsi::scene::{Connection, ConnectionKind, Property};
 use phipsi::spatial::RigidShift;
@@ -492,14 +492,9 @@ fn steps_in_the_kernels_are_those_of_the_checked_step() {
             let states: Vec<State> = (0..5).map(|seed| state(&scene, seed, size)).collect();
             let q: Vec<f64> = states.iter().flat_map(|s| s.0.clone()).collect();
             let qd: Vec<f64> = states.iter().flat_map(|s| s.1.clone()).collect();
-            let cases = [
-                (Method::RungeKutta4, 0.0, Stabilization::Projection),
-                (Method::Rosenbrock2, 0.3, Stabilization::Projection),
-                (Method::SemiImplicitEuler, 0.0, Stabilization::Projection),
-                (Method::RungeKutta4, 0.0, Stabilization::Baumgarte(50.0)),
-            ];
-            for (method, damping, stabilization) in cases {
-                let mut settings = Settings::new(&scene, 1e-3).with_method(method).with_stabilization(stabilization);
+            let cases = [(Method::RungeKutta4, 0.0), (Method::Rosenbrock2, 0.3), (Method::SemiImplicitEuler, 0.0)];
+            for (method, damping) in cases {
+                let mut settings = Settings::new(&scene, 1e-3).with_method(method);
                 settings.properties.damping.fill(damping);
                 let run = |settings: &Settings, q: &[f64], qd: &[f64]| {
                     let mut rollout = Rollout::new(&scene, settings.clone(), q, qd).unwrap();
@@ -553,20 +548,6 @@ fn steps_have_their_order_through_connections() {
         println!("{name}: {coarse:.1e}, {twice:.1e}, order {order:.2}");
         assert!(order > f64::from(method.order()) - 0.3, "{name}: {order}");
     }
-}
-
-#[test]
-fn baumgarte_takes_back_what_steps_lose() {
-    let scene = bars(ConnectionKind::Point);
-    let (q, qd, _) = state(&scene, 4, 0.7);
-    let mut settings = Settings::new(&scene, 1e-3);
-    settings.stabilization = Stabilization::Baumgarte(50.0);
-    let mut simulator = Simulator::new(&scene, settings.clone(), &q, &qd).unwrap();
-    simulator.step(&Torque::Zero, 1_000).map_err(|fault| fault.error).unwrap();
-    let drift = tolerance::size(&errors(&scene, simulator.state(0).0));
-    assert!(drift > 1e-16 && drift < 1e-3, "{drift:e}");
-    settings.stabilization = Stabilization::Baumgarte(-1.0);
-    assert!(Simulator::new(&scene, settings, &q, &qd).unwrap_err().to_string().contains("baumgarte"));
 }
 
 #[test]

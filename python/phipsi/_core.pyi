@@ -676,7 +676,6 @@ class Scene:
         parameters: bool = False,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
-        baumgarte: float | None = None,
         compliance: ArrayLike | None = None,
         smoothing: float = 0.0,
     ) -> RolloutGradients:
@@ -702,7 +701,7 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution, baumgarte, compliance, smoothing
+        limits, restitution, compliance, smoothing
             As given to simulate.
 
         Returns
@@ -764,7 +763,6 @@ class Scene:
         form: Literal["auto", "covariance"] = "auto",
         tolerance: float | None = None,
         progress: Callable[[int, int], object] | None = None,
-        baumgarte: float | None = None,
         compliance: ArrayLike | None = None,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
@@ -811,15 +809,13 @@ class Scene:
             Coulomb friction instead of that of the scene, N m or N.
         friction_speed : float, optional
             0 or None: exact Coulomb friction. Positive: friction is viscous below this speed, rad/s or m/s. 0 and
-            None are 0.01 in scenes with connections, and in steps in which contacts act.
+            None are 0.01 in steps in which contacts act.
         form : {"auto", "covariance"}, default "auto"
             "auto" recomputes steps whose error estimate exceeds the tolerance; "covariance" checks the pivots only.
         tolerance : float, optional
             As in forward_dynamics.
         progress : callable, optional
             Function of (steps done, steps), called at most 20 times per second.
-        baumgarte : float, optional
-            Rate of Baumgarte stabilization of the connections, 1/s. None: projection after each step.
         compliance : float or (..., m) array_like, optional
             Compliance of each row of the connections in the order of constraint_rows, (m/s^2)/N or (rad/s^2)/(N m), not
             negative. None: the connections are rigid.
@@ -864,6 +860,10 @@ class Scene:
         -----
         UnitsWarning
             A step of 1 s or more without error control.
+        FrictionWarning
+            friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
+        LimitWarning
+            Joints that start outside of limits that are stops, or stops that connections prevent from acting.
 
         Notes
         -----
@@ -894,7 +894,6 @@ class Scene:
         friction_speed: float | None = None,
         form: Literal["auto", "covariance"] = "auto",
         tolerance: float | None = None,
-        baumgarte: float | None = None,
         compliance: ArrayLike | None = None,
         limits: Literal["stop", "report"] | None = None,
         restitution: float = 0.0,
@@ -913,7 +912,7 @@ class Scene:
             Step, s.
         method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
             As in simulate, for all steps.
-        baumgarte, compliance, limits, restitution, accuracy, smoothing
+        compliance, limits, restitution, accuracy, smoothing
             As in simulate, for all steps.
 
         Returns

@@ -8,7 +8,7 @@ from typing import Any
 
 from . import _core
 
-__all__ = ["KEYWORDS", "METHODS", "RENAMED", "of_attribute", "of_keyword"]
+__all__ = ["KEYWORDS", "METHODS", "REMOVED", "RENAMED", "of_attribute", "of_keyword"]
 
 #: Former and present names of attributes of a scene.
 RENAMED = {"connection_names": "constraint_names", "connection_rows": "constraint_rows", "without_connections": "without_constraints"}
@@ -63,6 +63,8 @@ KEYWORDS = {
     "child_link": ("child",), "min": ("lower",), "max": ("upper",), "lower_limit": ("lower",), "upper_limit": ("upper",), "max_velocity": ("velocity",),
     "max_effort": ("effort",), "max_torque": ("effort",), "geometry": ("shape",), "visual": ("shape",), "every": ("record_every",), "tol": ("tolerance",),
 }  # fmt: skip
+#: Former keywords, and what replaces them.
+REMOVED = {"baumgarte": "each step is projected onto the connections"}
 
 
 def of_attribute(name: str) -> str:
@@ -79,6 +81,8 @@ def of_attribute(name: str) -> str:
 
 def of_keyword(method: str, name: str) -> str:
     """The end of the message about an unknown keyword of a method of a compiled class."""
+    if name in REMOVED:
+        return f"; it was removed: {REMOVED[name]}"
     of: Any = _core
     for part in method.split("."):
         of = getattr(of, part)

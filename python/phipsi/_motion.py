@@ -323,8 +323,7 @@ class Trajectory(TrajectoryFiles):
         -------
         dict of str to array
             Forces by name of the connection, (..., rows, m), N m and N, with the signs and frames of
-            Scene.constrained_dynamics. NaN if the velocities violate the constraints, which baumgarte can
-            cause.
+            Scene.constrained_dynamics.
 
         Raises
         ------

@@ -31,6 +31,7 @@ __all__ = [
     "ConstraintError",
     "IdentificationWarning",
     "DivergenceWarning",
+    "FrictionWarning",
     "InertiaWarning",
     "InternalError",
     "LimitWarning",
@@ -256,9 +257,16 @@ class InertiaWarning(UserWarning):
     """
 
 
+class FrictionWarning(UserWarning):
+    """Exact joint friction (friction_speed=0) is requested in a scene with contacts, where it is regularized in the steps
+    in which contacts act.
+    """
+
+
 class LimitWarning(UserWarning):
     """Limits of a URDF are invalid (lower above upper, negative velocity or effort, not of its version) and are ignored,
-    all limits of a joint are zero, which locks it, or a joint starts outside its limits.
+    all limits of a joint are zero, which locks it, a joint starts outside its limits, or the connections of a closed
+    mechanism prevent a stop from acting.
     """
 
 

@@ -1,6 +1,6 @@
 //! The algorithms on one state by the passes on the general model, with argument checks and error messages.
 
-use super::constraints::{self, ConstraintScratch, RowsAre};
+use super::constraints::{self, ConstraintScratch};
 use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
 use super::{forward, inverse, mass_matrix};
 use crate::accuracy::Accuracy;
@@ -122,8 +122,7 @@ impl Scene {
         qdd: &mut [f64],
     ) -> Result<(usize, f64), Error> {
         let system = (self.model(), self.constraints());
-        let rows = RowsAre { compliance, ..RowsAre::default() };
-        let outcome = constraints::constrained_dynamics(system, workspace, scratch, state, (wrenches, rows), qdd)
+        let outcome = constraints::constrained_dynamics(system, workspace, scratch, state, (wrenches, compliance), qdd)
             .map_err(|at| self.row_fault(at))?;
         self.check_pivots(workspace, outcome.pivots)?;
         workspace.accuracy = Accuracy::unknown(workspace.form);

@@ -1,6 +1,6 @@
 //! Derivatives on one state by the passes on the general model, with argument checks and error messages.
 
-use super::constraints::{self, ConstraintAdjoint, ConstraintScratch, RowFault, RowsAre};
+use super::constraints::{self, ConstraintAdjoint, ConstraintScratch, RowFault};
 use super::derivatives::{
     self, ConstantParts, Constants, DerivativeScratch, Directions, GradientParts, HessianScratch, ProductScratch,
     constants_of,
@@ -44,7 +44,7 @@ impl Scene {
         self.at_constrained_state(workspace, state, |workspace, (rows, adjoint), at| {
             if which.is_gradient() {
                 return with_constants(which, (out, self.nv(), bodies), |constants, out| {
-                    let wanted = (wrenches, seed[0], RowsAre::default());
+                    let wanted = (wrenches, seed[0], &[][..]);
                     adjoint.of_dynamics(system, (workspace, rows), at, wanted, (constants, out))
                 });
             }

@@ -3,11 +3,11 @@
 
 use super::method::Method;
 use super::properties::{FRICTION_SPEED, Gains, Properties};
-use super::settings::{Limits, Settings, Stabilization};
+use super::settings::{Limits, Settings};
 use super::step_settings::StepSettings;
 use super::stops::SetValued;
 use crate::dynamics::{factorise, solve};
-use crate::error::{Error, in_language};
+use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::{Coupling, Scene};
 use crate::workspace::Workspace;
@@ -21,10 +21,10 @@ pub(super) fn step_settings(
     coupling: Option<Arc<Coupling>>,
     (q, touches): (&[f64], bool),
 ) -> StepSettings {
-    let Settings { dt, method, accuracy, stabilization, .. } = *settings;
+    let Settings { dt, method, accuracy, .. } = *settings;
     let (mut properties, gains) = (settings.properties.clone(), settings.gains.clone());
     let is_tree = scene.constraints().is_empty() && !touches;
-    if !is_tree && properties.friction_speed == 0.0 {
+    if touches && properties.friction_speed == 0.0 {
         properties.friction_speed = FRICTION_SPEED;
     }
     let chosen = match method {
@@ -46,9 +46,14 @@ pub(super) fn step_settings(
     of.accuracy = accuracy;
     of.set_valued = set_valued(scene, of.coupling.as_deref(), &of.properties, stops && is_tree);
     of.tolerance = settings.tolerance;
-    of.connected = (!scene.constraints().is_empty()).then_some(stabilization);
+    of.connected = !scene.constraints().is_empty();
     of.compliance.clone_from(&settings.compliance);
     of
+}
+
+/// For a scene with connections: the rows with exact friction or stops.
+pub(super) fn closed_rows(scene: &Scene, settings: &StepSettings) -> Vec<SetValued> {
+    set_valued(scene, settings.coupling.as_deref(), &settings.properties, settings.stops)
 }
 
 /// The rows with exact friction or stops. For coupled joints, these are the independent rows, with the friction and
@@ -147,21 +152,10 @@ pub(super) fn check_method(scene: &Scene, settings: &Settings) -> Result<(), Err
     Ok(())
 }
 
-/// Checks that the connections of a scene with contacts are rigid and projected: the only treatment in its steps.
-pub(super) fn check_connections_of_contacts(
-    scene: &Scene,
-    stabilization: Stabilization,
-    compliance: &[f64],
-) -> Result<(), Error> {
+/// Checks that the connections of a scene with contacts are rigid: the only treatment in its steps.
+pub(super) fn check_connections_of_contacts(scene: &Scene, compliance: &[f64]) -> Result<(), Error> {
     if scene.contacts().is_empty() || scene.constraints().is_empty() {
         return Ok(());
-    }
-    if let Stabilization::Baumgarte(rate) = stabilization {
-        let expected = format!(
-            "{} in a scene with contacts, whose connections are projected",
-            in_language("Stabilization::Projection", "None")
-        );
-        return Err(Error::argument("baumgarte", format!("{rate}"), expected));
     }
     if compliance.iter().any(|&c| c != 0.0) {
         let expected = "rigid connections in a scene with contacts: omit compliance";

@@ -5,18 +5,17 @@
 //! first order only, and depends on the steps beyond.
 
 use super::backward::{ARMATURE, BackwardSolver, StepGradients, backward};
+use super::choice::closed_rows;
 use super::closed_stops::is_past;
 use super::constrained::{Constrained, ConstrainedScratch, Failure};
-use super::limit_rows::limit_rows;
 use super::properties::joint_of_row;
 use super::scratch::{Scratch, add_scaled};
-use super::settings::Stabilization;
 use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
+use super::stops::SetValued;
 use crate::batch::accelerations::KernelArguments;
-use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowsAre, subtract_products};
-use crate::dynamics::contacts::LimitRow;
+use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, subtract_products};
 use crate::dynamics::derivatives::{Constants, Parameters};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::error::{Error, in_language};
@@ -30,7 +29,7 @@ pub(super) struct ClosedReverse {
     pub gradients: StepGradients<f64>,
     closed: ConstrainedScratch,
     adjoint: ConstraintAdjoint,
-    limits: Vec<LimitRow>,
+    rows: Vec<SetValued>,
     newton: Vec<ProjectionStep>,
     /// Forces of the connections in each stage.
     forces: Vec<Vec<f64>>,
@@ -77,15 +76,15 @@ impl BackwardSolver<f64> for ClosedBackward<'_> {
         out: &mut [f64],
     ) -> u64 {
         let KernelArguments { scene: (model, _), state: (q, qd, _), qdd, .. } = call;
-        let Constrained { scene, scratch, alpha, compliance } = &mut self.forward;
+        let Constrained { scene, scratch, compliance } = &mut self.forward;
         let ConstrainedScratch { workspace, rows, .. } = &mut **scratch;
         if let Some(forces) = self.forces.pop() {
             rows.forces = forces;
         }
-        let wanted = RowsAre { alpha: *alpha, compliance };
         let (system, room) = ((model, scene.constraints()), (workspace, rows));
         let constants = &mut Constants { parameters, ..Constants::default() };
-        let found = self.adjoint.of_dynamics(system, room, (q, qd, qdd), (&[], cotangent, wanted), (constants, out));
+        let found =
+            self.adjoint.of_dynamics(system, room, (q, qd, qdd), (&[], cotangent, *compliance), (constants, out));
         if let Err(at) = found {
             scratch.note_error(scene.row_fault(at));
         }
@@ -100,7 +99,7 @@ impl ClosedReverse {
             gradients: StepGradients::new(&scratch.model, parameters),
             closed: ConstrainedScratch::new(scene, settings, form),
             adjoint: ConstraintAdjoint::new(scene.model(), scene.constraints(), parameters),
-            limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
+            rows: closed_rows(scene, settings),
             newton: Vec::new(),
             forces: Vec::new(),
             scratch,
@@ -109,9 +108,8 @@ impl ClosedReverse {
 
     /// From `gradients.end` to all results of [`StepGradients`]. Returns the joint and the error if that fails.
     pub fn step(&mut self, scene: &Scene, settings: &StepSettings) -> Result<(), (String, Error)> {
-        let Self { scratch: s, gradients, closed, adjoint, limits, newton, forces } = self;
-        let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
-        let mut forward = Constrained { scene, scratch: closed, alpha, compliance: &settings.compliance };
+        let Self { scratch: s, gradients, closed, adjoint, rows, newton, forces } = self;
+        let mut forward = Constrained { scene, scratch: closed, compliance: &settings.compliance };
         let by = (settings, &settings.scheme);
         let named = |(lost, error): Failure| match (lost, error) {
             (Some(lost), _) => {
@@ -126,23 +124,28 @@ impl ClosedReverse {
         let free = s.v_next.clone();
         newton.clear();
         forward.finish_recorded(settings, s, Some(newton)).map_err(named)?;
-        if let Some(limit) = limits.iter().find(|limit| is_past(limit, s)) {
-            let joint = joint_of_row(scene, limit.row);
-            let found = format!("joint {joint:?} at its {} limit", if limit.upper { "upper" } else { "lower" });
+        if let Some(of) = rows.iter().find(|of| is_past(of, s)) {
+            let joint = joint_of_row(scene, of.row);
+            let upper = s.q_next[of.coordinate].max(s.q[of.coordinate]) > of.upper;
+            let found = format!("joint {joint:?} at its {} limit", if upper { "upper" } else { "lower" });
             let expected = format!(
                 "a motion within the limits, or {}: stops of joints in closed loops have no gradients",
                 in_language("Limits::Report", "limits=\"report\"")
             );
             return Err((joint, Error::argument("limits", found, expected)));
         }
-        adjoint.begin();
-        if alpha.is_none() {
-            let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-            let through =
-                through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &free), gradients);
-            s.model.system.noise = noise;
-            through.map_err(|error| (String::new(), error))?;
+        if let Some(of) = rows.iter().find(|of| of.friction > 0.0 && !(s.v[of.row] * s.v_next[of.row] > 0.0)) {
+            let joint = joint_of_row(scene, of.row);
+            let expected = "joints that slide, or friction_speed=0.01 in the simulation: joints of closed loops that \
+                            exact friction holds or stops have no gradients";
+            let found = format!("exact friction at joint {joint:?}, which sticks");
+            return Err((joint, Error::argument("friction_speed", found, expected)));
         }
+        adjoint.begin();
+        let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
+        let through = through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &free), gradients);
+        s.model.system.noise = noise;
+        through.map_err(|error| (String::new(), error))?;
         // Stages without weight have no adjoint.
         forces.truncate(settings.scheme.tableau.last_stage() + 1);
         let mut solver = ClosedBackward { forward, adjoint, forces };

@@ -1,24 +1,28 @@
-//! Joint stops of scenes with connections. A step that would end beyond a limit is repeated with impulses at the active
-//! limits, as in the first-order time stepping of J. J. Moreau.
+//! Joint friction and stops of scenes with connections. A step in which a joint sticks, is held, or would end beyond a
+//! limit is repeated with torques r of the set-valued law of [`stops`](super::stops), all rows together, as in the
+//! first-order time stepping of J. J. Moreau.
 //!
 //! ```text
-//! v_free: velocities at the end without stops, on the connections
-//! W: columns P M^-1 e_j, with P the projection onto the connections of least kinetic energy
-//! 0 <= u + gap/h perpendicular to p >= 0, u = e_j (v_free + W p)    q' = q exp(h (v_free + W p)), on the connections
-//! 0 <= u - e max(-u_start, 0) perpendicular to p >= 0               v' = v_free + W p, on the connections
+//! v_free: velocities at the end without friction and stops, on the connections
+//! W: columns h P M^-1 e_j, with P the projection onto the connections of least kinetic energy
+//! (e_j (v_free + W r), r_j) on the graph of row j               q' = q exp(h (v_free + W r)), on the connections
+//! the same with rest or rebound at the stops that are reached    v' = v_free + W r, on the connections
 //! ```
+//!
+//! At a dead center connections can prevent a joint from returning to its limits. Such a demand is dropped in this step.
 
 use super::constrained::{Constrained, Failure};
-use super::limit_rows::{least_velocity, rebounds, settle_at};
+use super::limit_rows::{rebounds, settle_at};
 use super::manifold::advance;
+use super::modes::STUCK_NOISE;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
-use super::substeps::StopImpact;
-use super::totals::STOPS;
-use crate::contact::{Cone, Effort, Limits, SolveReport, expansion_kept};
+use super::stops::{AT_MOST, Graph, Hold, Piece, SetValued, settle};
+use super::substeps::{StopImpact, largest};
+use super::totals::{DROPPED, DROPPED_ROW, FRICTION, STOPS};
+use crate::contact::{Cone, expansion_kept};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::{factorise, solve};
-use crate::error::{Error, in_language};
 use nalgebra::{DMatrix, DVector};
 
 /// A limit that was inactive becomes active if the step ends further outside than this, rad or m.
@@ -29,37 +33,52 @@ const LATE: f64 = 1e-12;
 const CURVED: f64 = 1e-9;
 const CORRECTIONS: usize = 3;
 
-/// A residual above this is an error.
-const REFUSED: f64 = 1e-5;
+/// Compliance of the stuck rows, relative to the diagonal of their matrix and to its largest entry, which makes the
+/// torques of dependent rows unique; and the number of steps that remove it from the velocities.
+const COMPLIANCE: [f64; 2] = [1e-9, 1e-13];
+const REFINEMENTS: usize = 4;
+
+/// A velocity demanded by a stop is not met if it is missed by more than this, relative to the largest change.
+const MISSED: f64 = 1e-5;
+/// A joint does not return to its limits if other joints would move faster than this times the velocities of the step.
+const VIOLENT: f64 = 10.0;
+
+/// Relative rounding errors of velocities and of torques.
+const ROUNDING: f64 = 1e-12;
 
 /// True if a step ends beyond a limit, or begins there, so that its stop acts.
-pub(super) fn is_past(limit: &LimitRow, s: &Scratch<f64>) -> bool {
-    !(limit.gap(&s.q_next) >= -LATE) || limit.gap(&s.q) < 0.0
+pub(super) fn is_past(of: &SetValued, s: &Scratch<f64>) -> bool {
+    of.stops && (!(of.beyond(&s.q_next) <= LATE) || of.is_outside(&s.q))
 }
 
-/// The active limits of a step.
+/// The rows that can act in a step.
 struct Acting {
     near: Vec<usize>,
-    /// P M^-1 `e_j` of each active limit, directed away from the limit.
+    /// h P M^-1 `e_j` of each of them, and the changes of their velocities.
     columns: Vec<Vec<f64>>,
-    cone: Cone,
+    g: DMatrix<f64>,
+    /// Per row of the scene: 0, or 1 if its stop only prevents motion further outside, or 2 if it is dropped.
+    reduced: Vec<u8>,
+}
+
+/// A solution of the set-valued law: all velocities at the end, and the torques and pieces of the acting rows.
+#[derive(Clone)]
+struct Solution {
+    velocities: Vec<f64>,
+    torques: DVector<f64>,
+    holds: Vec<Option<Hold>>,
 }
 
 impl Constrained<'_> {
-    /// Keeps joints within their limits: repeats the step with stops if `q_next` is beyond a limit, and returns the
-    /// impacts.
+    /// Solves friction and stops of a step, from the end of a step without them. Returns the impacts.
     pub(super) fn stop(
         &mut self,
         settings: &StepSettings,
-        limits: &[LimitRow],
+        rows: &[SetValued],
         s: &mut Scratch<f64>,
     ) -> Result<Vec<StopImpact>, Failure> {
-        let is_finite = s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite());
-        if !is_finite || !limits.iter().any(|limit| is_past(limit, s)) {
-            return Ok(Vec::new());
-        }
         let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-        let outcome = self.stopped(settings, limits, s);
+        let outcome = self.stopped(settings, rows, s);
         s.model.system.noise = noise;
         outcome
     }
@@ -67,165 +86,285 @@ impl Constrained<'_> {
     fn stopped(
         &mut self,
         settings: &StepSettings,
-        limits: &[LimitRow],
+        rows: &[SetValued],
         s: &mut Scratch<f64>,
     ) -> Result<Vec<StopImpact>, Failure> {
         let h = settings.step;
         let mut free = s.v_next.clone();
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
-        let start: Vec<f64> = limits.iter().map(|limit| limit.velocity(&s.v)).collect();
-        let least: Vec<f64> =
-            limits.iter().zip(&start).map(|(limit, &u)| least_velocity(limit.gap(&s.q), u, h)).collect();
-        let mut acting =
-            Acting { near: Vec::new(), columns: Vec::new(), cone: Cone::new(DMatrix::zeros(0, 0), vec![]) };
-        let mut bent = vec![0.0; limits.len()];
-        for correction in 0..=CORRECTIONS {
-            let mut next = free.clone();
-            for _ in 0..=limits.len() {
-                let wanted = |i: usize| least[i] - bent[i];
-                if !acting.near.is_empty() {
-                    let impulses = self.solved(&acting, &free, wanted, limits)?;
-                    next = acting.moved(&free, &impulses);
-                }
-                let ends = |i: usize| h * (limits[i].velocity(&next) - wanted(i));
-                let late = |&i: &usize| !acting.near.contains(&i) && ends(i) < -LATE;
-                let late: Vec<usize> = (0..limits.len()).filter(late).collect();
+        let bounds: Vec<[f64; 2]> =
+            rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h).map(|bound| bound.velocity)).collect();
+        let (near, n) = ((0..rows.len()).filter(|&i| rows[i].friction > 0.0).collect::<Vec<_>>(), rows.len());
+        let mut acting = Acting { near: Vec::new(), columns: Vec::new(), g: DMatrix::zeros(0, 0), reduced: vec![0; n] };
+        self.join(&mut acting, &near, (rows, h), s)?;
+        let mut bent = vec![0.0; n];
+        let mut correction = 0;
+        let (reached, is_still) = loop {
+            let wanted = |i: usize| bounds[i].map(|bound| bound - bent[i]);
+            let mut found = acting.solved(rows, &free, wanted);
+            for _ in 0..n {
+                let late = |&i: &usize| {
+                    let ([low, high], u) = (wanted(i), found.velocities[rows[i].row]);
+                    !acting.near.contains(&i) && h * (low - u).max(u - high) > LATE
+                };
+                let late: Vec<usize> = (0..n).filter(late).collect();
                 if late.is_empty() {
                     break;
                 }
-                self.join(&mut acting, &late, limits, s)?;
+                self.join(&mut acting, &late, (rows, h), s)?;
+                found = acting.solved(rows, &free, wanted);
             }
-            for (x, v) in s.x.iter_mut().zip(&next) {
+            for (x, v) in s.x.iter_mut().zip(&found.velocities) {
                 *x = h * v;
             }
             advance(&s.model, &s.q, &s.x, &mut s.q_next);
-            if self.alpha.is_some() {
-                break;
+            if found.velocities.iter().all(|&v| v == 0.0) {
+                s.q_next.copy_from_slice(&s.q);
+                break (found, true);
             }
-            self.positions_onto_connections(&s.model, &mut s.q_next, None)?;
+            let held = acting.hold(rows, &found, s);
+            let projected = self.positions_onto_connections(&s.model, &mut s.q_next, None);
+            s.model.system.noise.copy_from_slice(&held);
+            projected?;
             // The projection moves joints because of the curvature of the connections.
             let mut worst = 0.0_f64;
-            for (i, limit) in limits.iter().enumerate() {
-                let straight = limit.gap(&s.q) + h * limit.velocity(&next);
-                let gap = limit.gap(&s.q_next);
-                bent[i] = (gap - straight) / h;
-                worst = worst.max(straight.min(0.0) - gap);
+            for (i, of) in rows.iter().enumerate().filter(|(i, of)| of.stops && acting.reduced[*i] < 2) {
+                let (straight, end) = (s.q[of.coordinate] + s.x[of.row], s.q_next[of.coordinate]);
+                bent[i] = (end - straight) / h;
+                worst = worst.max(of.beyond(&s.q_next) - (of.lower - straight).max(straight - of.upper).max(0.0));
             }
-            if worst <= CURVED || correction == CORRECTIONS {
-                break;
-            }
-        }
-        // Velocities at the end: zero at the stops, or rebound velocities limited so that the kinetic energy does not
-        // increase.
-        let u = acting.rows(|i| limits[i].velocity(&free));
-        let returning = |i: usize| if limits[i].gap(&s.q) < 0.0 { least[i] } else { 0.0 };
-        let rest = self.solved(&acting, &free, returning, limits)?;
-        let back = |i: usize| {
-            let speed = limits[i].velocity(&free);
-            if rebounds(start[i], speed, settings.restitution) {
-                -settings.restitution * start[i]
-            } else {
-                returning(i)
+            correction += 1;
+            if worst <= CURVED || correction > CORRECTIONS {
+                break (found, false);
             }
         };
-        let mut all = rest.clone();
-        let elastic = acting.near.iter().any(|&i| back(i) > returning(i));
+        // Velocities at the end: zero at the stops, or rebound velocities limited so that the kinetic energy does not
+        // increase.
+        let stopped = |i: usize| {
+            let at = acting.near.iter().position(|&near| near == i);
+            at.and_then(|at| reached.holds[at]).filter(|&hold| hold != Hold::Friction)
+        };
+        let returning = |i: usize| {
+            let at = |bound: f64| if rows[i].is_outside(&s.q) { bound } else { 0.0 };
+            match stopped(i) {
+                Some(Hold::Lower) => [at(bounds[i][0]), f64::INFINITY],
+                Some(_) => [f64::NEG_INFINITY, at(bounds[i][1])],
+                None => [f64::NEG_INFINITY, f64::INFINITY],
+            }
+        };
+        let back = |i: usize| {
+            let ([low, high], (start, u)) = (returning(i), (s.v[rows[i].row], free[rows[i].row]));
+            match stopped(i) {
+                Some(Hold::Lower) if rebounds(start, u, settings.restitution) => [-settings.restitution * start, high],
+                Some(Hold::Upper) if rebounds(-start, -u, settings.restitution) => [low, -settings.restitution * start],
+                _ => [low, high],
+            }
+        };
+        let (is_stopped, elastic) = ((0..n).any(|i| stopped(i).is_some()), (0..n).any(|i| back(i) != returning(i)));
+        let (resting, rebounding): (Vec<_>, Vec<_>) = (0..n).map(|i| (returning(i), back(i))).unzip();
+        let mut last = if is_stopped { acting.solved(rows, &free, |i| resting[i]) } else { reached.clone() };
         if elastic {
-            let bounced = self.solved(&acting, &free, back, limits)?;
-            let more = bounced - &rest;
-            all += &more * expansion_kept(&acting.cone, &u, &rest, &more);
+            acting.expand(rows, &free, h, &mut last, |i| rebounding[i]);
         }
-        s.v_next = acting.moved(&free, &all);
-        if self.alpha.is_none() {
-            self.velocities_onto_connections(&s.model, &s.q_next, &mut s.v_next)?;
+        s.v_next.copy_from_slice(&last.velocities);
+        if !is_still {
+            let held = acting.hold(rows, &last, s);
+            let projected = self.velocities_onto_connections(&s.model, &s.q_next, &mut s.v_next);
+            s.model.system.noise.copy_from_slice(&held);
+            projected?;
         }
         let mut impacts = Vec::new();
         for (at, &i) in acting.near.iter().enumerate() {
-            let (limit, impulse) = (&limits[i], all[3 * at + 2]);
-            let rests = (!elastic && impulse > 0.0).then(|| returning(i));
-            impacts.extend(settle_at(limit, (h, start[i]), (impulse, rests), (&mut s.q_next, &mut s.v_next)));
-            s.totals[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
+            let (of, torque) = (&rows[i], last.torques[at]);
+            let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
+            let hold = reached.holds[at].filter(|&hold| hold != Hold::Friction);
+            // Friction opposes the motion; at rest it compensates the other torques up to its bound.
+            let rubbing = if hold.is_some() && along != 0.0 {
+                -of.friction * along.signum()
+            } else {
+                torque.clamp(-of.friction, of.friction)
+            };
+            s.totals[FRICTION] += rubbing * along;
+            s.totals[STOPS] += (torque - rubbing) * along;
+            let Some(hold) = hold else { continue };
+            let upper = hold == Hold::Upper;
+            let bound = if upper { of.upper } else { of.lower };
+            let limit = LimitRow { body: 0, row: of.row, coordinate: of.coordinate, upper, bound };
+            let impulse = h * (torque - rubbing) * limit.sign();
+            let rests = (!elastic && impulse > 0.0).then(|| limit.sign() * resting[i][usize::from(upper)]);
+            let ends = (&mut s.q_next[..], &mut s.v_next[..]);
+            impacts.extend(settle_at(&limit, (h, limit.velocity(&s.v)), (impulse, rests), ends));
+        }
+        if let Some(i) = acting.reduced.iter().position(|&by| by > 0) {
+            s.totals[DROPPED] += 1.0;
+            #[allow(clippy::cast_precision_loss)] // index of a joint
+            let row = rows[i].row as f64;
+            s.totals[DROPPED_ROW] = row;
         }
         Ok(impacts)
     }
 
-    /// Adds limits to the active set.
+    /// Adds rows to the acting ones.
     fn join(
         &mut self,
         acting: &mut Acting,
-        late: &[usize],
-        limits: &[LimitRow],
+        more: &[usize],
+        (rows, h): (&[SetValued], f64),
         s: &Scratch<f64>,
     ) -> Result<(), Failure> {
         // Factors M at q for the projections below; a singular pivot has ended the step before.
         factorise(&s.model, &mut self.scratch.workspace, &s.q);
-        for &i in late {
+        for &i in more {
             let (mut torque, mut column) = (vec![0.0; s.v.len()], vec![0.0; s.v.len()]);
-            torque[limits[i].row] = limits[i].sign();
+            torque[rows[i].row] = h;
             solve(&s.model, &mut self.scratch.workspace, &torque, &mut column);
             self.velocities_onto_connections(&s.model, &s.q, &mut column)?;
             acting.near.push(i);
             acting.columns.push(column);
         }
         let n = acting.near.len();
-        let mut g = DMatrix::zeros(3 * n, 3 * n);
-        for (a, &i) in acting.near.iter().enumerate() {
-            for (b, column) in acting.columns.iter().enumerate() {
-                g[(3 * a + 2, 3 * b + 2)] = limits[i].velocity(column);
-            }
-        }
-        let symmetric = 0.5 * (&g + g.transpose());
-        acting.cone = Cone::new(symmetric, vec![0.0; n]);
+        let g = DMatrix::from_fn(n, n, |a, b| acting.columns[b][rows[acting.near[a]].row]);
+        acting.g = 0.5 * (&g + g.transpose());
         Ok(())
-    }
-
-    /// Impulses for which the velocities `free` become at least `least`. If the connections prevent joints from
-    /// returning or rebounding that fast, the condition is weakened to not moving further outside, which has a
-    /// solution.
-    fn solved(
-        &self,
-        acting: &Acting,
-        free: &[f64],
-        least: impl Fn(usize) -> f64,
-        limits: &[LimitRow],
-    ) -> Result<DVector<f64>, Failure> {
-        let mut residual = f64::NAN;
-        for most in [f64::INFINITY, 0.0] {
-            let c = acting.rows(|i| limits[i].velocity(free) - least(i).min(most));
-            // Contradictory rows are detected early; the weakened problem has a solution.
-            let attempts = if most > 0.0 { 1 } else { usize::MAX };
-            let effort = Effort { attempts, ..Effort::default() };
-            let (impulses, solved): (_, SolveReport) = acting.cone.impulses(&c, None, &Limits::beside(&c), effort);
-            if solved.residual <= REFUSED {
-                return Ok(impulses);
-            }
-            residual = solved.residual;
-        }
-        let names = acting.near.iter().filter_map(|&i| {
-            let row = limits[i].row;
-            self.scene.joints().iter().find(|joint| joint.v.start == row).map(|joint| format!("{:?}", joint.name))
-        });
-        let argument = format!("limits of joints {}", names.collect::<Vec<_>>().join(", "));
-        let found = format!("stops that contradict the connections, with a residual of {residual:.1e}");
-        let expected = format!("a smaller dt, or {}", in_language("Limits::Report", "limits=\"report\""));
-        Err((None, Some(Error::argument(argument, found, expected))))
     }
 }
 
 impl Acting {
-    /// A vector with `of` in the normal rows of the active limits.
-    fn rows(&self, of: impl Fn(usize) -> f64) -> DVector<f64> {
-        DVector::from_fn(3 * self.near.len(), |row, _| if row % 3 == 2 { of(self.near[row / 3]) } else { 0.0 })
+    /// The solution of the law from the velocities `free`, with the velocity bounds of the stops. A demand that the
+    /// connections prevent is reduced.
+    fn solved(&mut self, rows: &[SetValued], free: &[f64], bounds: impl Fn(usize) -> [f64; 2]) -> Solution {
+        let n = self.near.len();
+        let own = DVector::from_fn(n, |a, _| free[rows[self.near[a]].row]);
+        loop {
+            let graph = |&i: &usize| {
+                let [low, high] = match (self.reduced[i], bounds(i)) {
+                    (0, bounds) => bounds,
+                    (1, [low, high]) => [low.min(0.0), high.max(0.0)],
+                    _ => [f64::NEG_INFINITY, f64::INFINITY],
+                };
+                Graph::between(low, high.max(low), rows[i].friction)
+            };
+            let graphs: Vec<Graph> = self.near.iter().map(graph).collect();
+            let mut pieces: Vec<Piece> = graphs.iter().zip(&own).map(|(graph, &u)| graph.piece(u)).collect();
+            settle(&mut pieces, |pieces, found| {
+                let (torques, u) = self.response(&own, &graphs, pieces);
+                let (slow, weak) = (ROUNDING * (own.amax() + u.amax()), ROUNDING * torques.amax());
+                for (a, (graph, &piece)) in graphs.iter().zip(pieces).enumerate() {
+                    let (value, tolerance) = match piece {
+                        Piece::At(_) => (torques[a], weak + ROUNDING * rows[self.near[a]].friction),
+                        Piece::Between(_) => (u[a], slow),
+                    };
+                    found.extend(graph.contradicted(piece, value, tolerance).map(|piece| (a, piece)));
+                }
+            });
+            let (torques, u) = self.response(&own, &graphs, &pieces);
+            let mut velocities = free.to_vec();
+            for (column, torque) in self.columns.iter().zip(&torques) {
+                for (v, change) in velocities.iter_mut().zip(column) {
+                    *v += change * torque;
+                }
+            }
+            let holds: Vec<_> = graphs.iter().zip(&pieces).map(|(graph, &piece)| graph.velocity(piece)).collect();
+            if self.reduce(&holds, (&own, &u), largest(&velocities, 0.0) / largest(free, AT_MOST)) {
+                continue;
+            }
+            if largest(&velocities, 0.0) <= ROUNDING * largest(free, 0.0) {
+                velocities.fill(0.0);
+            }
+            for (&i, hold) in self.near.iter().zip(&holds) {
+                let v = &mut velocities[rows[i].row];
+                *v = hold.map_or(*v, |(velocity, _)| if (*v - velocity).abs() <= LATE { velocity } else { *v });
+            }
+            return Solution {
+                velocities,
+                torques,
+                holds: holds.iter().map(|hold| hold.map(|(_, hold)| hold)).collect(),
+            };
+        }
     }
 
-    /// Velocities after the impulses.
-    fn moved(&self, v: &[f64], impulses: &DVector<f64>) -> Vec<f64> {
-        let mut moved = v.to_vec();
-        for (at, column) in self.columns.iter().enumerate() {
-            for (v, change) in moved.iter_mut().zip(column) {
-                *v += change * impulses[3 * at + 2];
+    /// Reduces the demands that are not met, and those of joints outside of their limits if others would move too fast.
+    fn reduce(&mut self, holds: &[Option<(f64, Hold)>], (free, u): (&DVector<f64>, &DVector<f64>), speed: f64) -> bool {
+        let size = (u - free).amax().max(free.amax());
+        let mut any = false;
+        for (a, hold) in holds.iter().enumerate() {
+            let (missing, outside) = match hold {
+                Some((low, Hold::Lower)) => (low - u[a], *low > 0.0),
+                Some((high, Hold::Upper)) => (u[a] - high, *high < 0.0),
+                _ => continue,
+            };
+            let is_met = missing <= MISSED * size && !(outside && speed > VIOLENT);
+            let reduced = &mut self.reduced[self.near[a]];
+            if !is_met && *reduced < 2 {
+                (*reduced, any) = (*reduced + 1, true);
             }
         }
-        moved
+        any
+    }
+
+    /// The torques of the rows on these pieces, and their velocities.
+    fn response(&self, free: &DVector<f64>, graphs: &[Graph], pieces: &[Piece]) -> (DVector<f64>, DVector<f64>) {
+        let stuck: Vec<(usize, f64)> = graphs
+            .iter()
+            .zip(pieces)
+            .enumerate()
+            .filter_map(|(a, (graph, &piece))| graph.velocity(piece).map(|(velocity, _)| (a, velocity)))
+            .collect();
+        let mut torques = DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]));
+        let mut g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
+        let [own, beside] = COMPLIANCE;
+        let least = beside * (0..self.g.nrows()).fold(f64::MIN_POSITIVE, |most, a| most.max(self.g[(a, a)]));
+        for a in 0..stuck.len() {
+            g[(a, a)] += own * g[(a, a)] + least;
+        }
+        if let Some(factor) = g.cholesky() {
+            for _ in 0..REFINEMENTS {
+                let u = free + &self.g * &torques;
+                let step = factor.solve(&DVector::from_fn(stuck.len(), |a, _| stuck[a].1 - u[stuck[a].0]));
+                for (&(a, _), step) in stuck.iter().zip(&step) {
+                    torques[a] += step;
+                }
+            }
+        }
+        let u = free + &self.g * &torques;
+        (torques, u)
+    }
+
+    /// Adds the rebounds to a solution, as far as they do not increase the kinetic energy.
+    fn expand(
+        &mut self,
+        rows: &[SetValued],
+        free: &[f64],
+        h: f64,
+        rest: &mut Solution,
+        bounds: impl Fn(usize) -> [f64; 2],
+    ) {
+        let bounced = self.solved(rows, free, bounds);
+        let normal = |of: &dyn Fn(usize) -> f64| {
+            DVector::from_fn(3 * self.near.len(), |row, _| if row % 3 == 2 { of(row / 3) } else { 0.0 })
+        };
+        let mut g = DMatrix::zeros(3 * self.near.len(), 3 * self.near.len());
+        for a in 0..self.near.len() {
+            for b in 0..self.near.len() {
+                g[(3 * a + 2, 3 * b + 2)] = self.g[(a, b)] / h;
+            }
+        }
+        let cone = Cone::new(g, vec![0.0; self.near.len()]);
+        let u = normal(&|a| free[rows[self.near[a]].row]);
+        let more = &bounced.torques - &rest.torques;
+        let kept = expansion_kept(&cone, &u, &normal(&|a| h * rest.torques[a]), &normal(&|a| h * more[a]));
+        rest.torques += kept * more;
+        for (v, bounced) in rest.velocities.iter_mut().zip(&bounced.velocities) {
+            *v += kept * (bounced - *v);
+        }
+    }
+
+    /// Locks the joints that friction holds, so that projections do not move them. Returns the noise before.
+    fn hold(&self, rows: &[SetValued], found: &Solution, s: &mut Scratch<f64>) -> Vec<f64> {
+        let before = s.model.system.noise.clone();
+        for (&i, _) in self.near.iter().zip(&found.holds).filter(|(_, hold)| **hold == Some(Hold::Friction)) {
+            s.model.system.noise[rows[i].row] = STUCK_NOISE;
+        }
+        before
     }
 }

@@ -8,7 +8,6 @@
 
 use super::manifold::advance;
 use super::scratch::Scratch;
-use super::settings::Stabilization;
 use super::step_settings::StepSettings;
 use crate::batch::connected::{self, factor_rows};
 use crate::batch::factor;
@@ -52,7 +51,6 @@ pub(super) struct Connected<T: Vectorized> {
     /// q and v at the end of the last run.
     end: Vec<T>,
     limits: Vec<LimitRow>,
-    is_projected: bool,
     /// One plus the distance of the bodies from the base, m.
     size: f64,
     /// The lanes that hold states.
@@ -79,15 +77,14 @@ impl<T: Vectorized> Connected<T> {
     /// Scratch memory for the connections of a scene, with its stops. `s` is the scratch memory of its steps.
     pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>, limits: Vec<LimitRow>) -> Self {
         let (model, nan) = (scene.model(), T::from_f64(f64::NAN));
-        let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { rate } else { 0.0 };
         let rows_of = |scene_of: (&Model<T>, &SweepModel<T>)| {
             let mut rows = ConstraintKernel::new(scene_of, scene.constraints());
-            (rows.slack, rows.alpha) = (SLACK, alpha);
+            rows.slack = SLACK;
             rows
         };
         let shares = settings.noise(&settings.scheme) == settings.properties.armature
             && !(settings.regularized && settings.scheme.implicit);
-        let own = (!shares && alpha == 0.0).then(|| {
+        let own = (!shares).then(|| {
             let mut model = model.clone();
             model.system.noise.clone_from(&settings.properties.armature);
             let constants = SweepModel::new(&model);
@@ -104,7 +101,6 @@ impl<T: Vectorized> Connected<T> {
             moved: vec![nan; model.nq],
             end: vec![nan; model.nq + model.nv()],
             limits,
-            is_projected: alpha == 0.0,
             size: 1.0 + extent(model),
             active: u64::MAX,
             is_ready: false,
@@ -235,9 +231,6 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
             within = within.worst(sign * (q_next[at] - bound) + zero.constant(LATE)).worst(sign * (q[at] - bound));
         }
         let mut doubt = lanes_but::<T>(|lane| within.lane(lane) >= 0.0);
-        if !connected.is_projected {
-            return doubt;
-        }
         let is_shared = own.is_none();
         let (scene, sweeps, rows) = match own {
             Some(own) => ((&own.model, &own.constants), &mut own.sweeps, &mut own.rows),

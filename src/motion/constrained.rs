@@ -5,8 +5,7 @@ use super::scratch::Scratch;
 use super::solver::Solver;
 use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{
-    ConstraintScratch, Outcome, ProjectionStep, RowFault, RowsAre, constrained_dynamics, project_velocities,
-    record_projection,
+    ConstraintScratch, Outcome, ProjectionStep, RowFault, constrained_dynamics, project_velocities, record_projection,
 };
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::error::Error;
@@ -26,7 +25,6 @@ pub(super) type Failure = (Option<LostPivot>, Option<Error>);
 pub(super) struct Constrained<'a> {
     pub scene: &'a Scene,
     pub scratch: &'a mut ConstrainedScratch,
-    pub alpha: Option<f64>,
     /// Compliance per row; empty if all rows are rigid.
     pub compliance: &'a [f64],
 }
@@ -94,9 +92,8 @@ impl Solver<f64> for Constrained<'_> {
         qdd: &mut [f64],
     ) -> u64 {
         let ConstrainedScratch { workspace, rows, .. } = &mut *self.scratch;
-        let (system, wanted) =
-            ((model, self.scene.constraints()), RowsAre { alpha: self.alpha, compliance: self.compliance });
-        let outcome = constrained_dynamics(system, workspace, rows, (q, v, u), (&[], wanted), qdd);
+        let system = (model, self.scene.constraints());
+        let outcome = constrained_dynamics(system, workspace, rows, (q, v, u), (&[], self.compliance), qdd);
         let is_finite = qdd.iter().chain(q).chain(v).all(|x| x.is_finite());
         self.scratch.note(self.scene, outcome, model, is_finite);
         0
@@ -104,8 +101,7 @@ impl Solver<f64> for Constrained<'_> {
 }
 
 impl Constrained<'_> {
-    /// Ends a step: projects `q_next` and `v_next` onto the connections unless the accelerations are stabilized.
-    /// Returns the fault of the step.
+    /// Ends a step: projects `q_next` and `v_next` onto the connections. Returns the fault of the step.
     pub fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>) -> Result<(), Failure> {
         self.finish_recorded(settings, s, None)
     }
@@ -119,7 +115,7 @@ impl Constrained<'_> {
     ) -> Result<(), Failure> {
         self.scratch.take_fault()?;
         // A diverging motion is reported as such.
-        if self.alpha.is_some() || !s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite()) {
+        if !s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite()) {
             return Ok(());
         }
         // The implicit terms of the step are not part of the kinetic energy.

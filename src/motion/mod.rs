@@ -22,8 +22,8 @@
 //! bound makes its gain zero, so that the filter treats it like a fixed joint, still in O(N). `stops` implements the
 //! law, `substeps` the steps in which a joint sticks, slips or reaches a stop, and `totals` the works.
 //!
-//! In scenes with connections, accelerations satisfy J qdd + J' qd = 0, and a [`Stabilization`] keeps positions and
-//! velocities on the connections.
+//! In scenes with connections, accelerations satisfy J qdd + J' qd = 0, and each step ends with a
+//! projection of positions and velocities onto the connections, with the displacement of least kinetic energy.
 //!
 //! A step of a scene with contacts in which no contact can act is that of the scene without contacts, with the same
 //! bits. In the others contacts act by [`Method::Contact`].
@@ -85,7 +85,7 @@ pub use job::Records;
 pub use method::{METHODS, Method};
 pub use properties::{FRICTION_SPEED, Gains, Properties};
 pub use rollout::Rollout;
-pub use settings::{Limits, Settings, Stabilization};
+pub use settings::{Limits, Settings};
 pub use simulator::Simulator;
 pub use substeps::StopImpact;
 pub use torque::{StepFault, Torque};

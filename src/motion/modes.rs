@@ -30,9 +30,17 @@ pub(super) fn set_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut 
         }
         if of.friction > 0.0 {
             mode.stuck = at_rest;
+            if settings.connected {
+                // A joint of a loop at rest is solved together with the others.
+                s.consistent = s.consistent.worst(v.constant(0.5) - at_rest);
+                mode.stuck = o;
+            }
             s.dry[mode.row] = -(mode.friction * v * (v.abs() + at_rest).recip());
         } else {
             mode.stuck = at_rest * larger(mode.at_lower, mode.at_upper);
+        }
+        if settings.connected {
+            continue;
         }
         let moving = s.chord[mode.row].mul_add(v.constant(hg), s.rows[mode.row].noise);
         s.model.system.noise[mode.row] = mode.stuck.mul_add(v.constant(STUCK_NOISE), moving);

@@ -533,7 +533,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
     fn recompute(&mut self, job: &Job<'_>, n: usize, mut fallback: u64) -> Result<(), StepFault> {
         let Self { scratch: s, gradients, form, checked, closed, .. } = self;
         let (form, parameters) = (*form, job.layout.bodies > 0);
-        let one: &mut dyn OneState = if job.settings.connected.is_some() {
+        let one: &mut dyn OneState = if job.settings.connected {
             &mut **closed.get_or_insert_with(|| Box::new(ClosedReverse::new(job.scene, job.settings, form, parameters)))
         } else {
             &mut **checked.get_or_insert_with(|| Box::new(Checked::new(job, form)))

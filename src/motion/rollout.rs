@@ -4,7 +4,7 @@ use super::choice::{check_connections_of_contacts, check_method, step_settings};
 use super::contact::{self, ContactReport, RECORD};
 use super::job::{Impacts, Job, Records, Rows, States};
 use super::method::Method;
-use super::settings::{Limits, Settings, Stabilization};
+use super::settings::{Limits, Settings};
 use super::step_settings::StepSettings;
 use super::stepper::Stepper;
 use super::substeps::StopImpact;
@@ -79,7 +79,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();
         let holds: &Scene = scene.borrow().tree();
-        let Settings { dt, method, form, arm, stabilization, .. } = settings;
+        let Settings { dt, method, form, arm, .. } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
         }
@@ -89,13 +89,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), settings.tolerance)?;
         settings.properties.check(holds)?;
         check_method(holds, &settings)?;
-        if let Stabilization::Baumgarte(rate) = stabilization
-            && !(rate.is_finite() && rate > 0.0)
-        {
-            return Err(Error::argument("baumgarte", format!("{rate}"), "a rate in 1/s, finite and positive"));
-        }
         holds.check_compliance(&settings.compliance)?;
-        check_connections_of_contacts(holds, stabilization, &settings.compliance)?;
+        check_connections_of_contacts(holds, &settings.compliance)?;
         let (restitution, accuracy) = (settings.restitution, settings.accuracy);
         if !(0.0..=1.0).contains(&restitution) {
             return Err(Error::argument("restitution", format!("{restitution}"), "a number from 0 to 1"));
@@ -191,7 +186,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// A copy of the settings.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let StepSettings { step, gains, connected, restitution, .. } = &self.settings;
+        let StepSettings { step, gains, restitution, .. } = &self.settings;
         let StepSettings { properties, .. } = self.without_contacts();
         Settings {
             dt: *step,
@@ -201,7 +196,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             properties: properties.clone(),
             gains: gains.clone(),
             arm: self.arm,
-            stabilization: connected.unwrap_or_default(),
             compliance: self.settings.compliance.clone(),
             limits: self.limits,
             restitution: *restitution,
@@ -353,7 +347,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         const CONNECTED: usize = 20;
         const IN_LANES: usize = 4;
         let one_by_one = ONE_BODY * self.settings.scheme.tableau.stages * self.scene().model().bodies.len().max(1);
-        let connected = self.settings.connected.is_some();
+        let connected = self.settings.connected;
         let touches = self.settings.method == Method::Contact;
         if (connected && !self.settings.is_vectorized()) || (touches && !self.settings.touches_in_lanes(self.scene())) {
             return CONNECTED * (one_by_one + ONE_BODY * self.scene().contacts().len());

@@ -38,8 +38,6 @@ pub struct Settings {
     pub gains: Option<Gains>,
     /// Instruction set; the baseline if the processor does not support it.
     pub arm: InstructionSet,
-    /// The method that keeps positions and velocities on the connections.
-    pub stabilization: Stabilization,
     /// Compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or positive; empty if all are
     /// rigid.
     pub compliance: Vec<f64>,
@@ -79,7 +77,6 @@ impl Settings {
             properties,
             gains: None,
             arm: InstructionSet::of_process(),
-            stabilization: Stabilization::default(),
             compliance: Vec::new(),
             limits: Limits::default(),
             restitution: 0.0,
@@ -97,22 +94,9 @@ setters!(Settings {
     with_properties: properties: Properties,
     with_gains: gains => Option<Gains>,
     with_arm: arm: InstructionSet,
-    with_stabilization: stabilization: Stabilization,
     with_compliance: compliance => Vec<f64>,
     with_limits: limits: Limits,
     with_restitution: restitution: f64,
     with_accuracy: accuracy => Option<f64>,
     with_smoothing: smoothing: f64,
 });
-
-/// The method that keeps a motion on the connections.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[non_exhaustive]
-pub enum Stabilization {
-    /// Positions and velocities are projected after each step, with the displacement of least kinetic energy.
-    #[default]
-    Projection,
-    /// Accelerations satisfy J qdd + J' qd = -2 a J qd - a^2 error for this a in 1/s, so that errors decay as t exp(-a
-    /// t) without projection. J. Baumgarte, Computer Methods in Applied Mechanics and Engineering 1, 1972, 1-16.
-    Baumgarte(f64),
-}

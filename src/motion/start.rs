@@ -1,5 +1,7 @@
 //! Checks of initial states: joints beyond their limits, which the stops move back, and violated connections.
 
+#[cfg(feature = "python")]
+use super::properties::joint_of_row;
 use super::rollout::Rollout;
 use super::simulator::Simulator;
 use crate::error::{Error, in_language};
@@ -44,6 +46,26 @@ impl<S: Borrow<Scene>> Rollout<S> {
             in_language("Limits::Report", "limits=\"report\"")
         ))
     }
+
+    /// Number of steps of all states in which connections prevented a stop from acting, since the states began.
+    #[cfg(feature = "python")]
+    pub(crate) fn dropped(&self) -> f64 {
+        let states = if self.scene().constraints().is_empty() { 0 } else { self.states() };
+        (0..states).map(|state| self.totals(state).dropped).sum()
+    }
+
+    /// Text of a warning for the steps that [`Rollout::dropped`] counts.
+    #[cfg(feature = "python")]
+    pub(crate) fn dropped_warning(&self) -> String {
+        let of = (0..self.states()).map(|state| self.totals(state)).find(|of| of.dropped > 0.0);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // index of a joint
+        let joint = joint_of_row(self.scene(), of.map_or(0, |of| of.dropped_row as usize));
+        format!(
+            "limits: found joint {joint:?} at a stop that the connections prevent from acting, as at a dead center; \
+             expected limits that the closed mechanism can meet: the stop is omitted in such steps, and \
+             Trajectory.violations() lists the rows outside of limits"
+        )
+    }
 }
 
 impl<S: Borrow<Scene>> Simulator<S> {
@@ -54,5 +76,16 @@ impl<S: Borrow<Scene>> Simulator<S> {
     /// As [`Rollout::limit_warning`].
     pub fn limit_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
         self.rollout.limit_warning(states)
+    }
+
+    /// As [`Rollout::dropped`] and [`Rollout::dropped_warning`].
+    #[cfg(feature = "python")]
+    pub(crate) fn dropped(&self) -> f64 {
+        self.rollout.dropped()
+    }
+
+    #[cfg(feature = "python")]
+    pub(crate) fn dropped_warning(&self) -> String {
+        self.rollout.dropped_warning()
     }
 }

@@ -4,7 +4,6 @@
 use super::contact;
 use super::method::{Method, Scheme};
 use super::properties::{Gains, Properties};
-use super::settings::Stabilization;
 use super::stops::SetValued;
 use super::totals::TOTALS;
 use crate::filter::{HingeMap, Rows};
@@ -46,8 +45,8 @@ pub(super) struct StepSettings {
     pub restitution: f64,
     /// The kind of each degree of freedom, for the error estimate.
     pub kinds: Vec<RateKind>,
-    /// Stabilization, for a scene with connections.
-    pub connected: Option<Stabilization>,
+    /// True for a scene with connections.
+    pub connected: bool,
     /// Compliance of each row of the connections; empty if all are rigid.
     pub compliance: Vec<f64>,
     /// Relaxation of the contact law, if it is not exact.
@@ -89,7 +88,7 @@ impl StepSettings {
                 .map_or_else(|| vec![false; model.bodies.len()], |g| stiff(&g.proportional)),
             properties,
             gains,
-            connected: None,
+            connected: false,
             compliance: Vec::new(),
             smoothing: None,
         }
@@ -113,13 +112,13 @@ impl StepSettings {
             && scene.contacts_have_planes()
             && scene.contacts_are_coupled()
             && self.coupling.is_none()
-            && self.connected.is_none()
+            && !self.connected
             && self.smoothing.is_none()
     }
 
     /// True if the adjoint of the steps is vectorized: without contacts, connections and coupled joints.
     pub fn has_vectorized_adjoint(&self) -> bool {
-        self.method != Method::Contact && self.connected.is_none() && self.coupling.is_none()
+        self.method != Method::Contact && !self.connected && self.coupling.is_none()
     }
 
     /// The settings for the adjoint of the steps, which needs the displacement of every joint from rest, also without a

@@ -1,5 +1,7 @@
 //! Time integration of a few states, one per lane, by many steps, compiled for one instruction set.
 
+use super::choice::closed_rows;
+use super::closed_stops::is_past;
 use super::connected::Connected;
 use super::constrained::{Constrained, ConstrainedScratch};
 use super::contact::{ContactStepper, Switching, Touching};
@@ -8,18 +10,17 @@ use super::job::{Divisions, Impacts, Job, States};
 use super::limit_rows::limit_rows;
 use super::method::Method;
 use super::properties::of_state;
-use super::scratch::Scratch;
+use super::scratch::{Scratch, clear};
 pub(super) use super::scratch::{fill, scatter, take_lane};
-use super::settings::Stabilization;
 use super::solver::{Checked, Kernels};
 use super::step::step;
 use super::step_settings::StepSettings;
+use super::stops::SetValued;
 use super::substeps::Substeps;
 use super::torque::{StepFault, Torque};
 use super::totals::TOTALS;
 use super::works::add_work;
 use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
-use crate::dynamics::contacts::LimitRow;
 use crate::error::Error;
 use crate::filter::Form;
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
@@ -128,12 +129,19 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
 
     fn new(scene: &Scene, settings: &StepSettings, target: I) -> Self {
         let scratch = Scratch::new(scene.model(), settings);
-        let is_lanes = settings.connected.is_some() && settings.is_vectorized();
+        let is_lanes = settings.connected && settings.is_vectorized();
         let limits = || if settings.stops { limit_rows(scene) } else { Vec::new() };
         let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch, limits())));
         let touching = settings.touches_in_lanes(scene).then(|| Box::new(Touching::new(scene, settings, &scratch)));
         Self { scratch, target, connected, touching }
     }
+}
+
+/// For a scene with connections: the rows with friction or stops, and the settings of steps without them.
+struct ClosedState {
+    scratch: ConstrainedScratch,
+    rows: Vec<SetValued>,
+    without: StepSettings,
 }
 
 /// One state, for steps that the vectorized step rejected.
@@ -142,15 +150,18 @@ struct CheckedState {
     solver: Checked,
     substeps: Substeps,
     /// For a scene with connections.
-    closed: Option<(ConstrainedScratch, Vec<LimitRow>)>,
+    closed: Option<ClosedState>,
 }
 
 impl CheckedState {
     #[cold]
     fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
         let model = scene.model();
-        let limits = if settings.stops { limit_rows(scene) } else { Vec::new() };
-        let closed = settings.connected.map(|_| (ConstrainedScratch::new(scene, settings, form), limits));
+        let closed = settings.connected.then(|| ClosedState {
+            scratch: ConstrainedScratch::new(scene, settings, form),
+            rows: closed_rows(scene, settings),
+            without: StepSettings { set_valued: Vec::new(), ..settings.clone() },
+        });
         let scratch = Scratch::new(model, settings);
         let substeps = Substeps::new(settings, &scratch);
         let solver = Checked::new(model, settings.coupling.clone(), form).accepting(settings.tolerance).with_kernels();
@@ -167,17 +178,24 @@ impl CheckedState {
     ) -> Result<(), (String, Error)> {
         let mut lost = None;
         self.substeps.impacts.clear();
-        if let Some((closed, limits)) = &mut self.closed {
-            let alpha = if let Some(Stabilization::Baumgarte(rate)) = settings.connected { Some(rate) } else { None };
-            let mut solver = Constrained { scene, scratch: closed, alpha, compliance: &settings.compliance };
-            step((settings, &settings.scheme), &mut self.scratch, &mut solver);
-            let finished = solver.finish(settings, &mut self.scratch);
-            match finished.and_then(|()| solver.stop(settings, limits, &mut self.scratch)) {
+        if let Some(ClosedState { scratch: closed, rows, without }) = &mut self.closed {
+            let (s, by) = (&mut self.scratch, &settings.scheme);
+            let mut solver = Constrained { scene, scratch: closed, compliance: &settings.compliance };
+            step((settings, by), s, &mut solver);
+            let mut finished = solver.finish(settings, s);
+            let mut acts = !(s.consistent > 0.0) || rows.iter().any(|of| is_past(of, s));
+            if finished.is_ok() && acts && !settings.set_valued.is_empty() {
+                clear(&mut s.dry);
+                step((without, by), s, &mut solver);
+                finished = solver.finish(settings, s);
+            }
+            acts &= s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite());
+            match finished.and_then(|()| if acts { solver.stop(settings, rows, s) } else { Ok(Vec::new()) }) {
                 Ok(impacts) => self.substeps.impacts.extend(impacts),
                 Err((_, Some(error))) => return Err((String::new(), error)),
                 Err((found, None)) => lost = found,
             }
-            add_work(settings, &mut self.scratch);
+            add_work(settings, s);
         } else {
             let Self { scratch, solver, substeps, .. } = self;
             substeps.advance(settings, scratch, solver, &mut |scheme, s, _| {

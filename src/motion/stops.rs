@@ -23,7 +23,7 @@
 /// The velocity increases as slowly, because a jump would add energy.
 const RETURN: f64 = 0.05;
 const AT_LEAST: f64 = 1e-3;
-const AT_MOST: f64 = 1.0;
+pub(super) const AT_MOST: f64 = 1.0;
 
 /// The friction and the stops of one degree of freedom.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,6 +43,45 @@ impl SetValued {
     /// True if the joint is outside of its stops.
     pub fn is_outside(&self, q: &[f64]) -> bool {
         self.stops && !(self.lower..=self.upper).contains(&q[self.coordinate])
+    }
+
+    /// The distance of the joint from its nearer stop, positive outside.
+    pub fn beyond(&self, q: &[f64]) -> f64 {
+        (self.lower - q[self.coordinate]).max(q[self.coordinate] - self.upper)
+    }
+
+    /// The velocity bounds of the stops at `q` and `v` in a step h.
+    pub fn bounds(&self, (q, v): (f64, f64), h: f64) -> [Bound; 2] {
+        let never = |velocity| Bound { velocity, slopes: [0.0; 2] };
+        if !self.stops {
+            return [never(f64::NEG_INFINITY), never(f64::INFINITY)];
+        }
+        let (below, above) = (self.lower - q, self.upper - q);
+        let touch = |gap: f64| Bound { velocity: gap / h, slopes: [-1.0 / h, 0.0] };
+        let high = if above < 0.0 {
+            let Bound { velocity, slopes: [by_q, by_v] } = returning(-above, -v, h);
+            Bound { velocity: -velocity, slopes: [by_q, by_v] }
+        } else {
+            touch(above)
+        };
+        [if below > 0.0 { returning(below, v, h) } else { touch(below) }, high]
+    }
+
+    /// True if the cubic interpolant of a step of length h from (q, v) to `(q_next, v_next)` passes a stop within the
+    /// step, or is so near to one that its error of fourth order can hide it.
+    pub fn passes(&self, (q, v): (&[f64], &[f64]), (q_next, v_next): (&[f64], &[f64]), h: f64) -> bool {
+        const ERROR: f64 = 1.0 / 16.0;
+        let (start, end) = (q[self.coordinate], q_next[self.coordinate]);
+        let (slope, last) = (h * v[self.row], h * v_next[self.row]);
+        // start + slope x + b x^2 + c x^3 with the extrema of x = r/(3 c) and slope/r.
+        let (b, c) = (3.0 * (end - start) - 2.0 * slope - last, slope + last - 2.0 * (end - start));
+        let r = -(b + (b * b - 3.0 * c * slope).sqrt().copysign(b));
+        self.stops
+            && [r / (3.0 * c), slope / r].into_iter().filter(|x| 0.0 < *x && *x < 1.0).any(|x| {
+                let extreme = start + x * (slope + x * (b + x * c));
+                let error = ERROR * (extreme - start).abs().min((extreme - end).abs());
+                extreme - error < self.lower || extreme + error > self.upper
+            })
     }
 }
 
@@ -75,27 +114,15 @@ pub(super) struct Bound {
 
 impl Graph {
     /// The graph of a row at `q` and `v` in a step `h`.
-    pub fn new(of: &SetValued, (q, v): (f64, f64), h: f64) -> Self {
-        let never = |velocity| Bound { velocity, slopes: [0.0; 2] };
-        let (mut low, mut high) = (never(f64::NEG_INFINITY), never(f64::INFINITY));
-        if of.stops {
-            let (below, above) = (of.lower - q, of.upper - q);
-            let touch = |gap: f64| Bound { velocity: gap / h, slopes: [-1.0 / h, 0.0] };
-            low = if below > 0.0 { returning(below, v, h) } else { touch(below) };
-            high = if above < 0.0 {
-                let Bound { velocity, slopes: [by_q, by_v] } = returning(-above, -v, h);
-                Bound { velocity: -velocity, slopes: [by_q, by_v] }
-            } else {
-                touch(above)
-            };
-        }
+    pub fn new(of: &SetValued, state: (f64, f64), h: f64) -> Self {
+        let [low, high] = of.bounds(state, h);
         let mut graph = Self::between(low.velocity, high.velocity.max(low.velocity), of.friction);
         graph.slopes = [low.slopes, high.slopes];
         graph
     }
 
     /// The graph with the given velocity bounds.
-    fn between(low: f64, high: f64, friction: f64) -> Self {
+    pub fn between(low: f64, high: f64, friction: f64) -> Self {
         let mut graph = Self {
             count: 0,
             velocities: [0.0; 3],

@@ -14,7 +14,7 @@ use super::scratch::{Scratch, clear};
 use super::solver::Checked;
 use super::step::{set_friction, stage, step};
 use super::step_settings::{StepArguments, StepSettings};
-use super::stops::{Graph, Hold, Piece, settle};
+use super::stops::{Graph, Hold, Piece, SetValued, settle};
 use super::totals::{ERROR, EVENTS, FRICTION, LENGTH, MOST, STOPS, SUBSTEPS, TOTALS, UNSETTLED, WORKS};
 use super::works::add_work;
 use crate::dynamics;
@@ -27,6 +27,8 @@ const MOST_SUBSTEPS: u32 = 1 << 10;
 /// With error control, the first and the shortest substep, as fractions of the step.
 const FIRST: f64 = 1e-2;
 const SHORTEST: f64 = 1e-7;
+/// The same for an event whose estimated error exceeds the bound.
+const SHORTEST_EXACT: f64 = 1e-10;
 /// Length of substeps in which a joint returns from outside of its stops, s; each of them is an event.
 const RETURNING: f64 = 5e-4;
 /// With error control, the largest number of substeps of a step.
@@ -191,7 +193,7 @@ impl Substeps {
 
     /// All substeps with error control, in place. The error estimate of each substep, from the embedded method or from
     /// the difference between one step and two of half its length, is within the bound. A change of modes ends a
-    /// substep, by bisection.
+    /// substep, by bisection until the estimated error of the event is within the bound too.
     fn controlled(&mut self, settings: &StepSettings, accuracy: f64, s: &mut Scratch<f64>, solver: &mut Checked) {
         // Order of the error estimate.
         let order = f64::from(settings.method.order()) - f64::from(u8::from(settings.scheme.embedded));
@@ -210,8 +212,12 @@ impl Substeps {
             step((settings, &scheme), s, solver);
             whole_q.copy_from_slice(&s.q_next);
             whole_v.copy_from_slice(&s.v_next);
-            let mut consistent = s.consistent > 0.0;
-            let fastest = v.iter().fold(1.0_f64, |most, v| most.max(v.abs()));
+            let holds = |s: &Scratch<f64>, h: f64| {
+                let passes = |of: &SetValued| of.passes((&s.q, &s.v), (&s.q_next, &s.v_next), h);
+                s.consistent > 0.0 && !settings.set_valued.iter().any(passes)
+            };
+            let mut consistent = holds(s, scheme.step);
+            let fastest = largest(&v, 1.0);
             let error = if scheme.embedded {
                 let [of_q, of_v] = [&s.l, &s.m].map(|stages| {
                     let row = |row: usize| scheme.error.iter().zip(stages).map(|(e, k)| e * k[row]).sum::<f64>().abs();
@@ -227,7 +233,7 @@ impl Substeps {
                 for _ in 0..2 {
                     if consistent {
                         step((settings, &half), s, solver);
-                        consistent = s.consistent > 0.0;
+                        consistent = holds(s, half.step);
                         add_work(settings, s);
                         std::mem::swap(&mut s.q, &mut s.q_next);
                         std::mem::swap(&mut s.v, &mut s.v_next);
@@ -264,7 +270,15 @@ impl Substeps {
                     std::mem::swap(&mut s.v, &mut whole_v);
                     s.totals[ERROR] += error;
                 } else {
-                    self.event(settings, scheme.step, s, solver, settings.step * (1.0 - left + part));
+                    let impacts = self.impacts.len();
+                    let error = self.event(settings, scheme.step, s, solver, settings.step * (1.0 - left + part));
+                    if !(error <= accuracy) && part > SHORTEST_EXACT && !returns {
+                        s.totals = totals;
+                        self.impacts.truncate(impacts);
+                        length = (0.25 * part).max(SHORTEST_EXACT);
+                        continue;
+                    }
+                    s.totals[ERROR] += error;
                     s.totals[EVENTS] += 1.0;
                     std::mem::swap(&mut s.q, &mut s.q_next);
                     std::mem::swap(&mut s.v, &mut s.v_next);
@@ -286,8 +300,10 @@ impl Substeps {
         s.totals[MOST] = s.totals[MOST].max(made);
     }
 
-    /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`.
-    fn event(&mut self, settings: &StepSettings, h: f64, s: &mut Scratch<f64>, solver: &mut Checked, time: f64) {
+    /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`. Returns an estimate of its error, as that
+    /// of error control: velocities and accelerations change at an unknown time within the step, and rebounds are
+    /// omitted. The motion of a joint that returns from outside of its stops is defined by these steps.
+    fn event(&mut self, settings: &StepSettings, h: f64, s: &mut Scratch<f64>, solver: &mut Checked, time: f64) -> f64 {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (settings, &scheme);
         s.adopt(settings, &scheme);
@@ -315,6 +331,7 @@ impl Substeps {
         // Positions come from the solution in which joints reach their stops, velocities from that of the rebound.
         self.reached.clear();
         let mut hits = Vec::new();
+        let (fastest, mut omitted) = (largest(&s.v, 1.0), 0.0);
         for (i, of) in settings.set_valued.iter().enumerate() {
             let Piece::At(k) = self.pieces[i] else { continue };
             let Some((velocity, hold)) = self.graphs[i].velocity(self.pieces[i]) else { continue };
@@ -330,9 +347,20 @@ impl Substeps {
             self.reached.push((i, bound));
             if toward * v > 0.0 || velocity != 0.0 {
                 let (back, slowing) = (settings.restitution * v * toward, free[of.row].abs());
-                // A rebound that ends within the step, or is not higher than the error, is ignored.
-                let height = settings.accuracy.unwrap_or(0.0).max(1e-14 * (1.0 + q.abs()));
-                let rests = !(back > 2.0 * h * slowing && back * back > 2.0 * slowing * height);
+                // A rebound that ends within the step, or is neither higher nor faster than the error, is ignored.
+                let rounding = 1e-14 * (1.0 + q.abs());
+                let is_low = match settings.accuracy {
+                    None => back * back <= 2.0 * slowing * rounding,
+                    // A joint that accelerates away from its stop does not return.
+                    Some(accuracy) => {
+                        let height = accuracy.max(rounding);
+                        back <= accuracy * fastest && back * back <= 2.0 * toward * free[of.row] * height
+                    }
+                };
+                let rests = !(back > 2.0 * h * slowing) || is_low;
+                if rests && back > 0.0 {
+                    omitted += (back / fastest).max(back * back / (2.0 * slowing));
+                }
                 hits.push((i, k, if rests { 0.0 } else { settings.restitution }));
             }
         }
@@ -364,6 +392,10 @@ impl Substeps {
             self.impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: s.v[of.row].abs(), impulse });
         }
         add_work(settings, s);
+        let jump = s.v_next.iter().zip(&s.v).fold(0.0_f64, |most, (next, v)| most.max((next - v).abs()));
+        let returns = hits.is_empty() && settings.set_valued.iter().any(|of| of.is_outside(&s.q));
+        let late = if returns { 0.0 } else { largest(&free, 0.0) / fastest };
+        h * jump.max(late) + omitted
     }
 
     /// Velocities after impacts on stops, by J. J. Moreau's law: rebound velocities, with restitution halved until the
@@ -470,7 +502,7 @@ impl Substeps {
             if free.is_empty() {
                 free.clone_from(&s.m[0]);
             }
-            let fastest = s.m[0].iter().fold(0.0_f64, |most, a| most.max(a.abs()));
+            let fastest = largest(&s.m[0], 0.0);
             for (i, ((of, graph), &piece)) in rows().enumerate() {
                 let change = match piece {
                     Piece::At(_) => graph.contradicted(piece, torque[of.row], ROUNDING_OF_TORQUES * right[of.row]),
@@ -489,6 +521,11 @@ impl Substeps {
         s.totals[UNSETTLED] += f64::from(u8::from(!settled));
         free
     }
+}
+
+/// The largest absolute value, at least `least`.
+pub(super) fn largest(x: &[f64], least: f64) -> f64 {
+    x.iter().fold(least, |most, x| most.max(x.abs()))
 }
 
 /// The next length to try after a rejected substep: at most half, by the error estimate.

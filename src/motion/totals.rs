@@ -5,7 +5,7 @@
 //! difference between the change of energy and the sum of the works is the error of the method.
 
 /// The number of values.
-pub(super) const TOTALS: usize = 11;
+pub(super) const TOTALS: usize = 13;
 
 pub(super) const TORQUE: usize = 0;
 pub(super) const DAMPING: usize = 1;
@@ -24,6 +24,9 @@ pub(super) const ERROR: usize = 8;
 pub(super) const LENGTH: usize = 9;
 /// Events without a solution.
 pub(super) const UNSETTLED: usize = 10;
+/// Steps in which connections prevent a stop from acting, and the last row with such a stop.
+pub(super) const DROPPED: usize = 11;
+pub(super) const DROPPED_ROW: usize = 12;
 
 /// Works and numbers of substeps of one state since it began.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -51,6 +54,11 @@ pub struct Totals {
     /// Number of events whose friction and stop torques contradict each other, because the mass matrix is indefinite; a
     /// joint was then treated as stuck.
     pub unsettled: f64,
+    /// Number of steps in which connections, at a dead center, prevent a joint from returning to its limits or from
+    /// stopping there.
+    pub dropped: f64,
+    /// The degree of freedom of the last of these joints.
+    pub dropped_row: f64,
 }
 
 impl Totals {
@@ -68,6 +76,8 @@ impl Totals {
             events: at(EVENTS),
             error: at(ERROR),
             unsettled: at(UNSETTLED),
+            dropped: at(DROPPED),
+            dropped_row: at(DROPPED_ROW),
         }
     }
 }

@@ -76,15 +76,13 @@ impl PyScene {
     #[doc = entries!(losses)]
     /// friction_speed : float, optional
     ///     0 or None: exact Coulomb friction. Positive: friction is viscous below this speed, rad/s or m/s. 0 and
-    ///     None are 0.01 in scenes with connections, and in steps in which contacts act.
+    ///     None are 0.01 in steps in which contacts act.
     /// form : {"auto", "covariance"}, default "auto"
     ///     "auto" recomputes steps whose error estimate exceeds the tolerance; "covariance" checks the pivots only.
     /// tolerance : float, optional
     ///     As in forward_dynamics.
     /// progress : callable, optional
     ///     Function of (steps done, steps), called at most 20 times per second.
-    /// baumgarte : float, optional
-    ///     Rate of Baumgarte stabilization of the connections, 1/s. None: projection after each step.
     #[doc = entries!(compliance)]
     /// limits : {"stop", "report"}, optional
     ///     "stop" (default): position limits are stops. "report": Trajectory.violations() lists them.
@@ -118,6 +116,10 @@ impl PyScene {
     #[doc = section!(Warns)]
     /// UnitsWarning
     ///     A step of 1 s or more without error control.
+    /// FrictionWarning
+    ///     friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
+    /// LimitWarning
+    ///     Joints that start outside of limits that are stops, or stops that connections prevent from acting.
     #[doc = section!(Notes)]
     /// O(N) per stage. docs/motion.md has the equations, the methods and their orders, friction, stops, contacts,
     /// connections, error control and the energy audit.
@@ -128,14 +130,13 @@ impl PyScene {
     /// ((11, 3), 'rk4')
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None,
                         pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None,
-                        friction_speed=None, form="auto", tolerance=None, progress=None,
-                        baumgarte=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0,
-                        duration=None, covariance=None, **unknown),
+                        friction_speed=None, form="auto", tolerance=None, progress=None, compliance=None,
+                        limits=None, restitution=0.0, accuracy=None, smoothing=0.0, duration=None, covariance=None, **unknown),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
-                             baumgarte=None, compliance=None, limits=None, \
-                             restitution=0.0, accuracy=None, smoothing=0.0, duration=None, covariance=None)")]
+                             compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
+                             duration=None, covariance=None)")]
     #[allow(clippy::too_many_arguments, clippy::too_many_lines)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
@@ -157,7 +158,6 @@ impl PyScene {
         form: &str,
         tolerance: Option<f64>,
         progress: Option<&Object<'py>>,
-        baumgarte: Option<f64>,
         compliance: Option<&Object<'py>>,
         limits: Option<&str>,
         restitution: f64,
@@ -188,7 +188,6 @@ impl PyScene {
             friction_speed,
             form,
             tolerance,
-            baumgarte,
             compliance,
             limits,
             restitution,
@@ -197,6 +196,7 @@ impl PyScene {
         };
         let (mut settings, pd) = keywords.read(own)?;
         keywords.warn_of_units(py)?;
+        keywords.warn_of_friction(py, own, &settings)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;
         let qd = own.on_tree(py, own.rate("qd", qd)?, Coupling::rates)?;
         // The torques of a function are recorded, for Trajectory.torques.
@@ -238,6 +238,7 @@ impl PyScene {
         let plan = Plan { given: &given, batch: &batch, steps, dt, progress, nv, own };
         let stopped = run(py, &mut rollout, &mut records, &plan).err();
         own.warn_of_linkage(py)?;
+        warn_of_limits(py, (rollout.dropped() > 0.0).then(|| rollout.dropped_warning()))?;
         fields.set_item("steps", rollout.steps())?;
         let (impacts, made) = (
             rollout.take_impacts(),

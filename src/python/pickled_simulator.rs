@@ -8,7 +8,7 @@ use super::scene::PyScene;
 use super::simulator::PySimulator;
 use crate::error::Error;
 use crate::memory;
-use crate::motion::{Gains, Limits, Properties, Settings, Stabilization};
+use crate::motion::{Gains, Limits, Properties, Settings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -30,15 +30,12 @@ impl PySimulator {
 impl PySimulator {
     /// Keywords of Scene.simulator for these settings.
     fn keywords<'py>(&self, py: Python<'py>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
-        let Settings { dt, method, form, properties, gains, stabilization, compliance, .. } = settings.clone();
+        let Settings { dt, method, form, properties, gains, compliance, .. } = settings.clone();
         let keywords = PyDict::new(py);
         keywords.set_item("dt", dt)?;
         keywords.set_item("method", method.name())?;
         keywords.set_item("form", name_of(form))?;
         keywords.set_item("tolerance", settings.tolerance)?;
-        if let Stabilization::Baumgarte(rate) = stabilization {
-            keywords.set_item("baumgarte", rate)?;
-        }
         if !compliance.is_empty() {
             keywords.set_item("compliance", from_numbers(py, &compliance, &[compliance.len()])?)?;
         }

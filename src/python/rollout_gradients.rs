@@ -42,7 +42,7 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution, baumgarte, compliance, smoothing
+    /// limits, restitution, compliance, smoothing
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
@@ -70,11 +70,11 @@ impl PyScene {
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method=None,
                         record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
-                         limits=None, restitution=0.0, baumgarte=None, compliance=None, smoothing=0.0),
+                        limits=None, restitution=0.0, compliance=None, smoothing=0.0),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             parameters=False, limits=None, restitution=0.0, baumgarte=None, compliance=None, \
+                             parameters=False, limits=None, restitution=0.0, compliance=None, \
                              smoothing=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
@@ -101,7 +101,6 @@ impl PyScene {
         parameters: bool,
         limits: Option<&str>,
         restitution: f64,
-        baumgarte: Option<f64>,
         compliance: Option<&Object<'py>>,
         smoothing: f64,
     ) -> PyResult<Object<'py>> {
@@ -123,7 +122,6 @@ impl PyScene {
             friction_speed,
             form,
             tolerance,
-            baumgarte,
             compliance,
             limits,
             restitution,

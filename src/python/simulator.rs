@@ -89,7 +89,7 @@ impl PyScene {
     ///     Step, s.
     /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
     ///     As in simulate, for all steps.
-    /// baumgarte, compliance, limits, restitution, accuracy, smoothing
+    /// compliance, limits, restitution, accuracy, smoothing
     ///     As in simulate, for all steps.
     #[doc = section!(Returns)]
     /// simulator : Simulator
@@ -102,12 +102,10 @@ impl PyScene {
     /// 10
     #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None,
                         rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
-                        baumgarte=None, compliance=None, limits=None, restitution=0.0,
-                        accuracy=None, smoothing=0.0, **unknown),
+                        compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, **unknown),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
-                             tolerance=None, baumgarte=None, compliance=None, limits=None, \
-                             restitution=0.0, accuracy=None, smoothing=0.0)")]
+                             tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
@@ -124,7 +122,6 @@ impl PyScene {
         friction_speed: Option<f64>,
         form: &str,
         tolerance: Option<f64>,
-        baumgarte: Option<f64>,
         compliance: Option<&Object<'py>>,
         limits: Option<&str>,
         restitution: f64,
@@ -147,7 +144,6 @@ impl PyScene {
             friction_speed,
             form,
             tolerance,
-            baumgarte,
             compliance,
             limits,
             restitution,
@@ -156,6 +152,7 @@ impl PyScene {
         };
         let (mut settings, pd) = keywords.read(own)?;
         keywords.warn_of_units(py)?;
+        keywords.warn_of_friction(py, own, &settings)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(pd.iter().flat_map(Pd::leading));
@@ -229,8 +226,9 @@ impl PySimulator {
 
     /// Advances all states; long runs release the GIL and check for signals between blocks.
     fn advance(&self, py: Python<'_>, torque: &Torque<'_>, steps: usize) -> PyResult<()> {
-        let mut moving = self.moving()?;
-        let moving = &mut *moving;
+        let mut guard = self.moving()?;
+        let moving = &mut *guard;
+        let dropped = moving.dropped();
         moving.check_torque(torque, steps).map_err(|error| fault(py, error, &self.batch))?;
         let cost = moving.cost().saturating_mul(moving.states()).saturating_mul(steps);
         let outcome = if cost < WORTH_RELEASING {
@@ -238,7 +236,13 @@ impl PySimulator {
         } else {
             in_blocks(py, moving, torque, steps)
         };
-        let Err(stopped) = outcome else { return self.scene.get().warn_of_linkage(py) };
+        let Err(stopped) = outcome else {
+            let warning = (moving.dropped() > dropped).then(|| moving.dropped_warning());
+            // The lock is released first, because a handler of warnings can call the simulator.
+            drop(guard);
+            warn_of_limits(py, warning)?;
+            return self.scene.get().warn_of_linkage(py);
+        };
         let now = self.now(py, moving)?;
         Err(stopped.raise(py, &now, &self.batch)?)
     }

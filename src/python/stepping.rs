@@ -10,7 +10,7 @@ use super::scene::PyScene;
 use crate::batch::Fault;
 use crate::error::Error;
 use crate::motion::properties::joint_of_row;
-use crate::motion::{Limits, Method, Properties, Settings, Stabilization, StepFault, StopImpact, Totals};
+use crate::motion::{FRICTION_SPEED, Limits, Method, Properties, Settings, StepFault, StopImpact, Totals};
 use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -35,7 +35,6 @@ pub(super) struct Keywords<'a, 'py> {
     pub friction_speed: Option<f64>,
     pub form: &'a str,
     pub tolerance: Option<f64>,
-    pub baumgarte: Option<f64>,
     pub compliance: Option<&'a Object<'py>>,
     pub limits: Option<&'a str>,
     pub restitution: f64,
@@ -60,7 +59,6 @@ impl<'py> Keywords<'_, 'py> {
         settings.restitution = self.restitution;
         settings.accuracy = self.accuracy;
         settings.smoothing = self.smoothing;
-        settings.stabilization = self.baumgarte.map_or(Stabilization::Projection, Stabilization::Baumgarte);
         if let Some(compliance) = self.compliance {
             settings.compliance = input::spread("compliance", compliance, own.compliant_rows()?.into())?;
         }
@@ -98,6 +96,21 @@ impl<'py> Keywords<'_, 'py> {
         warn_as(py, "UnitsWarning", &text)
     }
 
+    /// Warns about exact friction that is requested where contacts act, whose steps regularize it.
+    pub fn warn_of_friction(&self, py: Python<'py>, own: &PyScene, settings: &Settings) -> PyResult<()> {
+        let friction = &settings.properties.friction;
+        let Some(row) = friction.iter().position(|&friction| friction > 0.0) else { return Ok(()) };
+        if self.friction_speed != Some(0.0) || own.scene.contacts().is_empty() {
+            return Ok(());
+        }
+        let text = format!(
+            "friction_speed: found 0, exact friction, of joint {:?} in a scene with contacts; expected a positive \
+             speed: in steps in which contacts act, friction is viscous below {FRICTION_SPEED} rad/s or m/s",
+            joint_of_row(own.scene.tree(), row)
+        );
+        warn_as(py, "FrictionWarning", &text)
+    }
+
     /// Keywords and torques of a run that are not fields of the trajectory.
     pub fn given(
         &self,
@@ -124,7 +137,6 @@ impl<'py> Keywords<'_, 'py> {
         given.set_item("smoothing", self.smoothing)?;
         given.set_item("form", self.form)?;
         given.set_item("tolerance", self.tolerance)?;
-        given.set_item("baumgarte", self.baumgarte)?;
         Ok(given)
     }
 }

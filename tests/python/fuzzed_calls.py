@@ -105,7 +105,6 @@ def settings(scene: phipsi.Scene, random: np.random.Generator) -> dict[str, Any]
     size = pick(random, *SIZES)
     given = {
         "method": some(0.7, METHODS),
-        "baumgarte": some(0.3, (0.0, 5.0, 500.0, 1e6, size)) if scene.constraint_names else None,
         "compliance": some(0.2, (0.0, 1e-6, 1.0, size)) if scene.constraint_names else None,
         "limits": some(0.4, ("stop", "report")),
         "restitution": some(0.3, (0.0, 0.5, 1.0)),
@@ -161,13 +160,13 @@ def calls(scene: phipsi.Scene, random: np.random.Generator) -> list[tuple[str, C
         assert np.isfinite(path.q).all() and np.isfinite(path.qd).all(), "a result that is not finite"
 
     def stepped() -> None:
-        simulator = accepted(partial(scene.simulator, q, qd, dt=step), {name: given[name] for name in given if name in ("method", "baumgarte", "limits", "damping", "friction")})
+        simulator = accepted(partial(scene.simulator, q, qd, dt=step), {name: given[name] for name in given if name in ("method", "limits", "damping", "friction")})
         for _ in range(5):
             simulator.step(tau)
         assert np.isfinite(simulator.q).all() and np.isfinite(simulator.qd).all(), "a result that is not finite"
 
     def differentiated() -> None:
-        path = accepted(partial(scene.simulate, q, qd, dt=step, steps=5, tau=tau), {name: given[name] for name in given if name in ("method", "limits", "baumgarte", "smoothing")})
+        path = accepted(partial(scene.simulate, q, qd, dt=step, steps=5, tau=tau), {name: given[name] for name in given if name in ("method", "limits", "smoothing")})
         path.vjp(random.normal(size=path.qd.shape), random.normal(size=path.qd.shape))
 
     return [

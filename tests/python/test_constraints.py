@@ -253,19 +253,18 @@ def test_motion_stays_closed() -> None:
     assert path.drift.shape == (5, 6) and path.drift.max() < 1e-13
     energy = path.energy().total
     assert np.abs(energy - energy[:, :1]).max() < 1e-5
-    loose = scene.simulate(q, qd, dt=1e-3, steps=500, record_every=100, baumgarte=50.0)
-    assert 1e-16 < loose.drift.max() < 1e-5 and np.abs(loose.q - path.q).max() < 1e-2
     simulator = scene.simulator(q, qd, dt=1e-3)
     simulator.step(steps=500)
     assert np.array_equal(simulator.q, path.q[:, -1])
-    again = pickle.loads(pickle.dumps(scene.simulator(q, qd, dt=1e-3, baumgarte=20.0)))
+    again = pickle.loads(pickle.dumps(scene.simulator(q, qd, dt=1e-3, method="rosenbrock-2")))
     again.step(steps=3)
     with pytest.raises(ConstraintError, match=r"\"pin\".*scene.project"):
         scene.simulate(q + [1e-3, 0, 0], qd, dt=1e-3, steps=1)
     with pytest.raises(ConstraintError, match=r"\"pin\".*scene.project"):
         simulator.reset(q, qd + 1.0)
-    with pytest.raises(ArgumentError, match="baumgarte"):
-        scene.simulate(q, qd, dt=1e-3, steps=1, baumgarte=0.0)
+    for run in (scene.simulate, scene.simulator):
+        with pytest.raises(TypeError, match=r"'baumgarte'.*each step is projected onto the connections"):
+            run(q, qd, dt=1e-3, baumgarte=20.0)  # type: ignore[call-overload, operator]
     assert linkage().without_constraints().simulate(q, qd, dt=1e-3, steps=2).drift.max() == 0.0
 
 

@@ -240,12 +240,11 @@ def test_a_biped_with_closed_legs_stands() -> None:
     assert np.isclose(sum(told.force.values())[-1][2], scene.total_mass * G, rtol=1e-7)
 
 
-@pytest.mark.parametrize("options", [{"baumgarte": 50.0}, {"compliance": np.array([1e-3])}])
-def test_other_treatments_of_connections_are_refused(options: dict[str, object]) -> None:
+def test_compliant_connections_are_refused() -> None:
     scene = leg()
     q = standing(scene)
-    with pytest.raises(ArgumentError, match=f"{next(iter(options))}.*contacts"):
-        scene.simulate(q, np.zeros(scene.nv), dt=1e-3, steps=1, **options)
+    with pytest.raises(ArgumentError, match="compliance.*contacts"):
+        scene.simulate(q, np.zeros(scene.nv), dt=1e-3, steps=1, compliance=np.array([1e-3]))
 
 
 # A gripper with a mimic joint

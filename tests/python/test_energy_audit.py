@@ -240,6 +240,51 @@ def test_error_control_ends_bounces_that_become_ever_shorter() -> None:
     in_time("pendulum(lower=-0.2, upper=0.5).simulate([0.5], [0.1], dt=2e-3, steps=100, tau=[9.0], accuracy=1e-6, restitution=0.5)")
 
 
+def bounced(start: tuple[float, float], gravity: float, stiffness: float, restitution: float, duration: float) -> tuple[float, float]:
+    """Position and velocity of a unit mass on a spring from 1 m, or without a spring, after its bounces on a stop at zero: closed form from impact to impact."""
+    (x, v), left = start, duration
+    w, center = np.sqrt(stiffness), 1.0 + gravity / stiffness if stiffness else 0.0
+
+    def at(t: float) -> tuple[float, float]:
+        if not stiffness:
+            return x + v * t + 0.5 * gravity * t * t, v + gravity * t
+        c, s = np.cos(w * t), np.sin(w * t)
+        return center + (x - center) * c + v / w * s, v * c - w * (x - center) * s
+
+    for _ in range(1000):
+        if stiffness:
+            # Zero with a negative velocity: the phase where the cosine is -center/amplitude, rising from the start.
+            amplitude, phase = np.hypot(x - center, v / w), np.arctan2(-v / w, x - center)
+            hit = (np.arccos(np.clip(-center / amplitude, -1.0, 1.0)) - phase) % (2 * np.pi) / w if amplitude >= center else np.inf
+        else:
+            square = v * v - 2 * gravity * x
+            hit = -(v + np.sqrt(square)) / gravity if gravity < 0 or (square >= 0 and v < 0) else np.inf
+        if not hit < left:
+            break
+        x, v, left = 0.0, -restitution * at(hit)[1], left - hit
+        if v < 1e-13 and gravity + stiffness < 0:
+            return 0.0, 0.0
+    return at(left)
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.5])
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-8])
+@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.9])
+def test_the_estimate_of_error_control_has_the_effect_of_rebounds(restitution: float, accuracy: float, dt: float) -> None:
+    """A stop that is reached fast, slowly, or only grazed within a substep, by a mass that gravity or a spring returns to it or takes away from it."""
+    for gravity, stiffness, start in [(g, 0.0, start) for g in (-9.81, -0.01, 0.5, 3.0, 9.81) for start in ((0.3, -1.0), (0.01, -np.sqrt(0.02 * abs(g)) - 1e-3))] + [
+        (0.0, 30.0, (2.001, 0.0)), (0.0, 30.0, (2.3, 0.0)), (-20.0, 30.0, (0.7, 0.2)),
+    ]:  # fmt: skip
+        builder = phipsi.SceneBuilder().link("base").link("mass", 1.0)
+        scene = builder.joint("slide", "prismatic", "base", "mass", axis=(1, 0, 0), lower=0.0, upper=50.0, stiffness=stiffness).build(gravity=(gravity, 0, 0))
+        path = scene.simulate([start[0]], [start[1]], dt=dt, duration=1.0, accuracy=accuracy, restitution=restitution, rest=[1.0])
+        x, v = bounced(start, gravity, stiffness, restitution, 1.0)
+        error = max(abs(path.q[-1, 0] - x), abs(path.qd[-1, 0] - v) / max(1.0, abs(v)))
+        assert error <= 10.0 * path.estimated_error + 1e-13, (gravity, stiffness, start)
+        # Repeated impacts amplify errors.
+        assert path.estimated_error <= 50.0 * accuracy, (gravity, stiffness, start)
+
+
 def errors_and_estimates(range_of_motion: float, friction: float) -> tuple[np.ndarray, np.ndarray]:
     """At the end of 40 simulations with a step of 4 ms: the error compared with error control, and the estimate."""
     found = []

@@ -249,8 +249,6 @@ def test_projection_and_motion_of_linkages(linkages: Pair) -> None:
     simulator = pair.far.simulator(pair.moved_q, pair.qd, dt=1e-3)
     simulator.step(steps=200)
     assert np.array_equal(simulator.q, far.q[-1])
-    loose = [scene.simulate(q, pair.qd, dt=1e-3, steps=200, baumgarte=50.0) for scene, q in ((pair.near, pair.q), (pair.far, pair.moved_q))]
-    assert_near(loose[1].qd[-1], loose[0].qd[-1], FAR * 1000)
 
 
 def fixed_linkage(rotation: np.ndarray, at: np.ndarray) -> phipsi.Scene:

@@ -167,3 +167,79 @@ def test_a_joint_outside_of_its_limit_returns_beside_a_contact() -> None:
     with pytest.warns(phipsi.errors.LimitWarning, match="right"):
         path = scene.simulate(q, np.zeros(8), tau=tau, dt=1e-3, steps=1000, damping=[0, 30.0, *[0.0] * 6])
     assert 0.5e-3 < -np.diff(path.q[:, 1]).min() < 1.001e-3 and path.q[-1, 1] == 0.25 and path.qd[-1, 1] == 0.0
+
+
+@pytest.mark.parametrize("friction", [(20.0, 0.0, 0.0), (0.0, 0.0, 20.0), (5.0, 5.0, 5.0)])
+def test_dry_friction_holds_a_linkage_exactly(friction: tuple[float, float, float]) -> None:
+    """One held joint, or three that share the load, for 10 s: in simulations, batches and simulators."""
+    scene = four_bar(-10.0, 10.0).with_properties(friction=np.array(friction))
+    q, _, _ = scene.project([0.5, 0.8, 0.2], np.zeros(3))
+    held = scene.simulate(q, np.zeros(3), dt=0.05, steps=200, record_every=200)
+    assert held.friction_speed == 0.0 and np.array_equal(held.q[-1], q) and not held.qd.any()
+    held = scene.simulate(np.stack([q, q]), np.zeros((2, 3)), dt=0.05, steps=10, friction_speed=0.0)
+    assert held.friction_speed == 0.0 and np.array_equal(held.q[:, -1], [q, q]) and not held.qd.any()
+    simulator = scene.simulator(q, dt=0.05)
+    simulator.step(steps=20)
+    assert np.array_equal(simulator.q, q) and not simulator.qd.any()
+    creeping = scene.simulate(q, np.zeros(3), dt=0.05, steps=20, friction_speed=0.01)
+    assert np.abs(creeping.q[-1] - q).max() > 1e-4
+    # More than friction can hold.
+    pushed = scene.simulate(q, np.zeros(3), dt=1e-3, steps=20, tau=[60.0, 0, 0])
+    assert pushed.q[-1, 0] > q[0] + 1e-4 and pushed.drift.max() < 1e-12
+
+
+def test_friction_of_coupled_joints_stops_their_sum() -> None:
+    """Blocks of 2 and 3 kg that move together slide with (2 + 4) N / 5 kg to their rest."""
+    scene = two_blocks(upper=1.0, closed=True).with_properties(friction=np.array([2.0, 4.0]))
+    path = scene.simulate(np.zeros(2), np.ones(2), dt=1e-3, steps=1000)
+    sliding = path.t < 0.83
+    assert np.abs(path.q[sliding] - (path.t - 0.6 * path.t**2)[sliding, None]).max() < 1e-12
+    assert np.abs(path.q[-1] - 0.5 / 1.2).max() < 1e-5 and not path.qd[-100:].any() and np.array_equal(path.q[-100], path.q[-1])
+    assert np.allclose(path.works[2], -2.5, atol=1e-3)
+    # A push of 5 N is held, one of 7 N is not.
+    assert not scene.simulate(np.zeros(2), np.zeros(2), dt=1e-3, steps=100, tau=[5.0, 0.0]).qd.any()
+    moved = scene.simulate(np.zeros(2), np.zeros(2), dt=1e-3, steps=100, tau=[7.0, 0.0])
+    assert np.abs(moved.qd[-1] - 0.02).max() < 1e-3
+    # With stops: the rest of the speed, and rebounds.
+    for restitution in (0.0, 0.5):
+        stop = two_blocks(upper=0.2, closed=True).with_properties(friction=np.array([2.0, 4.0]))
+        path = stop.simulate(np.zeros(2), np.ones(2), dt=1e-4, steps=2500, restitution=restitution)
+        speed = np.sqrt(1.0 - 2 * 1.2 * 0.2)
+        assert len(path.stops) == 1 and abs(path.stops[0].speed - speed) < 1e-3 and path.q.max() <= 0.2 + 1e-12
+        time = path.stops[0].time
+        assert np.abs(path.qd[-1] + max(restitution * speed - 1.2 * (0.25 - time), 0.0)).max() < 1e-3
+
+
+def test_sliding_friction_in_loops_has_gradients_and_sticking_is_refused() -> None:
+    scene = two_blocks(upper=1.0, closed=True).with_properties(friction=np.array([2.0, 4.0]))
+    last = np.zeros((101, 2))
+    last[-1, 0] = 1.0
+    found = scene.simulate(np.zeros(2), np.ones(2), dt=1e-3, steps=100).vjp(last)
+    assert np.allclose(found.friction, -0.5 * 0.1**2 / 5, rtol=1e-9) and np.allclose(found.tau.sum(), 0.1**2 / 5, rtol=1e-9)
+    with pytest.raises(phipsi.errors.ArgumentError, match=r"friction_speed.*joint \"(left|right)\".*friction_speed=0.01"):
+        scene.simulate(np.zeros(2), np.zeros(2), dt=1e-3, steps=100).vjp(last)
+
+
+@pytest.mark.parametrize("beyond", [0.02, 1e-3])
+@pytest.mark.parametrize("crank", [-2.801755737285684, -2.8017, -2.79])
+def test_a_joint_beyond_its_stop_at_a_dead_center_ends_no_simulation(crank: float, beyond: float) -> None:
+    """Crank and coupler are aligned, or nearly, so that the rocker is at its extreme and cannot return to its limit."""
+    q, _, _ = four_bar(-10.0, 10.0).project([crank, np.pi, -0.89], np.zeros(3))
+    scene = four_bar(-10.0, float(q[2]) - beyond)
+    with pytest.warns(phipsi.errors.LimitWarning, match="joint \"rocker\" at a stop that the connections prevent"):
+        path = scene.simulate(q, np.zeros(3), dt=1e-3, steps=100)
+    assert path.drift.max() < 1e-11 and np.ptp(path.energy().total) < 0.1 and np.abs(path.qd).max() < 5.0
+    with pytest.warns(phipsi.errors.LimitWarning, match="beyond its upper limit"):
+        simulator = scene.simulator(np.stack([q, q]), dt=1e-3)
+    with pytest.warns(phipsi.errors.LimitWarning, match="prevent"):
+        simulator.step(steps=10)
+    assert np.array_equal(simulator.q, path.q[[10, 10]])
+
+
+def test_exact_friction_beside_contacts_warns() -> None:
+    scene = two_blocks(upper=1.0, closed=False, floor=True).with_properties(friction=np.array([1.0, 0, 0, 0, 0, 0, 0, 0]))
+    q = np.concatenate([np.zeros(4), [0.1, 0, 0, 0, 1.0]])
+    for run in (scene.simulate, scene.simulator):
+        given = {"steps": 1} if run == scene.simulate else {}
+        with pytest.warns(phipsi.errors.FrictionWarning, match="joint \"left\".*in which contacts act"):
+            run(q, np.zeros(8), dt=1e-3, friction_speed=0.0, **given)

@@ -24,7 +24,6 @@ use super::products::RowGradients;
 use super::projection::{ProjectionStep, share};
 use super::rows::rates_of_rows;
 use super::scratch::ConstraintScratch;
-use super::solution::RowsAre;
 use crate::dynamics;
 use crate::dynamics::derivatives::{
     Constants, Directions, Parameters, ProductScratch, inverse_dynamics_jvp, inverse_dynamics_vjp,
@@ -95,12 +94,12 @@ impl ConstraintAdjoint {
         system: (&Model<f64>, &Constraints),
         (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
         (q, qd, qdd): (&[f64], &[f64], &[f64]),
-        (wrenches, cotangent, wanted): (&[Vector6<f64>], &[f64], RowsAre<'_>),
+        (wrenches, cotangent, compliance): (&[Vector6<f64>], &[f64], &[f64]),
         (constants, out): (&mut Constants<'_, f64>, &mut [f64]),
     ) -> Result<(), RowFault> {
         dynamics::factorise(system.0, workspace, q);
-        scratch.factorise(system, workspace, q, wanted.compliance)?;
-        self.solve(system, (workspace, scratch), q, (cotangent, &[]), wanted.compliance)?;
+        scratch.factorise(system, workspace, q, compliance)?;
+        self.solve(system, (workspace, scratch), q, (cotangent, &[]), compliance)?;
         let Self { rows, products, y, r, .. } = self;
         let negative: Vec<f64> = y.iter().map(|y| -y).collect();
         inverse_dynamics_vjp(system.0, workspace, products, (q, qd, qdd), wrenches, &negative, (constants, out));
@@ -109,16 +108,8 @@ impl ConstraintAdjoint {
         by_tau.copy_from_slice(y);
         let shifts = &workspace.store.shifts;
         rows.add_row_gradient(system, shifts, (q, y), &scratch.forces, by_q)?;
-        let scaled = |factor: f64| -> Vec<f64> { r.iter().map(|r| factor * r).collect() };
-        rows.add_acceleration_gradient(system, shifts, (q, qd, qdd), &scaled(-1.0), [by_q, by_qd])?;
-        if let Some(alpha) = wanted.alpha {
-            // The rows contain 2 alpha J qd + alpha^2 error.
-            let multipliers = scaled(-2.0 * alpha);
-            rows.add_row_gradient(system, shifts, (q, qd), &multipliers, by_q)?;
-            scratch.add_torques(system.0, workspace, &multipliers, by_qd);
-            scratch.add_torques(system.0, workspace, &scaled(-alpha * alpha), by_q);
-        }
-        Ok(())
+        let multipliers: Vec<f64> = r.iter().map(|r| -r).collect();
+        rows.add_acceleration_gradient(system, shifts, (q, qd, qdd), &multipliers, [by_q, by_qd])
     }
 
     /// The change of qdd along a direction, (nv) into `out`, at a state of

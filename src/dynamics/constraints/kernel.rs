@@ -114,8 +114,6 @@ pub(crate) struct ConstraintKernel<T> {
     pub slack: f64,
     /// The largest |J qd| of a row for a state that meets the connections.
     fastest: T,
-    /// J qdd + gamma = -2 alpha J qd - alpha^2 error, 1/s; zero: only the accelerations meet the connections.
-    pub alpha: f64,
     /// lambda.
     pub forces_of_rows: Vec<T>,
     /// The number of rows that move a joint.
@@ -155,7 +153,6 @@ impl<T: Real> ConstraintKernel<T> {
             pushing: nan,
             slack: IN_CALLS,
             fastest: nan,
-            alpha: 0.0,
             forces_of_rows: vec![nan; m],
             rank: nan,
             residual: nan,
@@ -247,7 +244,7 @@ impl<T: Real> ConstraintKernel<T> {
                 let point = point_along(scene, scratch, path, *anchor);
                 motions_along(scene, scratch, (path, qd), &mut self.motions);
                 let own = &mut self.rows[rows.clone()];
-                set_anchored((frame, &point), &self.motions[step], own, self.alpha);
+                set_anchored((frame, &point), &self.motions[step], own);
                 let mut usual = zero.constant(1.0);
                 let on = &mut self.forces[step];
                 let apart = less(&frame.lever, &point);
@@ -285,7 +282,7 @@ impl<T: Real> ConstraintKernel<T> {
         let mut usual = of_pair.margin;
         for (i, to) in self.rows[rows.clone()].iter_mut().enumerate() {
             let force = &of_pair.of_motion[i];
-            to.set(&motion, &of_pair, i, self.alpha);
+            to.set(&motion, &of_pair, i);
             usual = usual.worst(zero.constant(self.slack) - to.error.abs());
             usual = usual.worst(self.fastest - to.rate.abs());
             for (end, (&step, frame)) in ends.iter().zip(frames).enumerate() {
@@ -437,22 +434,11 @@ impl<T: Real> Connection<T> {
 impl<T: Real> Row<T> {
     /// Sets the error, its time derivative and gamma of row `i` of a pair.
     #[inline(always)]
-    fn set(&mut self, motion: &RelativeMotion<T>, of_pair: &PairRows<T>, i: usize, alpha: f64) {
+    fn set(&mut self, motion: &RelativeMotion<T>, of_pair: &PairRows<T>, i: usize) {
         let force = &of_pair.of_motion[i];
         self.error = of_pair.error[i];
         self.rate = dot(force, &motion.velocity);
         self.gamma = dot(force, &motion.acceleration) + of_pair.turning[i];
-        self.stabilize(alpha);
-    }
-
-    /// Adds the terms of Baumgarte's stabilization to gamma.
-    #[inline(always)]
-    fn stabilize(&mut self, alpha: f64) {
-        if alpha > 0.0 {
-            let Self { error, rate, .. } = *self;
-            let pulled = (rate + rate) + error * error.constant(alpha);
-            self.gamma = pulled.mul_add(error.constant(alpha), self.gamma);
-        }
     }
 }
 

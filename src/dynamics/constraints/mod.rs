@@ -55,7 +55,7 @@ pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, projec
 pub(crate) use projection::{ProjectionStep, record_projection};
 pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows};
 pub use scratch::ConstraintScratch;
-pub(crate) use solution::{Outcome, RowsAre, constrained_dynamics};
+pub(crate) use solution::{Outcome, constrained_dynamics};
 
 /// Rows of connections that do not exist at a state.
 #[derive(Debug, Clone, Copy, PartialEq)]

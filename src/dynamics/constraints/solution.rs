@@ -1,7 +1,7 @@
 //! Forward dynamics through connections.
 
 use super::RowFault;
-use super::rows::{accelerations_of_rows, errors_of_rows, rates_of_rows};
+use super::rows::accelerations_of_rows;
 use super::scratch::ConstraintScratch;
 use crate::dynamics::forces::Motion;
 use crate::dynamics::forward::{factorise, forward_dynamics};
@@ -45,18 +45,10 @@ pub(crate) struct Outcome {
     pub contradicted: Vec<usize>,
 }
 
-/// The required rows of the connections: J qdd + gamma = -2 alpha J qd - alpha^2 errors - compliance lambda.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct RowsAre<'a> {
-    /// 1/s; None: errors and velocities of the rows are ignored.
-    pub alpha: Option<f64>,
-    /// The compliance of each row as measurement noise, zero or positive, (m/s^2)/N; empty for rigid connections.
-    pub compliance: &'a [f64],
-}
-
-/// Accelerations `qdd` and connection forces (in the scratch) from torques, for the required rows.
+/// Accelerations `qdd` and connection forces (in the scratch) from torques, with J qdd + gamma = -compliance lambda.
+/// `compliance` is that of each row as measurement noise, zero or positive, (m/s^2)/N; empty for rigid connections.
 ///
-/// Computes the accelerations qdd0 of the tree, then lambda = -(G + compliance)^+ (J qdd0 + gamma - wanted), then the
+/// Computes the accelerations qdd0 of the tree, then lambda = -(G + compliance)^+ (J qdd0 + gamma), then the
 /// accelerations of the tree with the forces J* lambda. Residuals are corrected by one more right-hand side each while
 /// they decrease. The covariance form needs one factor and two right-hand sides, other forms need forward dynamics
 /// twice, O(N); the rows add O(m^2 depth + m^3).
@@ -65,7 +57,7 @@ pub(crate) fn constrained_dynamics(
     workspace: &mut Workspace<f64>,
     scratch: &mut ConstraintScratch,
     (q, qd, tau): (&[f64], &[f64], &[f64]),
-    (wrenches, wanted): (&[Vector6<f64>], RowsAre<'_>),
+    (wrenches, compliance): (&[Vector6<f64>], &[f64]),
     qdd: &mut [f64],
 ) -> Result<Outcome, RowFault> {
     let state = (q, qd);
@@ -73,14 +65,10 @@ pub(crate) fn constrained_dynamics(
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(Outcome { pivots, rank: 0, residual: f64::NAN, contradicted: Vec::new() });
     }
-    scratch.factorise((model, constraints), workspace, q, wanted.compliance)?;
-    if wanted.alpha.is_some() {
-        rates_of_rows(model, constraints, state, &mut scratch.rates)?;
-        errors_of_rows(model, constraints, q, &mut scratch.errors)?;
-    }
+    scratch.factorise((model, constraints), workspace, q, compliance)?;
     scratch.forces.fill(0.0);
     let mut terms = vec![0.0; constraints.rows];
-    let before = scratch.left(model, constraints, state, (qdd, wanted))?;
+    let before = scratch.left(model, constraints, state, (qdd, compliance))?;
     keep_larger(&mut terms, &scratch.terms);
     scratch.take_away();
 
@@ -107,7 +95,7 @@ pub(crate) fn constrained_dynamics(
             scratch.wrenches = acting;
         }
     }
-    let mut largest = scratch.left(model, constraints, state, (qdd, wanted))?;
+    let mut largest = scratch.left(model, constraints, state, (qdd, compliance))?;
     keep_larger(&mut terms, &scratch.terms);
     let mut residual = before.max(largest);
     for _ in 0..CORRECTIONS {
@@ -126,11 +114,11 @@ pub(crate) fn constrained_dynamics(
         for (a, change) in qdd.iter_mut().zip(&scratch.estimates) {
             *a += change;
         }
-        largest = scratch.left(model, constraints, state, (qdd, wanted))?;
+        largest = scratch.left(model, constraints, state, (qdd, compliance))?;
         if !(largest < residual) {
             qdd.copy_from_slice(&kept);
             scratch.forces = forces;
-            scratch.left(model, constraints, state, (qdd, wanted))?;
+            scratch.left(model, constraints, state, (qdd, compliance))?;
             break;
         }
     }
@@ -144,7 +132,7 @@ pub(crate) fn constrained_dynamics(
     };
     let contradicted = (0..constraints.rows).filter(is_left).collect();
     // Residuals due to compliance and those of dropped rows are not rounding, and are reported.
-    let given_way = |i: usize| wanted.compliance.get(i).map_or(0.0, |compliance| compliance * scratch.forces[i]);
+    let given_way = |i: usize| compliance.get(i).map_or(0.0, |compliance| compliance * scratch.forces[i]);
     let left = |i: usize| (scratch.residual[i] + scratch.dropped[i] - given_way(i)).abs();
     let residual = (0..constraints.rows).map(left).fold(0.0, f64::max);
     Ok(Outcome { pivots, rank: scratch.inverse.rank, residual, contradicted })
@@ -216,24 +204,12 @@ impl ConstraintScratch {
         model: &Model<f64>,
         constraints: &Constraints,
         state: (&[f64], &[f64]),
-        (qdd, wanted): (&[f64], RowsAre<'_>),
+        (qdd, compliance): (&[f64], &[f64]),
     ) -> Result<f64, RowFault> {
-        let Self { residual, terms, rates, errors, forces, relaxed, dropped, step, .. } = self;
+        let Self { residual, terms, forces, relaxed, dropped, .. } = self;
         accelerations_of_rows(model, constraints, state, Some(qdd), (residual, terms))?;
         relaxed.split(residual, dropped);
-        if let Some(alpha) = wanted.alpha {
-            for (i, wanted) in step.iter_mut().enumerate() {
-                *wanted = -alpha * (2.0 * rates[i] + alpha * errors[i]);
-                terms[i] += wanted.abs();
-            }
-            // Errors of dropped rows are not corrected.
-            let mut rest = vec![0.0; constraints.rows];
-            relaxed.split(step, &mut rest);
-            for (left, wanted) in residual.iter_mut().zip(&*step) {
-                *left -= wanted;
-            }
-        }
-        for (i, &compliance) in wanted.compliance.iter().enumerate() {
+        for (i, &compliance) in compliance.iter().enumerate() {
             let given_way = compliance * forces[i];
             residual[i] += given_way;
             terms[i] += given_way.abs();

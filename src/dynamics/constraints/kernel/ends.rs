@@ -87,7 +87,6 @@ pub(super) fn set_anchored<T: Real>(
     (frame, point): (&RigidShift<T>, &[T; 3]),
     [velocity, acceleration]: &[[T; 6]; 2],
     rows: &mut [Row<T>],
-    alpha: f64,
 ) {
     let [w, v, dw, a] = [
         [velocity[0], velocity[1], velocity[2]],
@@ -102,7 +101,6 @@ pub(super) fn set_anchored<T: Real>(
     for (i, to) in rows.iter_mut().enumerate() {
         let axis = axis_of(frame, i);
         (to.error, to.rate, to.gamma) = (product(&axis, &apart), product(&axis, &moving), product(&axis, &turning));
-        to.stabilize(alpha);
     }
 }
 

@@ -57,7 +57,6 @@ impl<T: Real> ConstraintKernel<T> {
             for &(at, factor) in coordinates.iter().flatten() {
                 row.error = factor.mul_add(q[at], row.error);
             }
-            row.stabilize(self.alpha);
         }
     }
 
@@ -65,7 +64,7 @@ impl<T: Real> ConstraintKernel<T> {
     #[inline(always)]
     pub fn at_velocities(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) {
         let zero = scene.0.gravity[0].constant(0.0);
-        let Self { connections, whitened, rows, motions, alpha, .. } = self;
+        let Self { connections, whitened, rows, motions, .. } = self;
         for (connection, of) in connections.iter().zip(&whitened.paths) {
             if let LaneTie::Joints(torques, _) = &connection.tie {
                 rows[of.rows.start].rate = joints_rate(torques, qd, zero);
@@ -75,12 +74,12 @@ impl<T: Real> ConstraintKernel<T> {
                 motions_along(scene, scratch, (&of.path, qd), motions);
                 let point = point_along(scene, scratch, &of.path, *anchor);
                 let step = connection.ends[0].unwrap_or_default();
-                set_anchored((frame, &point), &motions[step], &mut rows[of.rows.clone()], *alpha);
+                set_anchored((frame, &point), &motions[step], &mut rows[of.rows.clone()]);
                 continue;
             }
             let Some((motion, of_pair)) = relative_motion(on_path, scene, scratch, qd, motions) else { continue };
             for (i, to) in rows[of.rows.clone()].iter_mut().enumerate() {
-                to.set(&motion, &of_pair, i, *alpha);
+                to.set(&motion, &of_pair, i);
             }
         }
     }
