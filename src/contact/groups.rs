@@ -81,7 +81,7 @@ impl Cones {
             }
             members.iter().zip(&cone.friction).for_each(|(&i, &mu)| friction[i] = mu);
         }
-        Cone { g, friction, lengths }
+        Cone::with_lengths(g, friction, lengths)
     }
 
     /// [`Cone::solve`] of each group.

@@ -166,6 +166,9 @@ impl Cone {
             by_energy,
             with_springs: matrix.clone(),
             matrix,
+            // The impulses are unique.
+            spring: 0.0,
+            impulses: p.clone(),
         }
     }
 }
