@@ -23,6 +23,7 @@
 //! with it ([`Turning`]). The rows of P are those of velocities that vanish, with constant A and B.
 
 use super::law::{Cone, Limits};
+use super::newton::PROXIMAL;
 use nalgebra::{DMatrix, DVector, Dyn, LU, Matrix2, Matrix3, Vector2, Vector3};
 
 /// Largest number of Newton steps in fixed modes, and the factor by which each must reduce the residual.
@@ -67,9 +68,8 @@ pub(crate) struct Linearization {
     pub(super) by_least: Vec<f64>,
     /// dF by a relative change of the energies of each contact, in the relaxed law.
     pub(super) by_energy: Vec<Vector3<f64>>,
-    /// A + B G, and the same with springs.
+    /// A + B G.
     pub(super) matrix: DMatrix<f64>,
-    pub(super) with_springs: DMatrix<f64>,
     /// The compliance s and the impulses.
     pub(super) spring: f64,
     pub(super) impulses: DVector<f64>,
@@ -185,17 +185,9 @@ impl Cone {
             }
             self.add_rows(i, (&a, b), &mut matrix);
         }
-        let mut with_springs = matrix.clone();
-        for (i, b) in by_velocity.iter().enumerate() {
-            for row in 0..3 {
-                for column in 0..3 {
-                    with_springs[(3 * i + row, 3 * i + column)] += b[(row, column)] * SPRINGS * self.spring;
-                }
-            }
-        }
         let by_energy = vec![Vector3::zeros(); self.len()];
         let (spring, impulses) = (self.spring, p.clone());
-        Linearization { by_velocity, by_friction, by_least, by_energy, matrix, with_springs, spring, impulses }
+        Linearization { by_velocity, by_friction, by_least, by_energy, matrix, spring, impulses }
     }
 
     /// Sets the rows A + B G of a contact for its blocks A and B.
@@ -221,7 +213,7 @@ impl Cone {
             if residual <= self.floor(&best, c, limits) {
                 break;
             }
-            let step = self.linearized(&modes, &best, c).with_springs.lu();
+            let step = self.linearized(&modes, &best, c).on_springs(PROXIMAL).lu();
             let next = &best - step.solve(&self.defect_in(&modes, &best, c, limits))?;
             let left = self.residual(&next, c, limits);
             if !(left < residual) {
@@ -238,11 +230,21 @@ impl Cone {
 }
 
 impl Linearization {
+    /// A + B (G + eps s) for eps = `part`.
+    fn on_springs(&self, part: f64) -> DMatrix<f64> {
+        let mut matrix = self.matrix.clone();
+        for (i, b) in self.by_velocity.iter().enumerate() {
+            let mut own = matrix.fixed_view_mut::<3, 3>(3 * i, 3 * i);
+            own += b * (part * self.spring);
+        }
+        matrix
+    }
+
     /// Cotangents of the data for a cotangent `p_bar` of the impulses; `None` if the matrix is singular.
     ///
     /// With x = -D* `p_bar`, they are B* x, `F_mu`* x, `F_a`* x and so on.
     pub fn cotangents(&self, p_bar: &DVector<f64>) -> Option<LawCotangents> {
-        let factor = self.with_springs.transpose().lu();
+        let factor = self.on_springs(SPRINGS).transpose().lu();
         // P* p_bar is an eigenvector: each solve divides the other parts by their distance from the null space.
         let mut null = factor.solve(p_bar)? * SPRINGS;
         for _ in 0..CORRECTIONS {
@@ -278,7 +280,7 @@ impl Linearization {
             let rows = b * right.fixed_rows::<3>(3 * i) * -self.spring;
             right.fixed_rows_mut::<3>(3 * i).copy_from(&rows);
         }
-        corrected(&self.with_springs.clone().lu(), &self.matrix, &right)
+        corrected(&self.on_springs(SPRINGS).lu(), &self.matrix, &right)
     }
 
     /// Changes of the impulses for changes of the velocities at fixed impulses; `None` if the matrix is singular.
@@ -288,7 +290,7 @@ impl Linearization {
         for (i, b) in self.by_velocity.iter().enumerate() {
             right.fixed_rows_mut::<3>(3 * i).copy_from(&(-b * dc.fixed_rows::<3>(3 * i)));
         }
-        corrected(&self.with_springs.clone().lu(), &self.matrix, &right)
+        corrected(&self.on_springs(SPRINGS).lu(), &self.matrix, &right)
     }
 }
 

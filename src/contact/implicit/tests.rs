@@ -125,10 +125,10 @@ fn impulses_of_redundant_contacts_follow_the_null_space_that_turns() {
     let (mut draw, mut compared, mut misses, mut worst) = (Draw(53), 0, 0, 0.0_f64);
     for trial in 0..400 {
         let contacts = 3 + trial % 3;
-        let (rows, rank) = (3 * contacts, 4 + trial % 4);
+        let (rows, rank) = (3 * contacts, 2 + trial % 3);
         let (j, dj) = (draw.matrix(rows, rank), draw.matrix(rows, rank) * 0.5);
         let v = draw.matrix(rank, 1) * 2.0;
-        let friction: Vec<f64> = (0..contacts).map(|_| 0.7 * (draw.next() + 1.0)).collect();
+        let friction: Vec<f64> = (0..contacts).map(|_| 1.5 * (draw.next() + 1.0)).collect();
         let (lower, bar) = (draw.matrix(contacts, 1), draw.matrix(rows, 1).column(0).into_owned());
         let at = |part: f64| {
             let j = &j + &dj * part;
@@ -159,7 +159,7 @@ fn impulses_of_redundant_contacts_follow_the_null_space_that_turns() {
         misses += usize::from((plain - slope).abs() > 1e-2 * size);
         worst = worst.max((plain + turning - slope).abs() / size);
     }
-    assert!(compared > 100 && misses > 50, "{compared} {misses}");
+    assert!(compared > 100 && misses > 30, "{compared} {misses}");
     assert!(worst <= 1e-5, "{worst:e}");
 }
 
