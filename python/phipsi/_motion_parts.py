@@ -139,7 +139,7 @@ class ContactMotion(NamedTuple):
     iterations: NDArray[np.int_]
     """Number of iterations of all solves, (...): the number of factorized matrices."""
     lost_in_impacts: _Array
-    """Kinetic energy lost in impacts, (...), J."""
+    """Kinetic energy lost in impacts, (...), J: in rebounds, and in landings of contacts that do not rest at the start of the step."""
     lost_in_friction: _Array
     """Energy dissipated by friction, (...), J."""
     expansion_kept: _Array

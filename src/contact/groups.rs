@@ -49,6 +49,11 @@ impl Cones {
         Self { groups, contacts: n }
     }
 
+    /// The contacts of each group.
+    pub fn members(&self) -> impl Iterator<Item = &[usize]> {
+        self.groups.iter().map(|(members, _)| &members[..])
+    }
+
     /// r of each contact.
     pub fn lengths(&self) -> Vec<f64> {
         let mut lengths = vec![0.0; self.contacts];
@@ -81,7 +86,7 @@ impl Cones {
             }
             members.iter().zip(&cone.friction).for_each(|(&i, &mu)| friction[i] = mu);
         }
-        Cone { g, friction, lengths }
+        Cone::with_lengths(g, friction, lengths)
     }
 
     /// [`Cone::solve`] of each group.

@@ -12,8 +12,15 @@
 //! ```
 //!
 //! The derivatives of p follow from (A + B G) dp = -(B dc + `F_mu` dmu + `F_a` da) with A = dF/dp and B = dF/du (the
-//! implicit function theorem). If G is singular, only J* dp is unique; dp is then that of equal springs at the
-//! contacts, the limit of A + B (G + eps/r), which is regular.
+//! implicit function theorem). If G is singular, only J* p is unique; p is then that of equal springs at the contacts,
+//! the limit for eps to 0 of A + B (G + eps s), which is regular, with one compliance s. In this limit
+//!
+//! ```text
+//! (A + B G + eps B s)^-T = P/eps + D + ...,     p = p0 + eps p1 + ...,     (A + B G) p1 = -B s p0
+//! ```
+//!
+//! so that a change of G has the term (P `p_bar`)* B dG p1 in addition to those at p0: the null space of G turns, and p
+//! with it ([`Turning`]). The rows of P are those of velocities that vanish, with constant A and B.
 
 use super::law::{Cone, Limits};
 use super::newton::PROXIMAL;
@@ -23,8 +30,13 @@ use nalgebra::{DMatrix, DVector, Dyn, LU, Matrix2, Matrix3, Vector2, Vector3};
 const STEPS: usize = 6;
 const FALLS: f64 = 0.5;
 
-/// Number of corrections of a linear solution by its residual, which remove the error of the springs.
-const CORRECTIONS: usize = 2;
+/// Compliance of the springs eps, relative to its unit, and the number of corrections that remove their error from a
+/// solution or from P.
+const SPRINGS: f64 = 1e-6;
+const CORRECTIONS: usize = 3;
+
+/// A projection P below this fraction of the cotangent is rounding: the impulses are unique.
+const UNIQUE: f64 = 1e-10;
 
 /// The normal equation of a contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,9 +68,20 @@ pub(crate) struct Linearization {
     pub(super) by_least: Vec<f64>,
     /// dF by a relative change of the energies of each contact, in the relaxed law.
     pub(super) by_energy: Vec<Vector3<f64>>,
-    /// A + B G, and the same with springs.
+    /// A + B G.
     pub(super) matrix: DMatrix<f64>,
-    pub(super) with_springs: DMatrix<f64>,
+    /// The compliance s and the impulses.
+    pub(super) spring: f64,
+    pub(super) impulses: DVector<f64>,
+}
+
+/// The change of redundant impulses by the null space of G that turns, the bilinear form z* dG s.
+#[derive(Debug, Clone)]
+pub(crate) struct Turning {
+    /// Cotangents of velocities in the null space, J* z = 0.
+    pub z: DVector<f64>,
+    /// The impulses p1, N s.
+    pub s: DVector<f64>,
 }
 
 /// Cotangents of the data of a problem, for a cotangent of its impulses.
@@ -72,6 +95,8 @@ pub(crate) struct LawCotangents {
     pub least: Vec<f64>,
     /// Of a relative change of the energies of each contact, in the relaxed law.
     pub energy: Vec<f64>,
+    /// `None` if the impulses are unique.
+    pub turning: Option<Turning>,
 }
 
 impl Cone {
@@ -160,16 +185,9 @@ impl Cone {
             }
             self.add_rows(i, (&a, b), &mut matrix);
         }
-        let mut with_springs = matrix.clone();
-        for (i, b) in by_velocity.iter().enumerate() {
-            for row in 0..3 {
-                for column in 0..3 {
-                    with_springs[(3 * i + row, 3 * i + column)] += b[(row, column)] * PROXIMAL / self.lengths[i];
-                }
-            }
-        }
         let by_energy = vec![Vector3::zeros(); self.len()];
-        Linearization { by_velocity, by_friction, by_least, by_energy, matrix, with_springs }
+        let (spring, impulses) = (self.spring, p.clone());
+        Linearization { by_velocity, by_friction, by_least, by_energy, matrix, spring, impulses }
     }
 
     /// Sets the rows A + B G of a contact for its blocks A and B.
@@ -195,7 +213,7 @@ impl Cone {
             if residual <= self.floor(&best, c, limits) {
                 break;
             }
-            let step = self.linearized(&modes, &best, c).with_springs.lu();
+            let step = self.linearized(&modes, &best, c).on_springs(PROXIMAL).lu();
             let next = &best - step.solve(&self.defect_in(&modes, &best, c, limits))?;
             let left = self.residual(&next, c, limits);
             if !(left < residual) {
@@ -212,20 +230,57 @@ impl Cone {
 }
 
 impl Linearization {
+    /// A + B (G + eps s) for eps = `part`.
+    fn on_springs(&self, part: f64) -> DMatrix<f64> {
+        let mut matrix = self.matrix.clone();
+        for (i, b) in self.by_velocity.iter().enumerate() {
+            let mut own = matrix.fixed_view_mut::<3, 3>(3 * i, 3 * i);
+            own += b * (part * self.spring);
+        }
+        matrix
+    }
+
     /// Cotangents of the data for a cotangent `p_bar` of the impulses; `None` if the matrix is singular.
     ///
-    /// With x = -(A + B G)^-T `p_bar`, they are B* x, `F_mu`* x, `F_a`* x and so on.
+    /// With x = -D* `p_bar`, they are B* x, `F_mu`* x, `F_a`* x and so on.
     pub fn cotangents(&self, p_bar: &DVector<f64>) -> Option<LawCotangents> {
-        let x = -corrected(&self.with_springs.transpose().lu(), &self.matrix.transpose(), p_bar)?;
-        let mut velocities = DVector::zeros(x.len());
-        for (i, b) in self.by_velocity.iter().enumerate() {
-            velocities.fixed_rows_mut::<3>(3 * i).copy_from(&b.tr_mul(&x.fixed_rows::<3>(3 * i)));
+        let factor = self.on_springs(SPRINGS).transpose().lu();
+        // P* p_bar is an eigenvector: each solve divides the other parts by their distance from the null space.
+        let mut null = factor.solve(p_bar)? * SPRINGS;
+        for _ in 0..CORRECTIONS {
+            null = factor.solve(&(self.by_velocities(&null) * self.spring))? * SPRINGS;
         }
+        let along = self.by_velocities(&null);
+        let redundant = along.amax() * self.spring > UNIQUE * p_bar.amax();
+        let turning = if redundant { Some(Turning { z: -&along, s: self.beside_springs()? }) } else { None };
+        let right = if redundant { p_bar - along * self.spring } else { p_bar.clone() };
+        let x = -corrected(&factor, &self.matrix.transpose(), &right)?;
+        let velocities = self.by_velocities(&x);
         let along = |by: &[Vector3<f64>]| -> Vec<f64> {
             by.iter().enumerate().map(|(i, by)| by.dot(&x.fixed_rows::<3>(3 * i))).collect()
         };
         let least = self.by_least.iter().enumerate().map(|(i, by)| by * x[3 * i + 2]).collect();
-        Some(LawCotangents { velocities, friction: along(&self.by_friction), least, energy: along(&self.by_energy) })
+        let (friction, energy) = (along(&self.by_friction), along(&self.by_energy));
+        Some(LawCotangents { velocities, friction, least, energy, turning })
+    }
+
+    /// B* x.
+    fn by_velocities(&self, x: &DVector<f64>) -> DVector<f64> {
+        let mut product = DVector::zeros(x.len());
+        for (i, b) in self.by_velocity.iter().enumerate() {
+            product.fixed_rows_mut::<3>(3 * i).copy_from(&b.tr_mul(&x.fixed_rows::<3>(3 * i)));
+        }
+        product
+    }
+
+    /// p1, by which the impulses on springs differ from those without; `None` if the matrix is singular.
+    fn beside_springs(&self) -> Option<DVector<f64>> {
+        let mut right = self.impulses.clone();
+        for (i, b) in self.by_velocity.iter().enumerate() {
+            let rows = b * right.fixed_rows::<3>(3 * i) * -self.spring;
+            right.fixed_rows_mut::<3>(3 * i).copy_from(&rows);
+        }
+        corrected(&self.on_springs(SPRINGS).lu(), &self.matrix, &right)
     }
 
     /// Changes of the impulses for changes of the velocities at fixed impulses; `None` if the matrix is singular.
@@ -235,7 +290,7 @@ impl Linearization {
         for (i, b) in self.by_velocity.iter().enumerate() {
             right.fixed_rows_mut::<3>(3 * i).copy_from(&(-b * dc.fixed_rows::<3>(3 * i)));
         }
-        corrected(&self.with_springs.clone().lu(), &self.matrix, &right)
+        corrected(&self.on_springs(SPRINGS).lu(), &self.matrix, &right)
     }
 }
 

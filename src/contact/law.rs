@@ -16,6 +16,9 @@ pub(crate) struct Cone {
     pub friction: Vec<f64>,
     /// r = 3 / trace `G_ii` of each contact, which converts velocities to impulses.
     pub lengths: Vec<f64>,
+    /// Unit of the compliance of springs, the geometric mean of 1/r. It is the same for all rows, so that redundant
+    /// contacts share their impulses as equal springs do.
+    pub spring: f64,
 }
 
 /// Data of a problem in addition to its free velocities.
@@ -84,7 +87,14 @@ impl Cone {
     pub fn new(g: DMatrix<f64>, friction: Vec<f64>) -> Self {
         let trace = |i: usize| g[(3 * i, 3 * i)] + g[(3 * i + 1, 3 * i + 1)] + g[(3 * i + 2, 3 * i + 2)];
         let lengths = (0..friction.len()).map(|i| 3.0 / trace(i)).collect();
-        Self { g, friction, lengths }
+        Self::with_lengths(g, friction, lengths)
+    }
+
+    /// A problem of contacts with known r.
+    pub fn with_lengths(g: DMatrix<f64>, friction: Vec<f64>, lengths: Vec<f64>) -> Self {
+        #[allow(clippy::cast_precision_loss)] // a few contacts
+        let mean = lengths.iter().map(|r| r.ln()).sum::<f64>() / lengths.len().max(1) as f64;
+        Self { g, friction, lengths, spring: (-mean).exp() }
     }
 
     /// Number of contacts.
@@ -92,11 +102,11 @@ impl Cone {
         self.friction.len()
     }
 
-    /// The same contacts with compliance: `part` / r is added to the diagonal.
+    /// The same contacts on equal springs, whose compliance is `part` of the unit.
     pub fn on_springs(&self, part: f64) -> Self {
         let mut springs = self.clone();
         for i in 0..springs.g.nrows() {
-            springs.g[(i, i)] += part / self.lengths[i / 3];
+            springs.g[(i, i)] += part * self.spring;
         }
         springs
     }

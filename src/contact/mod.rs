@@ -35,7 +35,7 @@ mod tests;
 
 pub(crate) use energy::{ContactProblem, Impact, expansion_kept, impact, passive};
 pub(crate) use groups::Cones;
-pub(crate) use implicit::LawCotangents;
+pub(crate) use implicit::{LawCotangents, Turning};
 pub use law::ContactState;
 pub(crate) use law::{Cone, Limits};
 pub(crate) use relaxed::Relaxation;

@@ -3,17 +3,17 @@
 use super::law::{Cone, Limits};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
-/// Fraction of 1/r added to the diagonal of G in the matrix only, which makes it regular for redundant rows.
+/// Compliance of the springs that are added to G in the matrix only, which make it regular for redundant rows.
 pub(super) const PROXIMAL: f64 = 1e-8;
 
 impl Cone {
-    /// dF/dp with G + `proximal`/r in place of G: X = 1 - r G', where each contact is open (no contribution), sticking
+    /// dF/dp on springs of the compliance `proximal`: X = 1 - r G', where each contact is open (no contribution), sticking
     /// (X in n and t) or sliding.
     fn slope(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits, proximal: f64) -> DMatrix<f64> {
         let (m, x) = (3 * self.len(), self.targets(p, c));
         let moved = DMatrix::from_fn(m, m, |i, j| {
-            let one = if i == j { 1.0 - proximal } else { 0.0 };
-            one - self.lengths[i / 3] * self.g[(i, j)]
+            let (one, spring) = if i == j { (1.0, proximal * self.spring) } else { (0.0, 0.0) };
+            one - self.lengths[i / 3] * (self.g[(i, j)] + spring)
         });
         let mut slope = DMatrix::identity(m, m);
         for i in 0..self.len() {

@@ -164,8 +164,10 @@ impl Cone {
             by_friction,
             by_least: vec![0.0; n],
             by_energy,
-            with_springs: matrix.clone(),
             matrix,
+            // The impulses are unique.
+            spring: 0.0,
+            impulses: p.clone(),
         }
     }
 }

@@ -37,14 +37,17 @@ const STRONG: f64 = 1000.0;
 /// A residual this small after the continuation cannot be improved by another curve.
 const SMALL: f64 = 1e-6;
 
-/// Compliance, relative to 1/r, that makes the impulses of redundant contacts unique; and decreasing compliances for
-/// stiff problems whose impulses are far from those.
+/// Compliance of equal springs, relative to their unit ([`Cone::spring`]), that makes the impulses of redundant contacts
+/// unique; and decreasing compliances for stiff problems whose impulses are far from those.
 const SPRINGS: f64 = 1e-6;
 const STIFFER: [f64; 4] = [1e-8, 1e-10, 1e-12, 1e-14];
 
-/// Number of Newton steps that remove the compliance from the impulses. The springs are their proximal term, because a
-/// smaller one would move impulses in the null space of G by rounding errors.
-const CORRECTIONS: usize = 3;
+/// Number of Newton steps that remove the compliance from the impulses that determine rebounds. The springs are their
+/// proximal term, because a smaller one would move impulses in the null space of G by rounding errors.
+const CORRECTIONS: usize = 4;
+
+/// Compliance of the springs of these steps, for which rounding errors of the shares are a tenth of those of the others.
+const SOFTER: f64 = 1e-5;
 
 /// The proximal term of Newton's method on springs, relative to their compliance. A larger one would determine the
 /// rate of convergence.
@@ -71,7 +74,7 @@ struct Search<'a> {
     c: &'a DVector<f64>,
     limits: &'a Limits,
     effort: Effort,
-    /// Fraction of 1/r on the diagonal of the matrices of Newton's method.
+    /// Compliance of the springs in the matrices of Newton's method.
     proximal: f64,
     best: DVector<f64>,
     solved: SolveReport,
@@ -141,7 +144,7 @@ impl<'a> Search<'a> {
             }
             // Between the steps, the residual is temporarily larger because directions of slip change.
             least = least.min(residual);
-            let proximal = (BY_RESIDUAL * least).clamp(LEAST_PROXIMAL, self.proximal);
+            let proximal = (BY_RESIDUAL * least).clamp(LEAST_PROXIMAL, PROXIMAL);
             let step = self.cone.newton_to_bound(&p, &c, self.limits, proximal);
             let Some((next, first)) = step else { return false };
             self.solved.iterations += 1;
@@ -169,7 +172,7 @@ impl<'a> Search<'a> {
     fn stick(&mut self) -> bool {
         let mut g = self.cone.g.clone();
         for i in 0..g.nrows() {
-            g[(i, i)] += PROXIMAL / self.cone.lengths[i / 3];
+            g[(i, i)] += PROXIMAL * self.cone.spring;
         }
         self.solved.iterations += 1;
         let Some(solved) = g.cholesky() else { return false };
@@ -324,6 +327,8 @@ impl Cone {
                 return (search.best, search.solved);
             }
         }
+        // A smaller proximal term would move the impulses in the null space of G by rounding errors.
+        search.proximal = SPRINGS;
         let on_springs = self.on_springs(SPRINGS);
         let mut springs = Search::new(&on_springs, c, limits, effort);
         let mut done = springs.newton(start);
@@ -351,9 +356,9 @@ impl Cone {
     /// Impulses that satisfy the law, with the precision that rounding allows. Those of redundant contacts are otherwise
     /// those of equal springs up to the tolerance over the compliance, and each determines the rebound of its contact.
     pub fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
-        let Some((mut shared, _)) = self.on_springs(SPRINGS).polished(&p, c, limits) else { return p };
+        let Some((mut shared, _)) = self.on_springs(SOFTER).polished(&p, c, limits) else { return p };
         for _ in 0..CORRECTIONS {
-            let Some(next) = self.newton(&shared, c, limits, SPRINGS) else { return p };
+            let Some(next) = self.newton(&shared, c, limits, SOFTER) else { return p };
             shared = next;
         }
         let before = self.residual(&p, c, limits).max(self.floor(&p, c, limits));

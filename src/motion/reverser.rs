@@ -483,16 +483,13 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
         for (to, from) in touching.gradients.end.iter_mut().zip(&gradients.end) {
             scatter(from, 0, to);
         }
-        let (state, every) = (job.states.start, job.rows.every);
-        let mut row = Vec::new();
-        if (n + 1).is_multiple_of(every) {
-            job.row((n + 1) / every, &mut row);
-        }
-        let recorded = (!row.is_empty()).then(|| row.split_at(job.scene.nq()));
+        // With contacts every step has a row.
+        let (state, mut row) = (job.states.start, Vec::new());
+        job.row(n + 1, &mut row);
+        let recorded = row.split_at(job.scene.nq());
         let row_before = |back: usize| {
             let mut row = Vec::new();
-            let at = n.checked_sub(back).filter(|step| step.is_multiple_of(every))?;
-            job.row(at / every, &mut row);
+            job.row(n.checked_sub(back)?, &mut row);
             Some(row)
         };
         let changed = |contact, before, after| {

@@ -6,7 +6,7 @@ import numpy as np
 import phipsi
 import pytest
 from phipsi import ContactState
-from tolerances import CONTACT, FAR
+from tolerances import CONTACT, EQUAL_SPRINGS, FAR, assert_near
 
 G = 9.81
 
@@ -33,6 +33,30 @@ def starts(edges: tuple[float, float, float], corners: int, height: float) -> tu
     qd[:, 3:5] *= 0.1 if corners == 4 else 1.0
     qd[:2] = 0.0
     return q, qd
+
+
+@pytest.mark.parametrize("mass", [0.02, 2.0, 500.0])
+@pytest.mark.parametrize("heights", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.1, -0.05, 0.02)])
+def test_four_legs_share_the_weight_as_equal_springs(mass: float, heights: tuple[float, ...]) -> None:
+    """A table with its center of mass off the middle, also on steps and under a force along the ground: the least sum of
+    squares of the forces that balance it, whatever its mass and inertia.
+    """
+    com, gravity = np.array([0.15, 0.1, 0.0]), np.array([0.6, -0.4, -G])
+    table = phipsi.SceneBuilder().link("table", mass, tuple(com), mass * np.diag([0.02, 0.05, 0.06]))
+    balance = []
+    for i, ((x, y), height) in enumerate(zip([(-0.4, -0.3), (-0.4, 0.3), (0.4, -0.3), (0.4, 0.3)], heights, strict=True)):
+        foot = np.array([x, y, height - 0.5])
+        table.contact(f"leg{i}", "table", xyz=tuple(foot), friction=2.0, offset=height)
+        # Moments about the center of mass, about which the weight has none.
+        lever = foot - com
+        turns = [[0, -lever[2], lever[1]], [lever[2], 0, -lever[0]], [-lever[1], lever[0], 0]]
+        balance.append(np.vstack([np.eye(3), turns]))
+    expected = np.linalg.pinv(np.hstack(balance)) @ np.array([*(-mass * gravity), 0, 0, 0])
+    path = table.build(floating_base=True, gravity=tuple(gravity)).simulate([0, 0, 0.5, 0, 0, 0, 1.0], np.zeros(6), dt=1e-3, steps=20)
+    assert path.contacts is not None and np.abs(path.qd).max() <= 1e-9
+    for row in (1, -1):
+        found = np.concatenate([force[row] for force in path.contacts.force.values()])
+        assert_near(found, expected, EQUAL_SPRINGS * mass * G)
 
 
 @pytest.mark.parametrize("dt", [1e-2, 1e-3])

@@ -307,3 +307,38 @@ def test_the_error_estimate_bounds_the_error_of_most_runs(range_of_motion: float
     assert np.mean(bounded) >= 0.9, f"{np.sum(~bounded)} of {len(off)}, up to {np.max(off / np.maximum(estimates, 1e-300)):.1e} times the estimate"
     # The estimate is not much larger.
     assert np.median(estimates / np.maximum(off, 1e-12)) < 30.0
+
+
+def jammed(seed: int) -> tuple[phipsi.Scene, np.ndarray, np.ndarray, dict[str, float | np.ndarray]]:
+    """A chain with a rough tip, or two, that strikes the ground; some joints have stops, and strong torques reverse it."""
+    random = np.random.default_rng(seed)
+    count = int(random.integers(1, 4))
+    chain = phipsi.SceneBuilder().link("world")
+    for k in range(count):
+        limits = {"lower": -0.6, "upper": 0.6} if random.random() < 0.5 else {}
+        chain.link(f"l{k}", 1.0, (0, 0, -0.25), np.diag([0.01, 0.01, 0.002]))
+        axis = (0, 1, 0) if random.random() < 0.7 else (1, 0, 0)
+        chain.joint(f"j{k}", "revolute", f"l{k - 1}" if k else "world", f"l{k}", xyz=(0, 0, -0.5 if k else 0), axis=axis, damping=0.05, **limits)
+    of_tips = {"friction": random.uniform(0.3, 5), "restitution": float(random.choice([0, 0.5]))}
+    for i, xyz in enumerate([(0, 0, -0.5), (0.1, 0.1, -0.45)][: int(random.integers(1, 3))]):
+        chain.contact(f"tip{i}", f"l{count - 1}", xyz=xyz, offset=-0.5 * count * random.uniform(0.8, 0.99), **of_tips)
+    tau = random.normal(size=count) * random.choice([0, 10, 50])
+    qd = random.normal(size=count) * random.choice([3, 10])
+    return chain.build(), random.uniform(-0.6, 0.6, count), qd, {"dt": float(random.choice([1e-3, 4e-3])), "tau": tau}
+
+
+def test_contacts_that_jam_or_reverse_their_slip_lose_energy() -> None:
+    """No loss is negative, in no step, and the steps in which tips jam are among them."""
+    struck = slid = 0
+    for seed in range(60):
+        scene, q, qd, given = jammed(seed)
+        try:
+            path = scene.simulate(q, qd, **given, steps=60, limits="stop")
+        except phipsi.errors.SimulationError:
+            continue
+        assert path.contacts is not None
+        kinetic = 1.0 + np.abs(path.energy().kinetic).max()
+        impacts, friction = float(path.contacts.lost_in_impacts), float(path.contacts.lost_in_friction)
+        assert min(impacts, friction) >= -1e-9 * kinetic, f"seed {seed}: {impacts}, {friction}"
+        struck, slid = struck + (impacts > 1e-3), slid + (friction > 1e-3)
+    assert struck >= 20 and slid >= 5, (struck, slid)

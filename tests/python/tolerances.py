@@ -141,6 +141,14 @@ CONTACT = 1e-10
 """Tolerance of the solver of contacts: residual of the law relative to the fastest contact."""
 CONTACT_GRADIENT = 1e-6
 """Largest error of a gradient through contact inside one mode, relative to the largest gradient of its kind."""
+REDUNDANT_GRADIENT = 1e-4
+"""Largest error of a gradient through redundant contacts beside differences with a step of 1e-4, relative to the largest of
+its kind: the rounding error of the shares, 1e-16 over the compliance of 1e-6, over the step.
+"""
+EQUAL_SPRINGS = 1e-5
+"""Relative error of the forces of redundant contacts beside those of equal springs: rounding errors of gaps over the
+compliance.
+"""
 SMOOTHED_LAW = 1e-9
 """Relative error of the smoothed law by its definition, from recorded forces and velocities: the recorded velocity of a contact
 under a large force has the rounding error of the larger velocities from which it follows.

@@ -15,7 +15,7 @@
 use super::super::scratch::Scratch;
 use super::at::{At, Moved};
 use super::record::{Laws, StepRecord};
-use crate::contact::{Cone, LawCotangents, Limits};
+use crate::contact::{Cone, LawCotangents, Limits, Turning};
 use crate::error::Error;
 use nalgebra::DVector;
 
@@ -91,6 +91,7 @@ impl Chain {
         let all = &struck + &held;
         let y = at.respond(near, &none, &all)?;
         chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y.v)));
+        chain.turn(at, near, &of)?;
         chain.of_target.iter_mut().enumerate().for_each(|(k, sum)| *sum += of.velocities[3 * k + 2]);
         chain.add(&of);
         forces += &of.velocities;
@@ -104,6 +105,7 @@ impl Chain {
             let of = law(cone, &slower, c, &Limits::beside(c), &bar)?;
             let y = at.respond(near, &none, &(&struck + &slower))?;
             chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y.v)));
+            chain.turn(at, near, &of)?;
             for k in (0..near.len()).filter(|k| !laws.arriving.contains(k)) {
                 chain.of_target[k] += of.velocities[3 * k + 2];
             }
@@ -142,8 +144,7 @@ impl Chain {
     ) -> Result<(), (String, Error)> {
         let (near, cone, none) = (&record.near[..], &laws.cone, vec![0.0; s.v.len()]);
         let middle: Vec<f64> = s.v.iter().zip(&record.v_free).map(|(a, b)| a + laws.part * (b - a)).collect();
-        let mut respond = |p: &DVector<f64>| at.respond(near, &none, p);
-        let (y_all, y_first) = (respond(&hit.all)?, respond(&hit.first)?);
+        let (y_all, y_first) = (at.respond(near, &none, &hit.all)?, at.respond(near, &none, &hit.first)?);
         let mut of_middle = DVector::zeros(3 * near.len());
         if let (Some(second), true) = (&hit.second, hit.kept < 1.0) {
             // p (u + G p/2) = 0 determines s.
@@ -169,6 +170,7 @@ impl Chain {
             let y = at.respond(near, &none, second)?;
             let before = sum(&middle, &y_first.v);
             self.evaluations.push((of.velocities.clone(), sum(&before, &y.v)));
+            self.turn(at, near, &of)?;
             self.add(&of);
             for (k, least) in of.least.iter().enumerate() {
                 self.restitution[k] += least * hit.first[3 * k + 2];
@@ -181,6 +183,7 @@ impl Chain {
         }
         let of = law(cone, &hit.first, &laws.middle, &Limits::beside(&laws.middle), &of_first)?;
         self.evaluations.push((of.velocities.clone(), sum(&middle, &y_first.v)));
+        self.turn(at, near, &of)?;
         self.add(&of);
         forces += of.velocities;
         of_middle += &forces;
@@ -188,6 +191,16 @@ impl Chain {
         self.responses.push(Response { p: hit.first.clone(), y: y_first, m });
         self.of_free += &of_middle * laws.part;
         self.of_start += of_middle * (1.0 - laws.part);
+        Ok(())
+    }
+
+    /// Adds z* dG s of redundant contacts.
+    fn turn(&mut self, at: &mut At<'_>, near: &[usize], of: &LawCotangents) -> Result<(), (String, Error)> {
+        let Some(Turning { z, s }) = &of.turning else { return Ok(()) };
+        let still = vec![0.0; at.model.nv()];
+        let (y, m) = (at.respond(near, &still, s)?, at.respond(near, &still, z)?);
+        self.evaluations.push((z.clone(), y.v.clone()));
+        self.responses.push(Response { p: s.clone(), y, m });
         Ok(())
     }
 

@@ -37,8 +37,8 @@ pub struct ContactReport {
     pub converged: bool,
     /// Number of iterations of all solves.
     pub iterations: f64,
-    /// Kinetic energy dissipated in impacts, J: in rebounds, and in landings faster than the velocity that gravity adds
-    /// in a step.
+    /// Kinetic energy dissipated in impacts, J: in rebounds, and in landings of contacts that do not rest at the start of
+    /// the step. With smoothing, the work against normal forces, which can be negative.
     pub lost_in_impacts: f64,
     /// Energy dissipated by friction, J.
     pub lost_in_friction: f64,

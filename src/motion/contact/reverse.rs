@@ -122,21 +122,19 @@ impl ContactReverse {
         Ok(())
     }
 
-    /// Propagates the gradients through step `n`, whose end is `recorded` if it is known; `row_before` gives (q, qd) some
-    /// steps before it, if they are known. Calls `changed` with the changes of contacts between this step and the next
+    /// Propagates the gradients through step `n`, whose end is `recorded`; `row_before` gives (q, qd) some steps before
+    /// it, if the run has begun. Calls `changed` with the changes of contacts between this step and the next
     /// one. Returns the joint and the error if it fails.
     pub fn through(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
         n: usize,
-        recorded: Option<(&[f64], &[f64])>,
+        recorded: (&[f64], &[f64]),
         row_before: impl Fn(usize) -> Option<Vec<f64>>,
         mut changed: impl FnMut(usize, ContactState, ContactState),
     ) -> Result<(), (String, Error)> {
         self.step.step(scene, settings, &mut self.scratch, &mut self.kept)?;
-        if let Some(recorded) = recorded {
-            self.reproduce((scene, settings), n, recorded, row_before)?;
-        }
+        self.reproduce((scene, settings), n, recorded, row_before)?;
         let Self { scratch: s, gradients, step, adjoint, connections, sums, margins, states, .. } = self;
         adjoint.step(scene, settings, (step, s), connections, gradients)?;
         for (sum, more) in sums.iter_mut().zip(&adjoint.contacts) {
@@ -152,12 +150,12 @@ impl ContactReverse {
     }
 
     /// Makes step `n` if no contact can act in it; returns false if one can. The values of the state in the job become
-    /// those of its end, which is `recorded` if it is known. Calls `changed` as [`ContactReverse::through`].
+    /// those of its end, which is `recorded`. Calls `changed` as [`ContactReverse::through`].
     pub fn is_free(
         &mut self,
         job: &mut Job<'_, '_>,
         n: usize,
-        recorded: Option<(&[f64], &[f64])>,
+        recorded: (&[f64], &[f64]),
         mut changed: impl FnMut(usize, ContactState, ContactState),
     ) -> Result<bool, StepFault> {
         let (acting, fault) = self.switching.free_steps(job, n, 1);
@@ -168,7 +166,7 @@ impl ContactReverse {
             return Ok(false);
         }
         let (q, rest) = job.current.split_at(job.scene.nq());
-        let made = recorded.map_or(Ok(()), |recorded| check_reproduced(n, recorded, (q, &rest[..job.scene.nv()])));
+        let made = check_reproduced(n, recorded, (q, &rest[..job.scene.nv()]));
         made.map_err(|error| StepFault { step: n, state: job.states.at(0), joint: String::new(), error })?;
         let gaps = self.switching.gaps().iter();
         let now = gaps.map(|gap| (gap / job.settings.step, ContactState::Open)).collect();

@@ -184,7 +184,7 @@ impl ContactStep {
         let blocks = rows.gram(&s.model, points, workspace, &mut near);
         let friction: Vec<f64> = points.iter().map(|point| point.friction).collect();
         let cone = Cones::new(blocks, &friction).whole();
-        check_movable(scene, &near, &cone.lengths)?;
+        check_movable((scene, &[]), &near, &cone.lengths)?;
         let mut c = before.free.clone();
         for (i, &gap) in before.gaps.iter().enumerate() {
             c[3 * i + 2] += smoothing.target(gap, h)[0];
@@ -198,7 +198,7 @@ impl ContactStep {
             *v += response;
         }
         let after = rows.velocities(&s.model, points, &s.v_next);
-        check(scene, &near, &solved)?;
+        check((scene, &[]), &near, &solved)?;
         let (mut normal, mut tangent, mut creep) = (0.0, 0.0, 0.0_f64);
         let mut states = Vec::with_capacity(points.len());
         for (i, point) in points.iter().enumerate() {
