@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import capabilities
 import numpy as np
 import phipsi
 
@@ -260,6 +261,13 @@ def page() -> str:
         *(f"| `{name}` | {' | '.join(expected(name, kind) for kind in KINDS)} |" for name in sorted(CALLS)),
         "",
         f"Methods without a state of the scene: {', '.join(f'`{name}`' for name in sorted(WITHOUT_STATE))}.",
+        "",
+        "## Capabilities",
+        "",
+        "Each cell is a test against dense algebra that reads nothing of phipsi: a mechanism of four bodies as a tree, with a joint that follows another, and closed by a pin, each without and with a contact 100 m out of reach. "
+        "With the contact, results must have the same bits as without it (gradients of a simulation: the same to rounding). A cell that is refused raises an error with these words.",
+        "",
+        *capabilities.table(),
         "",
     ]
     return "\n".join(lines)
