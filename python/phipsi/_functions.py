@@ -66,8 +66,7 @@ def functions_of(scene: Scene) -> tuple[_OfScene, ...]:
     """The functions with code for a scene, without those of one link."""
     kinds = {"every", "loops" if scene.constraint_names else "trees"}
     if scene.contact_names:
-        follows = (joint.mimic is not None and name not in scene.joint_names for name, joint in scene.joints.items())
-        is_tree = not scene.constraint_names and not any(follows)
+        is_tree = not scene.constraint_names and not has_followers(scene)
         kinds |= {"contacts", "trees with contacts"} if is_tree else {"contacts"}
     return tuple(name for name in FUNCTIONS if COMPILED[name]["scenes"] in kinds)
 

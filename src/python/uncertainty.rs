@@ -188,14 +188,6 @@ impl PyScene {
         dt: &Object<'py>,
         how: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
-        let scene = &slf.get().scene;
-        if let Some(parameters) = how.map(|how| how.get_item("parameters")).transpose()?.flatten()
-            && !parameters.is_none()
-        {
-            scene.check_independent()?;
-        }
-        scene.check_no_connections("momentum_observer")?;
-        scene.check_no_contacts("momentum_observer")?;
         imported!(slf.py(), "phipsi.estimation.momentum", "MomentumObserver")?.call((slf, dt), how)
     }
 
@@ -242,7 +234,6 @@ impl PyScene {
         sensors: &Object<'py>,
         how: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
-        slf.get().check_observed("observer")?;
         imported!(slf.py(), "phipsi.estimation.observer", "Observer")?.call((slf, dt, sensors), how)
     }
 
@@ -370,13 +361,6 @@ fn one_by_one(scene: &Scene, question: &Question<'_>, state: &Arguments<'_>, out
 }
 
 impl PyScene {
-    /// Observers know trees of independent joints: the forces of connections and contacts would be external ones.
-    fn check_observed(&self, what: &str) -> Result<(), Error> {
-        self.scene.check_independent()?;
-        self.scene.check_no_connections(what)?;
-        self.scene.check_no_contacts(what)
-    }
-
     /// The roots of the parameters' covariances, from (bodies, rank, 10).
     fn roots(&self, roots: &Object<'_>) -> PyResult<ParameterRoots<f64>> {
         let (shape, numbers) = shaped("parameters", roots, 10)?;

@@ -344,7 +344,7 @@ def hessian_products(c: Case) -> None:
 
 
 def operational_inertia(c: Case) -> None:
-    point, directions = np.array([0.1, 0.0, 0.05]), np.eye(6)[[3, 5]]
+    point, directions = np.array([0.1, 0.0, 0.05]), np.eye(6)[[4, 5]]
     tree = c.tree(c.q, c.qd)
     rotation, (_, linear, _) = tree.at[2][0], tree.point(2, point)
     jacobian = np.concatenate([rotation.T @ tree.at[2][2], rotation.T @ linear]) @ c.g
@@ -625,20 +625,13 @@ CELLS: dict[str, Callable[[Case], None]] = {
     "sensor observer": sensor_observer,
 }
 
-_FOLLOW = "refused: joints that follow others"
-_CONNECTIONS = "refused: connections"
-_CONTACTS = "refused: contacts"
 _ACCURACY = "refused: error control"
+_BANDS = "refused: connections or contacts"
 _REBOUND = "does not hold: in a step in which gravity adds kinetic energy, restitution is halved until the impact does not"
 
-#: What does not hold, by capability: for the kinds tree, mimic, loop without and with the contact. "refused: " and a
-#: part of the message, or "does not hold: " and the reason.
+#: What does not hold, by capability, kind and contact. "refused: " and a part of the message, or "does not hold: " and
+#: the reason.
 EXCEPTIONS: dict[str, dict[tuple[str, bool], str]] = {
-    "products of Hessians (hvp)": {("mimic", far): _FOLLOW for far in (False, True)},
-    "operational inertia": {
-        **{("mimic", far): _FOLLOW for far in (False, True)},
-        **{("loop", far): "does not hold: the result is that of the tree of joints" for far in (False, True)},
-    },
     "error control (`accuracy=`)": {(kind, far): _ACCURACY for kind in KINDS for far in (False, True) if (kind, far) != ("tree", False)},
     "exact dry friction": {("loop", far): "does not hold: friction is viscous below 0.01 rad/s" for far in (False, True)},
     "joint stops, restitution": {
@@ -646,23 +639,10 @@ EXCEPTIONS: dict[str, dict[tuple[str, bool], str]] = {
         **{("loop", far): "does not hold: a stop is exceeded by 2e-10 rad" for far in (False, True)},
     },
     "covariance of a simulation": {
-        **{("mimic", far): _FOLLOW for far in (False, True)},
-        **{(kind, far): _CONNECTIONS for kind in ("tree", "loop") for far in (False, True) if (kind, far) != ("tree", False)},
+        **{("mimic", far): "refused: joints that follow others" for far in (False, True)},
+        **{(kind, far): _BANDS for kind in ("tree", "loop") for far in (False, True) if (kind, far) != ("tree", False)},
     },
-    **{
-        name: {**{("mimic", far): _FOLLOW for far in (False, True)}, **{("loop", far): _CONNECTIONS for far in (False, True)}}
-        for name in ("regressor", "identification", "variances of accelerations and torques")
-    },
-    "momentum observer": {
-        **{(kind, True): _CONTACTS for kind in ("tree", "mimic")},
-        **{("loop", far): _CONNECTIONS for far in (False, True)},
-    },
-    "sensor observer": {
-        ("tree", True): _CONTACTS,
-        **{("mimic", far): _FOLLOW for far in (False, True)},
-        **{("loop", far): _CONNECTIONS for far in (False, True)},
-    },
-}  # fmt: skip
+}
 
 
 def outcome(capability: str, kind: str, far: bool) -> str:
