@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, get
 
 import numpy as np
 
+from ._arguments import has_followers
 from ._core import _function_table
 from ._results import (
     Accuracy,

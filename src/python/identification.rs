@@ -135,7 +135,11 @@ impl PyScene {
     ///     can.
     #[doc = section!(Notes)]
     /// Maximum a posteriori with a Wishart prior on the second moments of mass of each body: convex, and every body
-    /// receives an inertia that a rigid body can have. Intervals come from the delete-one-block jackknife, which is
+    /// receives an inertia that a rigid body can have. With connections, whose forces are unknown, the measured torques
+    /// enter as far as they act on motions that the connections allow: the torque of a joint without motor is 0, a state
+    /// with a torque that was not measured is omitted, and `noise` is one number. With joints that follow others, q, qd,
+    /// qdd and tau are those of the independent joints. Contacts are ignored: give torques of a robot that touches
+    /// nothing. Intervals come from the delete-one-block jackknife, which is
     /// valid for correlated residuals. The memory does not grow with k. phipsi.estimation.Accumulator reads logs that
     /// do not fit into memory.
     #[doc = section!(Examples)]

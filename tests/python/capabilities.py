@@ -567,7 +567,7 @@ def momentum_observer(c: Case) -> None:
 
 def sensor_observer(c: Case) -> None:
     """Errors of many robots have the covariance that the observer states."""
-    random, robots, steps, dt, density = np.random.default_rng(10), 60, 25, 4e-3, 1e-3
+    random, robots, steps, dt, density = np.random.default_rng(10), 30, 12, 4e-3, 1e-3
     motions = c.motions(c.q)
     spread = motions @ np.linalg.cholesky(np.linalg.inv(motions.T @ motions))
     pick = [0, 2] if c.kind == "loop" else list(range(c.nv))
