@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ._core import Scene
 
 __all__ = [
-    "array_of", "check_result", "check_tree", "flags", "is_masked", "leading", "names_of", "not_numbers", "numbers", "split_mask", "states_of", "vectors",
+    "array_of", "check_result", "check_tree", "flags", "has_followers", "is_masked", "leading", "names_of", "not_numbers", "numbers", "split_mask", "states_of", "vectors",
     "whole",
 ]  # fmt: skip
 
@@ -406,6 +406,11 @@ def _refused(name: str, found: str, expected: str) -> ArgumentError:
 
 def _wrong_shape(name: str, array: NDArray[Any], expected: str) -> ShapeError:
     return of_argument(ShapeError, name, f"found shape {array.shape}; expected {expected}")
+
+
+def has_followers(scene: Scene) -> bool:
+    """Return whether joints of the scene follow others, and have no coordinates of their own."""
+    return any(joint.mimic is not None and name not in scene.joint_names for name, joint in scene.joints.items())
 
 
 def check_tree(scene: Scene, what: str) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, get
 
 import numpy as np
 
+from ._arguments import has_followers
 from ._core import _function_table
 from ._results import (
     Accuracy,
@@ -66,8 +67,7 @@ def functions_of(scene: Scene) -> tuple[_OfScene, ...]:
     """The functions with code for a scene, without those of one link."""
     kinds = {"every", "loops" if scene.constraint_names else "trees"}
     if scene.contact_names:
-        follows = (joint.mimic is not None and name not in scene.joint_names for name, joint in scene.joints.items())
-        is_tree = not scene.constraint_names and not any(follows)
+        is_tree = not scene.constraint_names and not has_followers(scene)
         kinds |= {"contacts", "trees with contacts"} if is_tree else {"contacts"}
     return tuple(name for name in FUNCTIONS if COMPILED[name]["scenes"] in kinds)
 

@@ -5,6 +5,7 @@ use crate::dynamics;
 use crate::dynamics::operational::{Frame, MANY, OperationalScratch};
 use crate::error::{Error, check_finite, check_length};
 use crate::interrupt;
+use crate::kinematics::local_jacobian;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
@@ -50,7 +51,9 @@ impl Scene {
     ///
     /// J stacks the Jacobians of the m frames: velocities (angular, linear) at the origin of each frame and in its
     /// axes. Spatial forces F on the frames change their accelerations by Omega F. Omega is defined at every
-    /// configuration, including singular ones. O(N + m^2 depth): see [`dynamics::operational_inverse_inertia`].
+    /// configuration, including singular ones. O(N + m^2 depth): see [`dynamics::operational_inverse_inertia`]. With
+    /// connections, M^-1 is that of [`Scene::constrained_mass_matrix_inverse`], and with joints that follow others the
+    /// one of the independent joints: O(nv^2 (nv + m)).
     ///
     /// # Errors
     ///
@@ -64,7 +67,7 @@ impl Scene {
         links: &[L],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_configuration("q", q)?;
+        let q_of_tree = self.tree_configuration("q", q)?;
         some_link(links)?;
         check_length("out", out.len(), 36 * links.len() * links.len())?;
         self.check_workspace(workspace)?;
@@ -75,14 +78,52 @@ impl Scene {
         for &link in links {
             frames.push(self.frame(&link.into())?);
         }
-        let monitor = dynamics::operational_inverse_inertia(self.model(), workspace, scratch, q, &frames, out);
+        // With rows too: `operational_inertia` reads the sizes of the terms of the tree, which rows only reduce.
+        let monitor = dynamics::operational_inverse_inertia(self.model(), workspace, scratch, &q_of_tree, &frames, out);
         let many = frames.len() * frames.len() >= MANY;
+        let done = if self.coupling().is_some() || !self.constraints().is_empty() {
+            self.operational_through_rows(workspace, (q, &q_of_tree), &frames, out)
+        } else {
+            self.check_pivots(workspace, monitor)
+        };
         scratch.frames = frames;
         if many {
             interrupt::check()?;
         }
-        self.check_pivots(workspace, monitor)?;
+        done?;
         self.check_result("operational inverse inertia", out)
+    }
+
+    /// J M^-1 J^T with the inverse mass matrix of the scene with its connections and of its independent joints.
+    fn operational_through_rows(
+        &self,
+        workspace: &mut Workspace<f64>,
+        (q, q_of_tree): (&[f64], &[f64]),
+        frames: &[Frame<f64>],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let (nv, rows) = (self.nv(), 6 * frames.len());
+        let mut inverse = DMatrix::from_element(nv, nv, f64::NAN);
+        if self.constraints().is_empty() {
+            self.mass_matrix_inverse(workspace, &mut self.inverse_scratch(), q, inverse.as_mut_slice())?;
+        } else {
+            let scratch = &mut self.constraint_scratch();
+            self.constrained_mass_matrix_inverse(workspace, scratch, q, inverse.as_mut_slice())?;
+        }
+        // Row-major: the transpose of J in the order of nalgebra.
+        let mut jacobian = DMatrix::from_element(nv, rows, f64::NAN);
+        for (frame, own) in frames.iter().zip(jacobian.as_mut_slice().chunks_exact_mut((6 * nv).max(1))) {
+            self.tree_columns(6, own, |out| {
+                local_jacobian(self.model(), q_of_tree, frame, out);
+            })?;
+        }
+        let product = jacobian.transpose() * inverse * &jacobian;
+        for i in 0..rows {
+            for j in 0..rows {
+                out[i * rows + j] = product[(i.min(j), i.max(j))];
+            }
+        }
+        Ok(())
     }
 
     /// Operational-space inertia (S Omega S^T)^-1 of links at `q` for k task directions, (k x k), row-major.

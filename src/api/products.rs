@@ -218,8 +218,26 @@ impl Scene {
         for ((name, _), direction) in Products::InverseTangent.entry().seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
         }
-        let at = (state.q, state.qd, state.u);
-        derivatives::inverse_dynamics_hvp(self.model(), scratch, at, state.wrenches, state.seed[0], direction, out);
+        let q = self.tree_configuration("q", state.q)?;
+        let rates = |x| self.tree_rates("", x);
+        let (qd, qdd, cotangent) = (rates(state.qd)?, rates(state.u)?, rates(state.seed[0])?);
+        let [dq, dqd, dqdd] = direction.map(rates);
+        let (dq, dqd, dqdd) = (dq?, dqd?, dqdd?);
+        let mut on_tree = |out: &mut [f64]| {
+            let (at, along) = ((&*q, &*qd, &*qdd), [&*dq, &*dqd, &*dqdd]);
+            derivatives::inverse_dynamics_hvp(self.model(), scratch, at, state.wrenches, &cotangent, along, out);
+        };
+        match self.coupling() {
+            None => on_tree(out),
+            Some(coupling) => {
+                let full = self.model().nv();
+                let mut three = vec![f64::NAN; 3 * full];
+                on_tree(&mut three);
+                for (of, out) in three.chunks_exact(full.max(1)).zip(out.chunks_exact_mut(self.nv().max(1))) {
+                    coupling.reduce(of, out);
+                }
+            }
+        }
         self.check_result("derivatives", out)
     }
 
@@ -249,6 +267,9 @@ impl Scene {
             self.hvp_through_connections(workspace, scratch, state, direction, out)?;
             return self.check_result("derivatives", out);
         }
+        if self.coupling().is_some() {
+            return self.hvp_by_inverse_dynamics(workspace, scratch, state, direction, out);
+        }
         let (at, cotangent) = ((state.q, state.qd, state.u), state.seed[0]);
         derivatives::forward_dynamics_hvp(
             self.model(),
@@ -261,6 +282,37 @@ impl Scene {
             out,
         )
         .map_err(|lost| self.singular(lost))?;
+        self.check_result("derivatives", out)
+    }
+
+    /// The Hessian of forward dynamics by that of inverse dynamics, for scenes with joints that follow others.
+    ///
+    /// The gradients are g = -x . d(tau) for q and qd, and x = M^-1 c for tau. Along the direction, with the change of
+    /// qdd, M dx = -dM x, and dM x is the third part of the Hessian of x . tau of inverse dynamics.
+    fn hvp_by_inverse_dynamics(
+        &self,
+        workspace: &mut Workspace<f64>,
+        scratch: &mut HessianScratch,
+        state: &Arguments<'_>,
+        direction: [&[f64]; 3],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let (nv, &Arguments { q, qd, u: tau, wrenches, seed, .. }) = (self.nv(), state);
+        let (mut qdd, mut change, mut dx) = (vec![f64::NAN; nv], vec![f64::NAN; nv], vec![f64::NAN; nv]);
+        let mut gradients = vec![f64::NAN; 3 * nv];
+        self.forward_dynamics(workspace, q, qd, tau, wrenches, &mut qdd)?;
+        self.forward_dynamics_vjp(workspace, q, qd, tau, wrenches, seed[0], &mut gradients)?;
+        let x = gradients[2 * nv..].to_vec();
+        self.forward_dynamics_jvp(workspace, q, qd, tau, wrenches, direction, &mut change)?;
+        let at = Arguments { u: &qdd, seed: [&x, &[], &[]], ..*state };
+        self.inverse_dynamics_hvp(scratch, &at, [direction[0], direction[1], &change], out)?;
+        let (zero, turned): (Vec<f64>, Vec<f64>) = (vec![0.0; nv], out[2 * nv..].iter().map(|w| -w).collect());
+        self.forward_dynamics_jvp(workspace, q, qd, tau, wrenches, [&zero, &zero, &turned], &mut dx)?;
+        self.inverse_dynamics_vjp(workspace, q, qd, &qdd, wrenches, &dx, &mut gradients)?;
+        for (out, gradient) in out[..2 * nv].iter_mut().zip(&gradients) {
+            *out = -(*out + gradient);
+        }
+        out[2 * nv..].copy_from_slice(&dx);
         self.check_result("derivatives", out)
     }
 
@@ -285,7 +337,7 @@ impl Scene {
         (scratch, out): (u64, usize),
     ) -> Result<(), Error> {
         let entry = which.entry();
-        self.check_configuration("q", state.q)?;
+        self.check_coordinates("q", state.q)?;
         self.check_rates("qd", state.qd)?;
         self.check_rates(entry.arguments[2].0, state.u)?;
         self.check_wrenches(state.wrenches)?;

@@ -14,7 +14,8 @@ impl Scene {
     /// The derivative of the torques of inverse dynamics by the inertial parameters of each body, (nv x bodies x 10)
     /// into `out`; see [`joint_torque_regressor`](derivatives::joint_torque_regressor).
     ///
-    /// `q` (nq), `qd`, `qdd` (nv), SI units.
+    /// `q` (nq), `qd`, `qdd` (nv), SI units. With joints that follow others, G^T Y at (G q + o, G qd, G qdd); the
+    /// forces of connections and contacts are not part of these torques.
     ///
     /// # Errors
     ///
@@ -28,14 +29,24 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         self.check_scratch("scratch", scratch.identity(), "scene.regressor_scratch()")?;
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
-        self.check_rates("qdd", qdd)?;
-        let expected = self.nv() * self.model().bodies.len() * 10;
+        let q = self.tree_configuration("q", q)?;
+        let (qd, qdd) = (self.tree_rates("qd", qd)?, self.tree_rates("qdd", qdd)?);
+        let width = self.model().bodies.len() * 10;
+        let expected = self.nv() * width;
         if out.len() != expected {
             return Err(Error::argument("out", format!("{} numbers", out.len()), format!("{expected}")));
         }
-        derivatives::joint_torque_regressor(self.model(), scratch, (q, qd, qdd), out);
+        let mut on_tree = |out: &mut [f64]| {
+            derivatives::joint_torque_regressor(self.model(), scratch, (&q, &qd, &qdd), out);
+        };
+        match self.coupling() {
+            None => on_tree(out),
+            Some(coupling) => {
+                let mut rows = vec![f64::NAN; self.model().nv() * width];
+                on_tree(&mut rows);
+                coupling.reduce_rows(&rows, width, out);
+            }
+        }
         self.check_result("regressor", out)
     }
 }

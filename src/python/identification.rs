@@ -28,12 +28,11 @@ impl PyScene {
     ///     Entry (i, b, p) is the derivative of torque i with respect to parameter p of the link body_names[b] and the
     ///     links fixed to it. The parameters are (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) in the frame of
     ///     the link, moments of inertia about its origin, as in Identification.parameters; kg, kg m and kg m^2.
-    #[doc = section!(Raises)]
-    /// ArgumentError
-    ///     A scene with connections.
-    #[doc = entries!(arguments)]
+    #[doc = raises!(arguments)]
     #[doc = section!(Notes)]
-    /// O(N depth). The entries of links that are not outboard of the joint are zero.
+    /// O(N depth). The entries of links that are not outboard of the joint are zero. As in inverse_dynamics, the forces
+    /// of connections and contacts are not part of the torques. With joints that follow others, (q, qd, qdd) and the
+    /// rows are those of the independent joints; body_names includes the links of the joints that follow.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> scene.regressor([0.1, 0.2, 0.3], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]).shape
@@ -47,7 +46,6 @@ impl PyScene {
         errors: &str,
     ) -> PyResult<Object<'py>> {
         let py = slf.py();
-        imported!(py, "phipsi._arguments", "check_tree")?.call1((slf, "regressor"))?;
         let this = slf.get();
         this.check_dense("regressor", "inverse_dynamics_vjp(..., parameters=True)")?;
         let (nv, links) = (this.scene.nv(), places_of_links(&this.scene)?);
@@ -137,7 +135,11 @@ impl PyScene {
     ///     can.
     #[doc = section!(Notes)]
     /// Maximum a posteriori with a Wishart prior on the second moments of mass of each body: convex, and every body
-    /// receives an inertia that a rigid body can have. Intervals come from the delete-one-block jackknife, which is
+    /// receives an inertia that a rigid body can have. With connections, whose forces are unknown, the measured torques
+    /// enter as far as they act on motions that the connections allow: the torque of a joint without motor is 0, a state
+    /// with a torque that was not measured is omitted, and `noise` is one number. With joints that follow others, q, qd,
+    /// qdd and tau are those of the independent joints. Contacts are ignored: give torques of a robot that touches
+    /// nothing. Intervals come from the delete-one-block jackknife, which is
     /// valid for correlated residuals. The memory does not grow with k. phipsi.estimation.Accumulator reads logs that
     /// do not fit into memory.
     #[doc = section!(Examples)]

@@ -35,7 +35,9 @@ methods! {
     ///     at the origin and in the axes of its frame; SI units, exactly symmetric, zero for links on the base.
     #[doc = raises!(singular arguments)]
     #[doc = section!(Notes)]
-    /// Of the kinematic tree without connections. Defined in singular configurations too, unlike operational_inertia.
+    /// Defined in singular configurations too, unlike operational_inertia. With connections, M^-1 is
+    /// constrained_mass_matrix_inverse, and with joints that follow others J and M^-1 are those of the independent
+    /// joints; both cost O(N^3). Contacts have no effect: the wrenches are the only ones on the links.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q = [0.3, 0.2, 0.1]
@@ -61,7 +63,7 @@ methods! {
         }).map(Bound::into_any)
     }
 
-    /// Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S.
+    /// Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S; see operational_inverse_inertia.
     #[doc = parameters!(q)]
     /// links : str or sequence of str
     ///     Link name or m link names.

@@ -41,7 +41,10 @@ impl PyScene {
     ///
     /// At the true acceleration an error of the parameters pi is a force on the bodies: M d(qdd) = dtau - H phi Y
     /// d(pi), with Y the regressor at the qdd that forward dynamics gives. The variances are those of a filter and
-    /// smoother whose gains were made for another noise. First order in the errors.
+    /// smoother whose gains were made for another noise. First order in the errors. With connections or joints that
+    /// follow others, A Y Sigma Y* A* by dense matrices, O(N^3), with A the inverse mass matrix through the connections
+    /// (constrained_mass_matrix_inverse) or of the independent joints. Contacts are ignored: their forces depend on the
+    /// motion before.
     ///
     /// Parameters
     /// ----------
@@ -78,8 +81,7 @@ impl PyScene {
     /// Raises
     /// ------
     /// ArgumentError
-    ///     A covariance that is not symmetric or has a negative eigenvalue, a negative variance, an unknown name;
-    ///     scenes with connections or joints that follow others.
+    ///     A covariance that is not symmetric or has a negative eigenvalue, a negative variance, an unknown name.
     /// SingularJointError, ShapeError, NotFiniteError
     ///     As in forward_dynamics.
     ///
@@ -107,7 +109,7 @@ impl PyScene {
     /// Variances of the joint torques of inverse dynamics for uncertain parameters, in O(N): H phi C phi* H* + t.
     ///
     /// C is the covariance of the force that a body's parameter errors are, Y Sigma Y*. Torques are linear in the
-    /// parameters: nothing is approximate.
+    /// parameters: nothing is approximate. With connections or joints that follow others, by dense matrices, O(N^2).
     ///
     /// Parameters
     /// ----------
@@ -151,6 +153,9 @@ impl PyScene {
     }
 
     /// Momentum observer of external joint torques that raises alarms at a stated rate.
+    ///
+    /// With connections, whose forces are unknown, external torques are observed as far as they act on motions that the
+    /// connections allow. Contacts of the scene are ignored, because their forces are external ones.
     #[doc = section!(Parameters)]
     /// dt : float
     ///     Time between two steps, s.
@@ -171,8 +176,7 @@ impl PyScene {
     ///     The observer; see its `step`.
     #[doc = section!(Raises)]
     /// ArgumentError
-    ///     A noise, bandwidth, step or rate that is not positive; a load that no joint moves;
-    ///     scenes with connections or contacts; parameters in scenes with joints that follow others.
+    ///     A noise, bandwidth, step or rate that is not positive; a load that no joint moves.
     /// ShapeError
     ///     An array of an invalid shape.
     #[doc = section!(Examples)]
@@ -188,18 +192,14 @@ impl PyScene {
         dt: &Object<'py>,
         how: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
-        let scene = &slf.get().scene;
-        if let Some(parameters) = how.map(|how| how.get_item("parameters")).transpose()?.flatten()
-            && !parameters.is_none()
-        {
-            scene.check_independent()?;
-        }
-        scene.check_no_connections("momentum_observer")?;
-        scene.check_no_contacts("momentum_observer")?;
         imported!(slf.py(), "phipsi.estimation.momentum", "MomentumObserver")?.call((slf, dt), how)
     }
 
     /// Error-state Kalman filter of joint motion, external wrenches and sensor biases.
+    ///
+    /// Connections are measurements without noise: the estimate satisfies them, and so does its error, to first order.
+    /// Contacts of the scene are ignored, because their forces are external ones: estimate them as wrenches, or give
+    /// Contact sensors. With joints that follow others, states and errors are those of the independent joints.
     #[doc = section!(Parameters)]
     /// dt : float
     ///     Time between two steps, s.
@@ -223,8 +223,9 @@ impl PyScene {
     ///     The observer; see its `step` and `smooth`.
     #[doc = section!(Raises)]
     /// ArgumentError
-    ///     An invalid argument, an unknown link or joint, two sensors with the same name; scenes with connections,
-    ///     contacts or joints that follow others.
+    ///     An invalid argument, an unknown link or joint, two sensors with the same name.
+    /// ConstraintError
+    ///     Initial positions or velocities that violate the connections; see project.
     /// ShapeError, NotFiniteError
     ///     An invalid array. The message names the argument.
     #[doc = section!(Examples)]
@@ -242,7 +243,6 @@ impl PyScene {
         sensors: &Object<'py>,
         how: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
-        slf.get().check_observed("observer")?;
         imported!(slf.py(), "phipsi.estimation.observer", "Observer")?.call((slf, dt, sensors), how)
     }
 
@@ -370,13 +370,6 @@ fn one_by_one(scene: &Scene, question: &Question<'_>, state: &Arguments<'_>, out
 }
 
 impl PyScene {
-    /// Observers know trees of independent joints: the forces of connections and contacts would be external ones.
-    fn check_observed(&self, what: &str) -> Result<(), Error> {
-        self.scene.check_independent()?;
-        self.scene.check_no_connections(what)?;
-        self.scene.check_no_contacts(what)
-    }
-
     /// The roots of the parameters' covariances, from (bodies, rank, 10).
     fn roots(&self, roots: &Object<'_>) -> PyResult<ParameterRoots<f64>> {
         let (shape, numbers) = shaped("parameters", roots, 10)?;

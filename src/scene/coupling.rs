@@ -238,17 +238,22 @@ impl Coupling {
         }
     }
 
+    /// Writes G^T X to `out`, row-major, for a matrix with one row of `width` entries per velocity of the tree.
+    pub fn reduce_rows<T: Real>(&self, x: &[T], width: usize, out: &mut [T]) {
+        out.fill(T::zero());
+        for (&(index, multiplier), row) in self.v.iter().zip(x.chunks_exact(width.max(1))) {
+            for (sum, &value) in out[index * width..].iter_mut().zip(row) {
+                *sum += T::from_f64(multiplier) * value;
+            }
+        }
+    }
+
     /// Writes G^T X G to `out`, row-major, for a square matrix of the tree.
     pub fn reduce_matrix<T: Real>(&self, x: &[T], out: &mut [T]) {
         let (full, nv) = (self.v.len(), self.independent.len());
         let mut columns = vec![T::zero(); full * nv];
         self.reduce_columns(x, &mut columns);
-        out.fill(T::zero());
-        for (&(index, multiplier), row) in self.v.iter().zip(columns.chunks_exact(nv.max(1))) {
-            for (sum, &value) in out[index * nv..].iter_mut().zip(row) {
-                *sum += T::from_f64(multiplier) * value;
-            }
-        }
+        self.reduce_rows(&columns, nv, out);
     }
 }
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import capabilities
 import methods_by_scene
 import phipsi
 import pytest
@@ -31,3 +32,19 @@ def test_methods_do_what_the_table_says(name: str, kind: str) -> None:
     assert found == methods_by_scene.expected(name, kind), message
     if found == "error":
         assert NAMED[kind] in message
+
+
+@pytest.mark.parametrize("far", [False, True], ids=["alone", "far-contact"])
+@pytest.mark.parametrize("kind", capabilities.KINDS)
+@pytest.mark.parametrize("capability", capabilities.CELLS)
+def test_cells_of_the_table_of_capabilities(capability: str, kind: str, far: bool, request: pytest.FixtureRequest) -> None:
+    word, _, reason = capabilities.outcome(capability, kind, far).partition(": ")
+    check, case = capabilities.CELLS[capability], capabilities.Case(kind, far)
+    if word == "holds":
+        check(case)
+    elif word == "refused":
+        with pytest.raises(phipsi.errors.ArgumentError, match=reason):
+            check(case)
+    else:
+        request.applymarker(pytest.mark.xfail(reason=reason, raises=AssertionError, strict=True))
+        check(case)

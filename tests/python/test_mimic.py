@@ -595,9 +595,7 @@ BEYOND: dict[str, Callable[[phipsi.Scene, np.ndarray], object]] = {
     "factor": lambda scene, q: scene.factor(q),
     "estimate": lambda scene, q: scene.estimate(q, q, q),
     "random_model": lambda scene, q: scene.random_model(q),
-    "operational_inverse_inertia": lambda scene, q: scene.operational_inverse_inertia(q, "b"),
     "check": lambda scene, q: scene.check(q),
-    "hvp": lambda scene, q: scene.forward_dynamics_hvp(q, q, q, q, q, q, q),
     "vjp by parameters": lambda scene, q: scene.forward_dynamics_vjp(q, q, q, q, parameters=True),
 }
 

@@ -459,8 +459,13 @@ def test_joints_that_follow_others_have_external_torques() -> None:
     for k in range(len(path.t)):
         found, _ = observer.step(path.q[k], path.qd[k], tau)
     assert_near(found, external, 0.01)
-    with pytest.raises(ArgumentError, match='mimic="free"'):
-        scene.momentum_observer(dt, torque_noise=1.0, bandwidth=100.0, parameters=np.zeros((2, 10, 10)))
+    sigma = np.zeros((3, 10, 10))
+    sigma[2, 0, 0] = 0.01
+    uncertain = scene.momentum_observer(dt, torque_noise=1.0, bandwidth=100.0, parameters=sigma)
+    uncertain.step(path.q[0], path.qd[0], tau)
+    qdd = scene.forward_dynamics(path.q[0], path.qd[0], tau)
+    moved = scene.regressor(path.q[0], path.qd[0], qdd)[:, 2, 0]
+    assert_near(uncertain.covariance - observer.covariance, 0.01 * np.outer(moved, moved), 1e-12)
 
 
 class TestArguments:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from .._arguments import check_tree
 from ..errors import ArgumentError, OutOfMemoryError, ShapeError, of_argument
 from ._columns import Columns
 from ._values import each
@@ -77,7 +76,7 @@ class Accumulator:
     Raises
     ------
     ArgumentError
-        Unknown names, a singular transmission, a scene with connections.
+        Unknown names, a singular transmission.
 
     Examples
     --------
@@ -108,7 +107,6 @@ class Accumulator:
         blocks: int = 20,
         block_length: int = FIRST,
     ) -> None:
-        check_tree(scene, "identify")
         for name, value, least in (("blocks", blocks, 2), ("block_length", block_length, 1)):
             if not (isinstance(value, (int, np.integer)) and value >= least):
                 raise of_argument(ArgumentError, name, f"found {value!r}; expected a whole number, at least {least}")
@@ -235,10 +233,11 @@ class Accumulator:
                 else columns.rows(reference[0][part], reference[1][part], reference[2][part])[0]
             )
             _check_size("instruments", *(of_reference or ()), np.zeros(0))
-            seen = np.isfinite(tau[part])
-            torque = tau[part] - parts.known
+            measured = columns.measured(q[part], tau[part])
+            seen = np.isfinite(measured)
+            torque = measured - parts.known
             last = [np.column_stack([own, torque[:, motor]]) for motor, own in enumerate(parts.of_motors)]
-            self._squares += np.sum(np.where(seen, tau[part], 0.0) ** 2, axis=0)
+            self._squares += np.sum(np.where(seen, measured, 0.0) ** 2, axis=0)
             at = 0
             while at < len(torque):
                 upto = min(len(torque), at + self.length - self._open.states)

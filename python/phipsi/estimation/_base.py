@@ -120,11 +120,12 @@ class BaseParameters(NamedTuple):
 
 def combinations(columns: Columns) -> Combinations:
     """Determine the independent columns, and the other columns as combinations of them."""
-    scene, width = columns.scene, columns.width
-    draw = np.random.default_rng(1)
-    count = max(50, 3 * width // max(columns.motors, 1))
-    q = scene.integrate(np.broadcast_to(scene.neutral(), (count, scene.nq)), draw.uniform(-2, 2, (count, scene.nv)))
-    rows, _ = columns.rows(q, *draw.standard_normal((2, count, scene.nv)))
+    width = columns.width
+    # Connections determine fewer rows per state.
+    wanted = (9 if columns.connected else 3) * width // max(columns.motors, 1)
+    states = columns.states(max(50, wanted), 2.0, np.random.default_rng(1))
+    rows, _ = columns.rows(*states)
+    count = len(states[0])
     matrix = np.zeros((columns.motors * count, width))
     for at, (block, used) in enumerate(zip(rows, columns.used, strict=True)):
         matrix[at * count : (at + 1) * count, used] = block

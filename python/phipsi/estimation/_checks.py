@@ -183,7 +183,7 @@ def warn_of_torques(columns: Columns, q: _Array, qd: _Array, qdd: _Array, tau: _
     """Warn about torques proportional to the model torques: currents, or torques of the other side of a gear."""
     some = slice(None, None, max(1, len(q) // SAMPLED))
     q, qd, qdd, tau = q[some], qd[some], qdd[some], tau[some]
-    model = columns.to_motors(columns.scene.inverse_dynamics(q, qd, qdd))
+    model = columns.measured(q, columns.to_motors(columns.scene.inverse_dynamics(q, qd, qdd)))
     found, shown = [], 0
     for motor in range(columns.motors):
         seen = np.isfinite(tau[:, motor])

@@ -4,6 +4,9 @@ Each row belongs to a motor. With motor velocities = B qd, joint torques are B^T
 for the bodies (Y: Scene.regressor). The columns of motor i are armature (B qdd)_i, damping (B qd)_i, Coulomb friction
 s_i = smooth sign of (B qd)_i, offset 1, Stribeck friction s_i exp(-(v/vs)^2), and load-dependent friction s_i |model
 torque|. Without a transmission, B is the identity and the motors are the degrees of freedom.
+
+With connections, whose forces are unknown, the rows are multiplied by the projector P = U U* on the motions of the
+motors that the connections allow: P tau = P (W x + known).
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from .._arguments import names_of
 from ..errors import ArgumentError, ShapeError, of_argument
+from ._allowed import allowed_motions, on_connections
 from ._bodies import own_parameters
 
 if TYPE_CHECKING:
@@ -89,6 +93,8 @@ class Columns:
         self.transmission = None if transmission is None else _checked_transmission(scene, transmission)
         self.inverse = None if self.transmission is None else np.linalg.inv(self.transmission)
         self.motors = scene.nv
+        #: True if torques are determined only as far as they act on motions that the connections allow.
+        self.connected = bool(scene.constraint_names)
         self.motor_names = self._names()
         self.extras = [] if not self.fit else list(self._extras())
         self.width = 10 * len(self.free) + len(self.extras)
@@ -140,6 +146,8 @@ class Columns:
     def _used(self) -> list[NDArray[np.intp]]:
         """Structurally nonzero columns of each row: bodies outboard of its joints, and its motor."""
         scene, names = self.scene, self.scene.body_names
+        if self.connected:
+            return [np.arange(self.width, dtype=np.intp)] * self.motors
         # Two states suffice: an entry that is zero at both is structurally zero.
         draw = np.random.default_rng(0)
         q = scene.integrate(np.broadcast_to(scene.neutral(), (2, scene.nq)), draw.uniform(-1, 1, (2, scene.nv)))
@@ -161,6 +169,28 @@ class Columns:
         entries = ("m", "m*cx", "m*cy", "m*cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
         bodies = [f"{self.scene.body_names[at]}.{entry}" for at in self.free for entry in entries]
         return bodies + [f"{extra.name}.{extra.kind}" for extra in self.extras]
+
+    def states(self, count: int, largest: float, draw: np.random.Generator) -> tuple[_Array, _Array, _Array]:
+        """Random states, with velocities and accelerations that the connections allow."""
+        scene = self.scene
+        q = scene.integrate(np.broadcast_to(scene.neutral(), (count, scene.nq)), draw.uniform(-largest, largest, (count, scene.nv)))
+        qd, qdd = draw.standard_normal((2, count, scene.nv))
+        return on_connections(scene, q, qd) if self.connected else (q, qd, qdd)
+
+    def projector(self, q: _Array) -> _Array | None:
+        """The projector P, (k, motors, motors); None without connections."""
+        if not self.connected:
+            return None
+        motions = allowed_motions(self.scene, q, self.transmission)
+        return motions @ np.swapaxes(motions, -1, -2)
+
+    def measured(self, q: _Array, tau: _Array) -> _Array:
+        """Measured motor torques as the rows determine them, (k, motors).
+
+        With connections, P tau: of a state in which one torque was not measured, none is known.
+        """
+        projector = self.projector(q)
+        return tau if projector is None else np.einsum("kij,kj->ki", projector, tau)
 
     def to_motors(self, torques: _Array) -> _Array:
         """Motor torques from joint torques, (k, nv)."""
@@ -218,12 +248,23 @@ class Columns:
     def parts(self, q: _Array, qd: _Array, qdd: _Array) -> Parts:
         """Return the columns as in `rows`, without copies: `chosen[i]` indexes the body columns of row i."""
         of_bodies = self.regressor(q, qd, qdd)
+        projector = self.projector(q)
         known = self.known(q, qd, qdd)
         if self.kept:
             known = known + np.einsum("kibp,bp->ki", of_bodies[:, :, self.kept], self.own[self.kept])
         kinds = self.of_motors(q, qd, qdd)
         bodies = 10 * len(self.free)
-        of_motors = []
+        of_motors: list[_Array] = []
+        if projector is not None:
+            extras = np.zeros((len(q), self.motors, len(self.extras)))
+            for at, extra in enumerate(self.extras):
+                rows = list(extra.rows)
+                extras[:, rows, at] = kinds[extra.kind][:, rows]
+            size = of_bodies.shape[2:]
+            of_bodies = (projector @ of_bodies.reshape(len(q), self.motors, -1)).reshape(len(q), self.motors, *size)
+            of_motors = list(np.moveaxis(projector @ extras, 1, 0))
+            known = np.einsum("kij,kj->ki", projector, known)
+            return Parts(np.ascontiguousarray(of_bodies).reshape(len(q), -1), [np.ascontiguousarray(own) for own in of_motors], known)
         for motor, used in enumerate(self.used):
             own = [kinds[self.extras[at - bodies].kind][:, motor] for at in used[used >= bodies]]
             of_motors.append(np.stack(own, axis=1) if own else np.empty((len(q), 0)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arguments import check_tree, names_of
+from .._arguments import names_of
 from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, _log
 from ._checks import checked_time, clock_offset, shifted, warn_of_motion, warn_of_torques
@@ -44,7 +44,6 @@ def identify(
     blocks: int = 20,
 ) -> Identification:
     """Implementation of Scene.identify."""
-    check_tree(scene, "identify")
     if not (np.isfinite(trust) and trust > 0.0):
         raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
     q, qd, qdd, tau = _log(scene, q, qd, qdd, tau)
@@ -84,6 +83,7 @@ def identify(
         if others or len(keep) < len(scene.body_names):
             load = solved(accumulated(others, None), noise, trust).scene
     accumulator = accumulated(kinds, load)
+    tau = accumulator.columns.measured(q, tau)
     warn_of_torques(accumulator.columns, q, qd, qdd, tau)
     offset = float("nan")
     if times is not None:

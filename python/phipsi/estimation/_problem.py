@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, Block, _halved, merged_triangles
+from ._allowed import mobility
 from ._bodies import prior_of_bodies
 from ._columns import SIGNED
 from ._values import each
@@ -176,6 +177,9 @@ class Problem:
         found, motors = np.asarray(_core._numbers("noise", noise)), self.columns.motors
         refused = "found {least}; expected finite standard deviations above zero"
         found = each("noise", found, motors, refused, positive=True)
+        if self.columns.connected and np.any(found != found[0]):
+            message = f"found different ones in a scene with connections, which determine sums of the torques: {found}"
+            raise of_argument(ArgumentError, "noise", f"{message}; expected one number")
         least = self.least()
         if np.any(below := found < least):
             at = int(np.argmax(below))
@@ -192,6 +196,9 @@ class Problem:
         NaN for motors without measured torques.
         """
         least, measured = self.least(), int(np.sum(self.counts))
+        if self.columns.connected:
+            # Of the rows of a state, as many are independent as there are motions.
+            measured = round(measured * mobility(self.columns.scene) / self.columns.motors)
         if np.nanmax(least) <= np.finfo(float).tiny:
             message = (
                 "found states at which no torque depends on any parameter, and torques of zero; expected states that"
@@ -209,7 +216,10 @@ class Problem:
                     "tau",
                     f"found {found}; expected at least {2 * rank}, or noise, their standard deviation",
                 )
-            weights = np.maximum(np.sqrt(measured / (measured - rank)) * self.residual(self.to_own @ z), least)
+            residual = self.residual(self.to_own @ z)
+            if self.columns.connected:
+                residual = np.full_like(residual, np.sqrt(np.sum(self.counts * residual**2) / measured))
+            weights = np.maximum(np.sqrt(measured / (measured - rank)) * residual, least)
         return weights
 
 

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from .._arguments import check_result, numbers, whole
 from ..errors import ArgumentError, ShapeError, SingularTaskError, of_argument
+from ._allowed import allowed_motions, mobility
 from ._chi_square import chi_square_cdf
 from ._values import each
-from .uncertainty import ParameterCovariance
+from .uncertainty import ParameterCovariance, parameter_torques
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -159,10 +160,14 @@ class MomentumObserver:
     needs neither accelerations nor M^-1. Without contact, r is an Ornstein-Uhlenbeck process, whose successive samples
     are correlated. The threshold therefore follows from the mean first-exit time of this process from a ball.
 
+    With connections, whose forces are unknown, torques are observed as far as they act on motions that the connections
+    allow: joint_torque is the smallest torque with the same effect. Contacts of the scene are ignored, because their
+    forces are external ones.
+
     Parameters
     ----------
     scene : Scene
-        The robot, without connections.
+        The robot.
     dt : float
         Time between two steps, s.
     torque_noise : (nv,) or float
@@ -192,7 +197,7 @@ class MomentumObserver:
     alarm : (...)
         True if the last step raised an alarm.
     covariance : (..., nv, nv)
-        Covariance of r without contact, at the last step.
+        Covariance of r without contact, at the last step. With connections its rank is the number of motions.
     mass, mass_deviation : (...)
         With `load`, the estimate of its mass and the standard deviation without a load, kg, for a robot that moves
         slowly compared with the bandwidth. NaN and infinite where a load causes no joint torque.
@@ -200,8 +205,7 @@ class MomentumObserver:
     Raises
     ------
     ArgumentError
-        Noise, bandwidth, step or rate that is not positive; scenes with connections; `parameters` in scenes with
-        joints that follow others; a load that no joint moves.
+        Noise, bandwidth, step or rate that is not positive; a load that no joint moves.
     ShapeError
         An array of an invalid shape.
 
@@ -250,7 +254,8 @@ class MomentumObserver:
         self._deviation = np.sqrt(density)
         self._parameters = ParameterCovariance(scene, parameters)
         self._load = None if load is None else _checked_load(scene, load)
-        tested = scene.nv if load is None else 1
+        self._connected = bool(scene.constraint_names)
+        tested = 1 if load is not None else mobility(scene) if self._connected else scene.nv
         self.threshold = alarm_threshold(false_alarms_per_hour, math.log1p(self._gain) / dt, dt, tested)
         self.reset()
 
@@ -268,7 +273,9 @@ class MomentumObserver:
         self.covariance: _Array = np.diag(self._variance)
         self._q: _Array | None = None
         self._before: tuple[_Array, _Array, _Array] | None = None
-        self._of_load, self._weight = np.zeros(()), np.zeros(self.scene.nv)
+        self._of_load, self._along, self._size = np.zeros(()), np.zeros(self.scene.nv), np.zeros(())
+        #: Motions that the connections allow, as columns; the others are zero.
+        self._motions: _Array = np.eye(self.scene.nv)
         self.mass: _Array = np.array(np.nan)
         self.mass_deviation: _Array = np.array(np.inf)
 
@@ -320,11 +327,13 @@ class MomentumObserver:
         # C* qd - g: rate of change of the momentum without torques.
         flow = np.einsum("...ji,...j->...i", scene.coriolis_matrix(q, qd), qd) - scene.gravity_torque(q)
         momentum = np.einsum("...ij,...j->...i", scene.mass_matrix(q), qd)
+        if self._connected:
+            self._motions = allowed_motions(scene, q)
         if self._before is None:
             self.joint_torque = np.zeros(np.broadcast_shapes(momentum.shape, tau.shape))
             self._of_load = np.zeros(self.joint_torque.shape[:-1])
         else:
-            before, drift, torque = self._before
+            before, drift, torque, motions = self._before
             if before.shape != momentum.shape:
                 raise of_argument(
                     ShapeError,
@@ -333,15 +342,20 @@ class MomentumObserver:
                     " shape, or reset() first",
                 )
             moved = momentum - before - self.dt * (torque + 0.5 * (drift + flow))
+            if self._connected:
+                # The mean of the projections at both ends: the forces of the connections cancel to second order.
+                moved = 0.5 * (_projected(motions, moved) + _projected(self._motions, moved))
             self.joint_torque = (self.joint_torque + self._gain / self.dt * moved) / (1.0 + self._gain)
+            if self._connected:
+                self.joint_torque = _projected(self._motions, self.joint_torque)
             check_result("external joint torque", self.joint_torque)
             if self._load is not None:
-                along = np.sum(_direction(self._weight) * moved / self._deviation, axis=-1)
+                along = np.sum(self._along * moved, axis=-1)
                 self._of_load = (self._of_load + self._gain / self.dt * along) / (1.0 + self._gain)
         if self._load is not None:
             # The direction at the start of an interval does not depend on the noise during it.
-            self._weight = self._load_torque(q, qd, tau) / self._deviation
-        self._before, self._q = (momentum, flow, tau), q
+            self._along, self._size = self._directed(self._load_torque(q, qd, tau))
+        self._before, self._q = (momentum, flow, tau, self._motions), q
         self.covariance = self._covariance(q, qd, tau)
         self.alarm = self._exceeds()
         return ObservedTorque(self.joint_torque.copy(), self.alarm)
@@ -356,25 +370,50 @@ class MomentumObserver:
         along = scene.jacobian(q, link, frame=frame, at=point)[..., 3:, :]
         return np.asarray(np.einsum("...iv,...i->...v", along, scene.gravity - moved))
 
+    def _directed(self, weight: _Array) -> tuple[_Array, _Array]:
+        """Factors of the torques for the component along a torque, of unit density, and the size of that torque.
+
+        In units of the noise, as far as it acts on motions that the connections allow. Zero for a zero torque.
+        """
+        if not self._connected:
+            white = weight / self._deviation
+            return _direction(white) / self._deviation, np.asarray(np.linalg.norm(white, axis=-1))
+        root = self._root(np.diag(self._deviation**2))
+        white = np.linalg.solve(root, self._within(weight)[..., None])
+        along = self._motions @ np.linalg.solve(np.swapaxes(root, -1, -2), _direction(white[..., 0])[..., None])
+        return along[..., 0], np.asarray(np.linalg.norm(white[..., 0], axis=-1))
+
+    def _within(self, torque: _Array) -> _Array:
+        """U* tau: torques on the motions that the connections allow; zero for the other columns of U."""
+        return np.asarray(np.einsum("...ji,...j->...i", self._motions, torque))
+
+    def _root(self, covariance: _Array) -> _Array:
+        """Cholesky factor of U* C U, with a one for each zero column of U."""
+        if not self._connected:
+            return np.linalg.cholesky(covariance)
+        missing = ~self._motions.any(axis=-2)
+        within = np.swapaxes(self._motions, -1, -2) @ covariance @ self._motions
+        return np.linalg.cholesky(within + missing[..., None] * np.eye(self.scene.nv))
+
     def _covariance(self, q: _Array, qd: _Array, tau: _Array) -> _Array:
         """Covariance of r without contact."""
-        noise = np.diag(self._variance)
+        covariance = np.diag(self._variance)
         columns = self._parameters.columns
-        if not len(columns):
-            return noise
-        qdd, zero = self.scene.forward_dynamics(q, qd, tau + self.joint_torque), np.zeros(self.scene.nv)
-        columns = columns.reshape(-1, *(1,) * (qdd.ndim - 1), *columns.shape[1:])
-        torques = self.scene.inverse_dynamics_jvp(q, qd, qdd, zero, zero, zero, dparameters=columns)
-        covariance = np.asarray(noise + np.einsum("s...i,s...j->...ij", torques, torques))
-        check_result("covariance of the external joint torque", covariance)
+        if len(columns):
+            qdd = self.scene.forward_dynamics(q, qd, tau + self.joint_torque)
+            torques = parameter_torques(self.scene, (q, qd, qdd), columns)
+            covariance = np.asarray(covariance + np.einsum("s...i,s...j->...ij", torques, torques))
+            check_result("covariance of the external joint torque", covariance)
+        if self._connected:
+            projector = self._motions @ np.swapaxes(self._motions, -1, -2)
+            covariance = projector @ covariance @ projector
         return covariance
 
     def _exceeds(self) -> NDArray[np.bool_] | bool:
         r, square = self.joint_torque, np.zeros(())
         exact = not len(self._parameters.columns)
         if self._load is not None:
-            direction, size = _direction(self._weight), np.linalg.norm(self._weight, axis=-1)
-            along = direction / self._deviation
+            along, size = self._along, self._size
             variance = self._variance[0] / self._deviation[0] ** 2
             if not exact:
                 added = self.covariance - np.diag(self._variance)
@@ -385,6 +424,9 @@ class MomentumObserver:
             check_result("torque of the load", size)
             check_result("mass of the load", np.where(size > 0.0, self.mass, self._of_load))
             square = self._of_load**2 / variance
+        elif self._connected:
+            white = np.linalg.solve(self._root(self.covariance), self._within(r)[..., None])
+            square = np.sum(white[..., 0] ** 2, axis=-1)
         elif exact:
             square = np.sum(r**2 / self._variance, axis=-1)
         else:
@@ -429,8 +471,9 @@ class MomentumObserver:
         """
         if self._q is None:
             raise of_argument(ArgumentError, "link", "found no step so far; expected step() before wrench()")
-        root = np.linalg.cholesky(self.covariance)
-        rows = np.linalg.solve(root, np.swapaxes(self.scene.jacobian(self._q, link), -1, -2))
+        root = self._root(self.covariance)
+        torques = np.swapaxes(self.scene.jacobian(self._q, link), -1, -2)
+        rows = np.linalg.solve(root, np.swapaxes(self._motions, -1, -2) @ torques if self._connected else torques)
         # Moments and forces have different units: normalize the columns by their effect on the joints.
         size = np.linalg.norm(rows, axis=-2, keepdims=True)
         left, values, right = np.linalg.svd(rows / np.where(size > 0.0, size, 1.0), full_matrices=False)
@@ -441,7 +484,7 @@ class MomentumObserver:
             )
             error.links = (link,)
             raise error
-        white = np.linalg.solve(root, self.joint_torque[..., None])
+        white = np.linalg.solve(root, self._within(self.joint_torque)[..., None] if self._connected else self.joint_torque[..., None])
         scaled = np.swapaxes(right, -1, -2) @ ((np.swapaxes(left, -1, -2) @ white) / values[..., None])
         return np.asarray(scaled[..., 0] / size[..., 0, :])
 
@@ -463,6 +506,11 @@ def _checked_load(scene: Scene, load: Any) -> tuple[str, _Array]:
     if not np.any(scene.jacobian(scene.neutral(), link)):
         raise of_argument(ArgumentError, "load", f"found link {link!r}, which no joint moves; expected a moving link")
     return link, point
+
+
+def _projected(motions: _Array, torque: _Array) -> _Array:
+    """P tau with the orthogonal projector P = U U*."""
+    return np.asarray(np.einsum("...ij,...kj,...k->...i", motions, motions, torque))
 
 
 def _direction(weight: _Array) -> _Array:

@@ -44,7 +44,7 @@ class Observer:
     Parameters
     ----------
     scene : Scene
-        The robot, without connections, contacts and joints that follow others.
+        The robot. Its connections are measurements without noise; its contacts are ignored.
     dt : float
         Time between two steps, s.
     sensors : sequence of Encoder, Gyro, Accelerometer, TorqueSensor, Contact

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arguments import numbers
+from .._arguments import has_followers, numbers
 from ..errors import ArgumentError, NotFiniteError, ShapeError, of_argument
 from ._values import each
 
@@ -167,6 +167,39 @@ def _joint_covariance(scene: Scene, joints: Any) -> _Array | None:
     return covariance
 
 
+def _has_rows(scene: Scene) -> bool:
+    """Return whether the scene has connections, or joints that follow others.
+
+    Their variances are formed from dense matrices.
+    """
+    return bool(scene.constraint_names) or has_followers(scene)
+
+
+def parameter_torques(scene: Scene, state: tuple[ArrayLike, ArrayLike, ArrayLike], columns: _Array, errors: Any = "raise") -> _Array:
+    """Joint torques that changes of the parameters cause at (q, qd, qdd), (number, ..., nv)."""
+    return np.asarray(np.einsum("...ibp,sbp->s...i", scene.regressor(*state, errors=errors), columns))
+
+
+def _torque_covariance(
+    scene: Scene,
+    state: tuple[ArrayLike, ArrayLike, ArrayLike],
+    parameters: ParameterCovariance,
+    noise: _Array,
+    of_joints: tuple[Any, float],
+    errors: Literal["raise", "nan"],
+) -> _Array:
+    """Covariance of the torque errors at (q, qd, qdd), (..., nv, nv): of parameters, joint parameters and torques."""
+    torques = parameter_torques(scene, state, parameters.columns, errors)
+    joints, slow = of_joints
+    covariance = _joint_covariance(scene, joints)
+    own = np.broadcast_to(noise, torques.shape[1:])
+    if covariance is not None:
+        qd, qdd = (np.broadcast_to(np.asarray(x, float), own.shape) for x in state[1:])
+        by = np.stack([qdd, qd, qd / np.sqrt(qd**2 + slow**2), np.ones_like(qd)], axis=-1)
+        own = own + np.einsum("...ia,iab,...ib->...i", by, covariance, by)
+    return np.asarray(np.einsum("s...i,s...j->...ij", torques, torques) + own[..., None] * np.eye(scene.nv))
+
+
 def forward_dynamics_variance(
     scene: Scene,
     q: ArrayLike,
@@ -185,6 +218,19 @@ def forward_dynamics_variance(
     found = ParameterCovariance(scene, parameters)
     noise = _per_joint(scene, "torque", 0.0 if torque is None else torque)
     names = [links] if isinstance(links, str) else list(links or ())
+    if _has_rows(scene):
+        tree = {"wrenches": wrenches, "errors": errors}
+        qdd = scene.forward_dynamics(q, qd, tau, **tree)
+        inverse = scene.constrained_mass_matrix_inverse(q) if scene.constraint_names else scene.mass_matrix_inverse(q)
+        spread = _torque_covariance(scene, (q, qd, qdd), found, noise, (joints, friction_speed), errors)
+        whole = inverse @ spread @ np.swapaxes(inverse, -1, -2)
+        variances = np.diagonal(whole, axis1=-2, axis2=-1).copy()
+        if links is None:
+            return variances
+        jacobians = {name: scene.jacobian(q, name) for name in names}
+        return AccelerationVariance(
+            variances, {name: j @ whole @ np.swapaxes(j, -1, -2) for name, j in jacobians.items()}
+        )
     independent = np.zeros((len(scene.body_names), 0, 10)) if found.blocks is None else found.blocks
     both = scene._variance(
         True,
@@ -229,6 +275,9 @@ def inverse_dynamics_variance(
     """Implementation of Scene.inverse_dynamics_variance."""
     found = ParameterCovariance(scene, parameters)
     noise = _per_joint(scene, "torque", 0.0 if torque is None else torque)
+    if _has_rows(scene):
+        spread = _torque_covariance(scene, (q, qd, qdd), found, noise, (joints, friction_speed), errors)
+        return np.diagonal(spread, axis1=-2, axis2=-1).copy()
     independent = np.zeros((len(scene.body_names), 0, 10)) if found.blocks is None else found.blocks
     variance = scene._variance(
         False, (q, qd, qdd), independent, noise, _joint_covariance(scene, joints), friction_speed, None, None, errors

@@ -1,5 +1,6 @@
 //! One step of the filter: linearization, update by the readings, prediction.
 
+use super::closure::Closure;
 use super::link_motion::LinkMotion;
 use super::manifold::step_jacobians;
 use super::robot::{Belief, Record};
@@ -18,6 +19,7 @@ use nalgebra::Vector6;
 #[derive(Debug)]
 pub(crate) struct Scratch {
     workspace: Workspace<f64>,
+    closure: Option<Closure>,
     wrenches: Vec<SpatialVector<f64>>,
     qdd: Vec<f64>,
     derivatives: Vec<f64>,
@@ -54,12 +56,13 @@ impl Scratch {
         let largest = plan.sensors.iter().map(|sensor| sensor.range.len()).max().unwrap_or(0);
         Self {
             workspace: scene.workspace(),
+            closure: Closure::new(scene),
             wrenches: vec![Vector6::zeros(); bodies],
             qdd: vec![f64::NAN; nv],
             derivatives: vec![f64::NAN; 3 * nv * nv],
             jacobian: vec![f64::NAN; 6 * nv],
-            motion: LinkMotion::new(nv),
-            rows: SensorRows::new(largest, nv),
+            motion: LinkMotion::new(scene.model().nv()),
+            rows: SensorRows::new(largest, scene),
             torque: vec![f64::NAN; nv],
             flow: vec![0.0; width * plan.flow_stride()],
             h: vec![0.0; width * readings],
@@ -86,6 +89,19 @@ impl Scratch {
     ) -> Result<(), Error> {
         self.update((plan, scene), belief, record)?;
         self.predict((plan, scene), record, belief)
+    }
+
+    /// Conditions an initial estimate on the connections, which it must satisfy.
+    pub fn condition(&mut self, (plan, scene): (&Plan, &Scene), belief: &mut Belief) -> Result<(), Error> {
+        let Some(closure) = &mut self.closure else { return Ok(()) };
+        scene.check_closed(&belief.q, &belief.qd)?;
+        closure.close(scene, &mut self.workspace, (&mut belief.q, &mut belief.qd))?;
+        let root = closure.conditioned(&plan.initial[plan.rest..])?;
+        let [column, _] = plan.strides();
+        for (own, root) in belief.root.chunks_exact_mut(column).skip(plan.rest).zip(root.column_iter()) {
+            own[plan.rest..plan.states].copy_from_slice(root.as_slice());
+        }
+        Ok(())
     }
 
     /// Accelerations at a state, and their derivatives by error and torque noise by columns, into `qdd` and `flow`.
@@ -116,8 +132,11 @@ impl Scratch {
                 }
             }
         }
+        let q = scene.tree_configuration("q", q)?;
         for (w, frame) in plan.wrenches.iter().enumerate() {
-            local_jacobian(model, q, frame, jacobian);
+            scene.tree_columns(6, jacobian, |out| {
+                local_jacobian(model, &q, frame, out);
+            })?;
             for (i, by_wrench) in jacobian.chunks_exact(nv).enumerate() {
                 let column = &mut flow[(6 * w + i) * stride..][..nv];
                 for (entry, row) in column.iter_mut().zip(inverse.chunks_exact(nv)) {
@@ -146,7 +165,7 @@ impl Scratch {
         }
         record.noise.fill(0.0);
         self.predict((plan, scene), &mut record, &mut next)?;
-        let carried = self.carried(plan, &record);
+        let carried = self.carried((plan, scene), &record)?;
         let columns = || plan.public_order().chain(plan.states..plan.width);
         let matrix = plan.public_order().flat_map(|i| columns().map(move |j| carried[j * column + i])).collect();
         let by_error = (0..plan.nv).flat_map(|i| columns().map(move |j| (i, j)));
@@ -192,6 +211,19 @@ impl Scratch {
                 multiply(&right, size, &mut own[at..at + size]);
             }
         }
+        self.close((plan, scene), (&mut record.q, &mut record.qd), record.root.chunks_exact_mut(wide))
+    }
+
+    /// Projects an estimate, and the columns of a root of its covariance, onto the connections of the scene.
+    pub fn close<'a>(
+        &mut self,
+        (plan, scene): (&Plan, &Scene),
+        state: (&mut [f64], &mut [f64]),
+        columns: impl Iterator<Item = &'a mut [f64]>,
+    ) -> Result<(), Error> {
+        let Some(closure) = &mut self.closure else { return Ok(()) };
+        closure.close(scene, &mut self.workspace, state)?;
+        closure.project_columns(plan, columns);
         Ok(())
     }
 
@@ -214,7 +246,7 @@ impl Scratch {
                 has_flow = true;
             }
             let state = (&*prior.q, &*prior.qd, &*self.qdd);
-            self.rows.evaluate(scene.model(), &mut self.motion, sensor, state, &record.tau);
+            self.rows.evaluate(scene, &mut self.motion, sensor, state, &record.tau);
             for (i, &reading) in readings.iter().enumerate() {
                 if reading.is_nan() {
                     continue;
@@ -326,6 +358,7 @@ impl Scratch {
             *next = decay * rest;
         }
         self.jacobians_of_step(plan);
+        self.close((plan, scene), (&mut next.q, &mut next.qd), std::iter::empty())?;
         with_widest(PredictRoot { scratch: self, plan, record, root: Some(&mut next.root) });
         scene.check_result("estimate", &next.qd)?;
         // The covariance can overflow where its root does not.
@@ -366,7 +399,7 @@ impl Scratch {
         let (q, qd, nv) = (plan.q(), plan.qd(), plan.nv);
         let (carried, walks) = self.predicted.split_at_mut(plan.width * column);
         // After a correction of a group its rows are not triangular.
-        let is_triangular = plan.groups.is_empty();
+        let is_triangular = plan.groups.is_empty() && self.closure.is_none();
         for (j, (to, from)) in carried.chunks_exact_mut(column).zip(record.root.chunks_exact(wide)).enumerate() {
             let first = if is_triangular { j } else { j.min(q) };
             for ((to, from), decay) in to[..plan.rest].iter_mut().zip(from).zip(&plan.decay) {
@@ -391,6 +424,9 @@ impl Scratch {
                 }
             }
         }
+        if let Some(closure) = &self.closure {
+            closure.project_columns(plan, carried.chunks_exact_mut(column));
+        }
         walks.fill(0.0);
         for (to, &row) in walks.chunks_exact_mut(column).zip(&plan.walks) {
             to[row] = plan.walk[row];
@@ -398,13 +434,15 @@ impl Scratch {
     }
 
     /// [F B] root of a record, with the columns of the random walks, (states) rows per column, for the smoother.
-    pub fn carried(&mut self, plan: &Plan, record: &Record) -> &[f64] {
+    pub fn carried(&mut self, (plan, scene): (&Plan, &Scene), record: &Record) -> Result<&[f64], Error> {
         for (step, qd) in self.step.iter_mut().zip(&record.next_qd) {
             *step = plan.dt * qd;
         }
         self.jacobians_of_step(plan);
+        let (mut q, mut qd) = (record.next_q.clone(), record.next_qd.clone());
+        self.close((plan, scene), (&mut q, &mut qd), std::iter::empty())?;
         with_widest(PredictRoot { scratch: self, plan, record, root: None });
-        &self.predicted
+        Ok(&self.predicted)
     }
 }
 

@@ -32,6 +32,7 @@
 //! # }
 //! ```
 
+mod closure;
 mod filter;
 mod link_motion;
 mod manifold;
@@ -48,7 +49,7 @@ mod tests;
 pub use settings::{ExternalWrench, Mount, ObserverSettings, Quantity, Sensor};
 pub use smoother::SmoothedMotion;
 #[cfg(feature = "python")]
-pub(crate) use {filter::Transition, robot::Belief, sensor_rows::SensorRows};
+pub(crate) use {filter::Transition, sensor_rows::SensorRows};
 
 use crate::batch::instruction_set::with_widest;
 use crate::batch::{Batch, Pool};
@@ -57,6 +58,7 @@ use crate::interrupt;
 use crate::memory;
 use crate::scene::Scene;
 use filter::Scratch;
+pub(crate) use robot::Belief;
 use robot::{Record, Robot, add_innovations};
 use settings::Plan;
 use std::borrow::Borrow;
@@ -88,9 +90,9 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for an invalid setting, an unknown link or joint, two sensors with the same name, and for
-    /// scenes with connections, contacts or joints that follow others; [`Error::Shape`] and [`Error::NotFinite`];
-    /// [`Error::Memory`] if the covariances do not fit in memory.
+    /// [`Error::Argument`] for an invalid setting, an unknown link or joint, and two sensors with the same name;
+    /// [`Error::Constraint`] for an initial estimate that violates the connections; [`Error::Shape`] and
+    /// [`Error::NotFinite`]; [`Error::Memory`] if the covariances do not fit in memory.
     pub fn new(scene: S, settings: &ObserverSettings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let own = scene.borrow();
         let plan = Plan::new(own, settings)?;
@@ -101,13 +103,15 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         check_length("q", q.len(), count.max(1) * plan.nq)?;
         check_length("qd", qd.len(), count * plan.nv)?;
         plan.check_room(count, crate::batch::threads().min(count))?;
+        let pool = Pool::default();
         let mut robots = memory::with_capacity("q", count)?;
         for (q, qd) in q.chunks_exact(plan.nq).zip(qd.chunks_exact(plan.nv)) {
-            own.check_configuration("q", q)?;
+            own.check_coordinates("q", q)?;
             own.check_rates("qd", qd)?;
-            robots.push(Robot::new(&plan, q, qd));
+            let mut prior = Belief::new(&plan, q, qd);
+            pool.with(|| Scratch::new(&plan, own), |scratch| scratch.condition((&plan, own), &mut prior))?;
+            robots.push(Robot::new(&plan, prior));
         }
-        let pool = Pool::default();
         // The kernels allocate at their first call. An error of the scene at this state is reported by the first step.
         pool.with(
             || Scratch::new(&plan, own),

@@ -130,8 +130,7 @@ pub(crate) struct Robot {
 }
 
 impl Robot {
-    pub fn new(plan: &Plan, q: &[f64], qd: &[f64]) -> Self {
-        let prior = Belief::new(plan, q, qd);
+    pub fn new(plan: &Plan, prior: Belief) -> Self {
         let window = Window {
             steps: 0,
             sums: vec![(0.0, 0); plan.sensors.len()],

@@ -3,9 +3,9 @@
 use super::link_motion::{LinkMotion, LinkPath};
 use super::settings::{Plan, Reader, Source};
 use crate::kinematics::Frame;
-use crate::model::Model;
+use crate::scene::Scene;
 #[cfg(feature = "python")]
-use {super::settings::Sensor, crate::error::Error, crate::scene::Scene};
+use {super::settings::Sensor, crate::error::Error};
 
 /// Predicted reading without bias, and its derivatives at constant qdd, by columns of `size` entries per degree of
 /// freedom.
@@ -22,12 +22,16 @@ pub(crate) struct SensorRows {
     pub by_noise: Vec<f64>,
     pub has_qdd: bool,
     pub has_noise: bool,
+    /// A matrix of the tree, for scenes with joints that follow others.
+    of_tree: Vec<f64>,
 }
 
 impl SensorRows {
     /// Room for a sensor of at most `size` components.
-    pub fn new(size: usize, nv: usize) -> Self {
-        let zeros = || vec![0.0; size * nv];
+    pub fn new(size: usize, scene: &Scene) -> Self {
+        let nv = scene.nv();
+        // Derivatives of links are those of the tree before they are reduced.
+        let zeros = || vec![0.0; size * scene.model().nv()];
         Self {
             nv,
             size,
@@ -38,6 +42,7 @@ impl SensorRows {
             by_noise: zeros(),
             has_qdd: false,
             has_noise: false,
+            of_tree: zeros(),
         }
     }
 
@@ -55,13 +60,13 @@ impl SensorRows {
     ) -> Result<(), Error> {
         let reader = Reader::unplaced(scene, sensor)?;
         let nv = scene.nv();
-        let (mut rows, mut motion) = (Self::new(reader.range.len(), nv), LinkMotion::new(nv));
+        let (mut rows, mut motion) = (Self::new(reader.range.len(), scene), LinkMotion::new(scene.model().nv()));
         for [q, qd, qdd, tau] in states {
-            scene.check_configuration("q", &q)?;
+            scene.check_coordinates("q", &q)?;
             for (name, values) in [("qd", &qd), ("qdd", &qdd), ("tau", &tau)] {
                 crate::error::check_length(name, values.len(), nv)?;
             }
-            rows.evaluate(scene.model(), &mut motion, &reader, (&q, &qd, &qdd), &tau);
+            rows.evaluate(scene, &mut motion, &reader, (&q, &qd, &qdd), &tau);
             each(&rows);
         }
         Ok(())
@@ -70,7 +75,7 @@ impl SensorRows {
     /// The sensor at a state; only accelerometers read `qdd`.
     pub(super) fn evaluate(
         &mut self,
-        model: &Model<f64>,
+        scene: &Scene,
         motion: &mut LinkMotion<f64>,
         sensor: &Reader,
         (q, qd, qdd): (&[f64], &[f64], &[f64]),
@@ -80,9 +85,16 @@ impl SensorRows {
         self.size = size;
         (self.has_qdd, self.has_noise) = (false, false);
         for matrix in [&mut self.by_q, &mut self.by_qd, &mut self.by_qdd, &mut self.by_noise] {
-            matrix[..size * self.nv].fill(0.0);
+            matrix.fill(0.0);
         }
-        let mut moving = |frame: &Frame<f64>, path: &LinkPath, qdd| motion.evaluate(model, (frame, path), (q, qd, qdd));
+        let coupling = scene.coupling();
+        let mut moving = |frame: &Frame<f64>, path: &LinkPath, qdd: Option<&[f64]>| match coupling {
+            None => motion.evaluate(scene.model(), (frame, path), (q, qd, qdd)),
+            Some(coupling) => {
+                let (q, qd, qdd) = (coupling.configuration(q), coupling.rates(qd), qdd.map(|x| coupling.rates(x)));
+                motion.evaluate(scene.model(), (frame, path), (&q, &qd, qdd.as_deref()));
+            }
+        };
         match &sensor.source {
             Source::Encoder(joints) => {
                 for (i, &(coordinate, row)) in joints.iter().enumerate() {
@@ -115,6 +127,14 @@ impl SensorRows {
                     self.by_qd[at.clone()].copy_from_slice(motion.acceleration_by_qd[p].as_slice());
                     self.by_qdd[at].copy_from_slice(&motion.columns[p].as_slice()[3..]);
                 }
+            }
+        }
+        // Encoders and joint torques are those of the joints of the scene, and links move with all joints of the tree.
+        let on_link = matches!(sensor.source, Source::Gyro(..) | Source::Contact(..) | Source::Accelerometer(..));
+        if let Some(coupling) = coupling.filter(|_| on_link) {
+            for matrix in [&mut self.by_q, &mut self.by_qd, &mut self.by_qdd] {
+                std::mem::swap(matrix, &mut self.of_tree);
+                coupling.reduce_rows(&self.of_tree[..size * scene.model().nv()], size, matrix);
             }
         }
     }

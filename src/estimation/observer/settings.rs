@@ -3,7 +3,6 @@
 use super::WINDOW;
 use super::link_motion::LinkPath;
 use crate::error::{Error, check_length};
-use crate::joints::Motion;
 use crate::kinematics::Frame;
 use crate::memory::{bytes_of, room};
 use crate::scene::{Joint, Scene};
@@ -267,9 +266,6 @@ pub(crate) struct Plan {
 
 impl Plan {
     pub fn new(scene: &Scene, settings: &ObserverSettings) -> Result<Self, Error> {
-        scene.check_independent()?;
-        scene.check_no_connections("observer")?;
-        scene.check_no_contacts("observer")?;
         let ObserverSettings { dt, history, .. } = *settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", dt.to_string(), "a time in s, finite and positive"));
@@ -436,10 +432,8 @@ impl Plan {
 
 /// Spherical and free joints, whose degrees of freedom do not commute.
 fn groups(scene: &Scene) -> Vec<(usize, usize)> {
-    let model = scene.model();
-    let groups = model.bodies.iter().zip(&model.system.stages);
-    let found = groups.filter(|(body, _)| matches!(body.motion, Motion::Spherical | Motion::Free));
-    found.map(|(_, stage)| (stage.first_row, stage.rows.count())).collect()
+    let found = scene.joints().iter().filter(|joint| joint.quaternion().is_some());
+    found.map(|joint| (joint.v.start, joint.v.len())).collect()
 }
 
 /// Checks standard deviations or densities.

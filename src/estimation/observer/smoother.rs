@@ -89,7 +89,7 @@ fn smoothed(
 ) -> Result<Smoothed, Error> {
     let (n, [column, _]) = (plan.states, plan.strides());
     let mut now = filtered(plan, record);
-    let predicted = scratch.carried(plan, record);
+    let predicted = scratch.carried((plan, scene), record)?;
     let columns = plan.width + plan.walks.len();
     let predicted = DMatrix::from_fn(n, columns, |i, j| predicted[j * column + i]);
     let carried = predicted.columns(0, plan.width);
@@ -124,6 +124,7 @@ fn smoothed(
     whole.columns_mut(columns, others).copy_from(&(&gain * &later.root));
     now.root = whole.transpose().qr().r().transpose();
     correct((plan, scene), &mut now, change.as_slice())?;
+    scratch.close((plan, scene), (&mut now.q, &mut now.qd), now.root.as_mut_slice().chunks_exact_mut(n))?;
     scene.check_result("smoothed covariance", now.root.as_slice())?;
     Ok(now)
 }
