@@ -76,7 +76,7 @@ impl Constraint {
                 out.copy_from_slice(&rows.error[..rows.count]);
             }
             Tie::Coordinates { first, second, multiplier, offset } => {
-                out[0] = q[first.q] - second.map_or(0.0, |second| multiplier * q[second.q]) - offset;
+                out[0] = q[first.q] - (second.map_or(0.0, |second| multiplier * q[second.q]) + offset);
             }
         }
         Some(())
@@ -115,6 +115,8 @@ pub(crate) struct Constraints {
     pub tolerance: f64,
     /// The neutral configuration, from which the search for closed configurations starts.
     pub neutral: Vec<f64>,
+    /// True for the rows of mimic joints: the inverse mass matrix is then that through the rows.
+    pub of_mimic_joints: bool,
     /// Computed at first use.
     pub mobility: OnceLock<Mobility>,
     /// Set once the warning about dependent rows has been returned.

@@ -2,14 +2,21 @@
 
 use super::constraint::{Constraints, Tie};
 use super::description::{Mimic, MimicJoints};
+use super::shared::Shared;
 use super::{Joint, Scene};
+use crate::algorithm::table::Axis;
 use crate::error::{Error, check_length};
-use crate::filter::summed::Sums;
+use crate::filter::{HingeMap, Rows};
 use crate::joints::JointKind;
+use crate::model::{Identity, Model};
 use crate::scalar::Real;
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
+
+/// The armature of a joint without inertia that another joint of its group gives, relative to the inertia that this
+/// joint moves: small, so that the other pivot stays positive.
+const GIVEN: f64 = 1.0 / (1 << 20) as f64;
 
 /// The map of one coordinate of the tree.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +45,11 @@ pub struct Coupling {
     independent: Vec<usize>,
     /// Index in the tree of each independent coordinate.
     independent_q: Vec<usize>,
-    sums: Sums,
+    /// Armature that joints without inertia get from others which move with them, (nv of the tree); the armature of
+    /// the independent coordinates stays the same.
+    given: Vec<f64>,
+    /// Created at first use.
+    tied: OnceLock<Scene>,
 }
 
 impl Coupling {
@@ -48,9 +59,21 @@ impl Coupling {
         &self.tree
     }
 
-    /// The rows of the tree that form one measurement each.
-    pub(crate) fn sums(&self) -> &Sums {
-        &self.sums
+    /// The tree with one row x = multiplier y + offset per joint that follows another, as if these were connections.
+    pub(crate) fn tied(&self) -> &Scene {
+        self.tied.get_or_init(|| {
+            let (identity, constraints, shared) = (Identity::unique(), self.as_constraints(), Shared::default());
+            let mut tied = Scene { identity, constraints, shared, ..self.tree.clone() };
+            self.give_armature(&mut tied.model.system.noise);
+            tied
+        })
+    }
+
+    /// Moves armature (nv of the tree) to joints without inertia: without an effect on the independent coordinates.
+    pub(crate) fn give_armature(&self, armature: &mut [f64]) {
+        for (armature, given) in armature.iter_mut().zip(&self.given) {
+            *armature += given;
+        }
     }
 
     /// Numbers of independent coordinates and velocities.
@@ -118,9 +141,48 @@ impl Coupling {
         *qd = self.rates(&self.independent_rates(qd));
     }
 
-    /// One row per joint that follows another, x = multiplier y + offset, for steps with contacts.
-    pub(crate) fn as_constraints(&self) -> Constraints {
-        let mut constraints = Constraints { neutral: self.tree.neutral(), ..Constraints::default() };
+    /// An argument of a function of the tree, for that of the scene. With `acts` it is a torque, or the cotangent of an
+    /// acceleration; these are at the independent joints. All others are configurations (`q`) or rates.
+    pub(crate) fn expanded<T: Real>(&self, name: &str, acts: bool, x: &[T]) -> Vec<T> {
+        match name {
+            _ if x.is_empty() => Vec::new(),
+            "q" => self.configuration(x),
+            "tau" | "dtau" | "cotangent" if acts => self.torques(x),
+            _ => self.rates(x),
+        }
+    }
+
+    /// A result of a function of the tree, reduced to the independent velocities. With `acts` it is the function of
+    /// torques, whose accelerations, gradients by torques and M^-1 are those of the independent joints.
+    pub(crate) fn reduced<T: Real>(&self, (name, axes): (&str, &[Axis]), acts: bool, x: &[T], out: &mut Vec<T>) {
+        let (start, nv) = (out.len(), self.independent.len());
+        let is_picked = acts && !matches!(name, "gradient_q" | "gradient_qd");
+        match axes {
+            [Axis::Velocities] if is_picked => out.extend(self.independent.iter().map(|&row| x[row])),
+            [Axis::Velocities, Axis::Velocities] if is_picked => {
+                let entries = self.independent.iter().map(|&row| &x[row * self.v.len()..]);
+                out.extend(entries.flat_map(|of_row| self.independent.iter().map(|&column| of_row[column])));
+            }
+            [Axis::Velocities] => {
+                out.resize(start + nv, T::zero());
+                self.reduce(x, &mut out[start..]);
+            }
+            [Axis::Velocities, Axis::Velocities] => {
+                out.resize(start + nv * nv, T::zero());
+                self.reduce_matrix(x, &mut out[start..]);
+            }
+            [Axis::Fixed(rows), Axis::Velocities] => {
+                out.resize(start + rows * nv, T::zero());
+                self.reduce_columns(x, &mut out[start..]);
+            }
+            _ => out.extend_from_slice(x),
+        }
+    }
+
+    /// One row per joint that follows another, x = multiplier y + offset.
+    fn as_constraints(&self) -> Constraints {
+        let mut constraints =
+            Constraints { neutral: self.tree.neutral(), of_mimic_joints: true, ..Constraints::default() };
         for joint in self.tree.joints.iter().filter(|joint| joint.q.len() == 1) {
             let Coordinate { index, multiplier, offset } = self.q[joint.q.start];
             let independent = self.independent_q[index];
@@ -348,12 +410,7 @@ impl Scene {
             q.extend((0..joint.q.len()).map(|i| Coordinate { index: first_q + i, multiplier, offset }));
             v.extend((0..joint.v.len()).map(|i| (first_v + i, multiplier)));
         }
-        let mut rows = vec![Vec::new(); independent.len()];
-        for (row, &(index, multiplier)) in v.iter().enumerate() {
-            rows[index].push((row, multiplier));
-        }
-        rows.retain(|rows| rows.len() > 1);
-        let sums = Sums::new(&tree.model.system, &rows);
+        let given = given_armature(&tree.model, &v, independent.len());
         let joint_index = joints.iter().enumerate().map(|(at, joint)| (joint.name.clone(), at)).collect();
         let mut scene = Self::unfilled(tree.source.clone(), tree.warnings.clone());
         scene.model = tree.model.clone();
@@ -362,9 +419,43 @@ impl Scene {
         scene.merged.clone_from(&tree.merged);
         scene.joint_of_body = vec![None; tree.joint_of_body.len()];
         (scene.joints, scene.joint_index) = (joints, joint_index);
-        scene.coupling = Some(Arc::new(Coupling { tree, q, v, independent, independent_q, sums }));
+        scene.coupling =
+            Some(Arc::new(Coupling { tree, q, v, independent, independent_q, given, tied: OnceLock::new() }));
         Ok(scene)
     }
+}
+
+/// The armature that joints without inertia get from a joint that moves with them: r for the former, -r (w / w')^2 for
+/// the latter, where w and w' are their multipliers in `v`. Without it they have no pivot of their own.
+fn given_armature(model: &Model<f64>, v: &[(usize, f64)], groups: usize) -> Vec<f64> {
+    let stages = &model.system.stages;
+    let mut outboard: Vec<_> = model.bodies.iter().map(|body| body.inertia_terms).collect();
+    for (k, stage) in stages.iter().enumerate().rev() {
+        if let Some(parent) = stage.parent {
+            let own = outboard[k];
+            outboard[parent] += own;
+        }
+    }
+    // Row, multiplier and inertia of each member.
+    let mut members = vec![Vec::new(); groups];
+    for (stage, terms) in stages.iter().zip(&outboard) {
+        let Rows::One(hinge) = stage.rows else { continue };
+        let (row, (group, multiplier)) = (stage.first_row, v[stage.first_row]);
+        let first = if matches!(hinge, HingeMap::Axis(3..)) { 3 } else { 0 };
+        members[group].push((row, multiplier, terms.fixed_rows::<3>(first).sum() + model.system.noise[row]));
+    }
+    let mut given = vec![0.0; v.len()];
+    for group in members {
+        let size = |&(_, multiplier, inertia): &(usize, f64, f64)| multiplier * multiplier * inertia;
+        let heaviest = group.iter().max_by(|a, b| size(a).total_cmp(&size(b))).filter(|member| size(member) > 0.0);
+        let Some(&(giver, of_giver, inertia)) = heaviest else { continue };
+        for &(row, multiplier, _) in group.iter().filter(|&&(.., inertia)| inertia == 0.0) {
+            let ratio = (multiplier / of_giver).powi(2);
+            given[row] = GIVEN * inertia / ratio.max(1.0);
+            given[giver] -= given[row] * ratio;
+        }
+    }
+    given
 }
 
 /// For each joint that follows another: the independent joint at the end of the chain, multiplier and offset; `None` if
