@@ -5,20 +5,21 @@ use super::evaluator::{Evaluated, Evaluator};
 use super::instruction_set::InstructionSet;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
-use crate::dynamics::coupled::Found;
+use crate::dynamics::coupled::{Ask, Found};
 use crate::error::{Error, check_length};
 use crate::scene::{Coupling, Scene};
 
-/// The evaluator of the tree with its rows.
+/// The evaluator of the tree with its rows, and that without gravity, created at first use.
 pub(super) struct CoupledEvaluator {
     pub tied: Evaluator,
+    weightless: Option<Evaluator>,
 }
 
 impl CoupledEvaluator {
     /// For an instruction set; None without mimic joints.
     pub fn of(arm: InstructionSet, scene: &Scene) -> Option<Box<Self>> {
         let coupling = scene.coupling()?;
-        Some(Box::new(Self { tied: Evaluator::on(arm, coupling.tied()) }))
+        Some(Box::new(Self { tied: Evaluator::on(arm, coupling.tied()), weightless: None }))
     }
 
     /// As [`Scene::evaluate`]; computes in f64 for states of any precision.
@@ -47,12 +48,18 @@ impl CoupledEvaluator {
             })
             .collect();
         let mut results = Vec::new();
-        let mut ask = |algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64], found: &mut Found<'_>| {
+        let Self { tied, weightless } = self;
+        let ask: &mut Ask<'_> = &mut |is_weightless, algorithm, states, out, found| {
             let found = |state: usize, accuracy: &dyn Fn() -> Accuracy| found(state, accuracy());
-            coupling.tied().evaluate_each(&mut self.tied, algorithm, states, out, found)
+            if !is_weightless {
+                return coupling.tied().evaluate_each(tied, algorithm, states, out, found);
+            }
+            let (scene, arm) = (coupling.weightless(), tied.instruction_set());
+            let evaluator = weightless.get_or_insert_with(|| Evaluator::on(arm, scene));
+            scene.evaluate_each(evaluator, algorithm, states, out, found)
         };
         let full = P::in_f64(out, &mut results);
-        scene.evaluate_coupled(coupling, &mut ask, algorithm, &states, full, found)?;
+        scene.evaluate_coupled(coupling, ask, algorithm, &states, full, found)?;
         let width = scene.width(algorithm).max(1);
         // Empty if `out` is f64 and was written in place.
         for (i, (rounded, &value)) in out.iter_mut().zip(&results).enumerate() {

@@ -139,7 +139,7 @@ impl Coupled<'_, '_> {
         let (mut rest, mut all) = (&results[..], Vec::new());
         for (array, axes) in function.results(tree).iter().zip(function.axes()) {
             let (of_tree, others) = rest.split_at(array.width());
-            coupling.reduced((array.name, axes), acts, of_tree, &mut all);
+            coupling.reduced(axes, acts, of_tree, &mut all);
             rest = others;
         }
         all

@@ -74,9 +74,6 @@ impl Scene {
             Algorithm::InverseDynamics => inverse::inverse_dynamics(model, workspace, q, qd, u, wrenches, out),
             Algorithm::BiasTorque => inverse::bias_torque(model, workspace, q, qd, &[], out),
             Algorithm::MassMatrix => mass_matrix::mass_matrix(model, workspace, q, out),
-            Algorithm::MassMatrixInverse(_) if self.constraints().of_mimic_joints => {
-                self.inverse_through_rows(workspace, q, out)?;
-            }
             Algorithm::MassMatrixInverse(_) => {
                 let mut own = None;
                 let scratch = inverse.unwrap_or_else(|| own.insert(InverseScratch::new(model)));
@@ -114,15 +111,6 @@ impl Scene {
         }
         workspace.connected.keep(made);
         done.map(|_| ())
-    }
-
-    /// The inverse mass matrix of a tree with the rows of its mimic joints.
-    fn inverse_through_rows(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        let system = (self.model(), self.constraints());
-        let mut made = workspace.connected.take(self.identity(), || ConstraintScratch::new(system.0, system.1));
-        let pivots = constraints::constrained_mass_matrix_inverse(system, workspace, &mut made.1, q, out);
-        workspace.connected.keep(made);
-        self.check_pivots(workspace, pivots.map_err(|at| self.row_fault(at))?)
     }
 
     /// As above; leaves the forces and the factor in the scratch and returns the rank and the residual.
@@ -229,9 +217,7 @@ impl Scene {
 
     /// True if the kernels would compute a wrong result: they support connections in forward dynamics only.
     fn goes_through_connections(&self, algorithm: Algorithm) -> bool {
-        let is_inverse = matches!(algorithm, Algorithm::MassMatrixInverse(_)) && self.constraints().of_mimic_joints;
-        let is_derivative = algorithm.is_derivative() && algorithm.goes_through_connections();
-        (is_derivative || is_inverse) && !self.constraints().is_empty()
+        algorithm.is_derivative() && algorithm.goes_through_connections() && !self.constraints().is_empty()
     }
 
     /// The lengths of the arguments of one state of an algorithm, and whether the kernels support it.

@@ -3,14 +3,13 @@
 //!
 //! Inverse dynamics, M and their derivatives are those of the tree at (q, G qd', G qdd'), multiplied by G and G^T.
 //! Accelerations are those [through the rows](super::constraints), for torques at the independent joints, whose entries
-//! of qdd are qdd'. (G^T M G)^-1 are their entries of M^-1 - M^-1 J* G^+ J M^-1.
+//! of qdd are qdd'. At rest and without gravity they are (G^T M G)^-1 tau'.
 
 use crate::accuracy::Accuracy;
-#[cfg(feature = "derivatives")]
-use crate::algorithm::Derivatives;
 use crate::algorithm::{Algorithm, Arguments, table};
-use crate::error::{Error, Fault, check_length};
 #[cfg(feature = "derivatives")]
+use crate::algorithm::{Derivatives, Products};
+use crate::error::{Error, Fault, check_length};
 use crate::filter::Form;
 use crate::scalar::Real;
 use crate::scene::{Coupling, MimicJoints, Scene};
@@ -18,11 +17,15 @@ use crate::scene::{Coupling, MimicJoints, Scene};
 /// Receives the index of each state and its accuracy.
 pub(crate) type Found<'a> = dyn FnMut(usize, Accuracy) + 'a;
 
-/// Runs an algorithm of the tree with its rows on some states.
-pub(crate) type Ask<'a> = dyn FnMut(Algorithm, &[Arguments<'_>], &mut [f64], &mut Found<'_>) -> Result<(), Fault> + 'a;
+/// Runs an algorithm on some states of the tree with its rows, or without gravity if the first argument is true.
+pub(crate) type Ask<'a> =
+    dyn FnMut(bool, Algorithm, &[Arguments<'_>], &mut [f64], &mut Found<'_>) -> Result<(), Fault> + 'a;
 
-/// The arguments of one state of the tree: q, qd, u, and the vectors of the seed.
-type Expanded = [Vec<f64>; 6];
+/// Calls of algorithms of the tree.
+struct Call<'a, 'b> {
+    coupling: &'a Coupling,
+    ask: &'a mut Ask<'b>,
+}
 
 impl Scene {
     /// Runs one algorithm on some states of a scene with mimic joints. Writes the results one after another. `ask` runs
@@ -42,21 +45,27 @@ impl Scene {
         for (i, state) in states.iter().enumerate() {
             self.check_coupled(algorithm, &state.read_by(algorithm)).map_err(at(i))?;
         }
+        let mut call = Call { coupling, ask };
         match algorithm {
+            Algorithm::MassMatrixInverse(form) => out.copy_from_slice(&call.inverses(form, states)?),
             #[cfg(feature = "derivatives")]
             Algorithm::Derivatives(Derivatives::ForwardDynamics(form)) => {
-                forward_derivatives(coupling, ask, form, states, out)?;
+                call.forward_derivatives(form, states, out)?;
+            }
+            #[cfg(feature = "derivatives")]
+            Algorithm::Products(which) if which.form().is_some() => {
+                out.copy_from_slice(&call.product(which, states)?);
             }
             Algorithm::ConstrainedDynamics(form) => {
                 // There are no connections: no rows, and rank and residual are zero.
-                let qdd = reduced(coupling, ask, Algorithm::ForwardDynamics(form), states, found)?;
+                let qdd = call.reduced(false, Algorithm::ForwardDynamics(form), states, found)?;
                 let nv = width - 2;
                 for (i, to) in out.chunks_exact_mut(width).enumerate() {
                     to[..nv].copy_from_slice(&qdd[i * nv..(i + 1) * nv]);
                     to[nv..].fill(0.0);
                 }
             }
-            _ => out.copy_from_slice(&reduced(coupling, ask, algorithm, states, found)?),
+            _ => out.copy_from_slice(&call.reduced(false, algorithm, states, found)?),
         }
         let mut results = out.chunks_exact(width.max(1)).enumerate();
         results.try_for_each(|(i, out)| self.check_result("result", out).map_err(at(i)))
@@ -114,67 +123,137 @@ impl Scene {
     }
 }
 
-/// The results of an algorithm of the tree for all states, reduced.
-fn reduced(
-    coupling: &Coupling,
-    ask: &mut Ask<'_>,
-    algorithm: Algorithm,
-    states: &[Arguments<'_>],
-    found: &mut Found<'_>,
-) -> Result<Vec<f64>, Fault> {
-    let (entry, acts, tied) = (algorithm.entry(), algorithm.form().is_some(), coupling.tied());
-    let name = |i: usize| entry.arguments.get(i).map_or("", |&(name, _)| name);
-    let states: Vec<_> = states.iter().map(|state| state.read_by(algorithm)).collect();
-    let expand = |state: &Arguments<'_>| -> Expanded {
-        let [first, second, third] = state.seed;
-        let given = [state.q, state.qd, state.u, first, second, third];
-        std::array::from_fn(|i| coupling.expanded(name(i), acts, given[i]))
-    };
-    let expanded: Vec<Expanded> = states.iter().map(expand).collect();
-    let mut asked: Vec<Arguments<'_>> = Vec::with_capacity(states.len());
-    for (&Arguments { wrenches, tolerance, .. }, [q, qd, u, first, second, third]) in states.iter().zip(&expanded) {
-        asked.push(Arguments { q, qd, u, wrenches, seed: [first, second, third], tolerance });
-    }
-    let (width, sizes) = (tied.width(algorithm), tied.sizes());
-    let mut results = vec![f64::NAN; states.len() * width];
-    ask(algorithm, &asked, &mut results, found)?;
-    let mut out = Vec::new();
-    for mut rest in results.chunks_exact(width.max(1)) {
-        for &(name, axes) in entry.results {
-            let (of_tree, others) = rest.split_at(table::width((name, axes), &sizes));
-            coupling.reduced((name, axes), acts, of_tree, &mut out);
-            rest = others;
+impl Call<'_, '_> {
+    /// The results of an algorithm of the tree for all states, reduced.
+    fn reduced(
+        &mut self,
+        is_weightless: bool,
+        algorithm: Algorithm,
+        states: &[Arguments<'_>],
+        found: &mut Found<'_>,
+    ) -> Result<Vec<f64>, Fault> {
+        let (coupling, entry, tied) = (self.coupling, algorithm.entry(), self.coupling.tied());
+        let acts = matches!(algorithm, Algorithm::ForwardDynamics(_));
+        let name = |i: usize| entry.arguments.get(i).map_or("", |&(name, _)| name);
+        let states: Vec<_> = states.iter().map(|state| state.read_by(algorithm)).collect();
+        let expand = |state: &Arguments<'_>| -> [Vec<f64>; 6] {
+            let [first, second, third] = state.seed;
+            let given = [state.q, state.qd, state.u, first, second, third];
+            std::array::from_fn(|i| coupling.expanded(name(i), acts, given[i]))
+        };
+        let expanded: Vec<_> = states.iter().map(expand).collect();
+        let mut asked: Vec<Arguments<'_>> = Vec::with_capacity(states.len());
+        for (&Arguments { wrenches, tolerance, .. }, [q, qd, u, first, second, third]) in states.iter().zip(&expanded) {
+            asked.push(Arguments { q, qd, u, wrenches, seed: [first, second, third], tolerance });
         }
+        let (width, sizes) = (tied.width(algorithm), tied.sizes());
+        let mut results = vec![f64::NAN; states.len() * width];
+        (self.ask)(is_weightless, algorithm, &asked, &mut results, found)?;
+        let mut out = Vec::new();
+        for mut rest in results.chunks_exact(width.max(1)) {
+            for &(name, axes) in entry.results {
+                let (of_tree, others) = rest.split_at(table::width((name, axes), &sizes));
+                coupling.reduced(axes, acts, of_tree, &mut out);
+                rest = others;
+            }
+        }
+        Ok(out)
     }
-    Ok(out)
+
+    /// The same, if nobody asks for its accuracy.
+    fn results(&mut self, algorithm: Algorithm, states: &[Arguments<'_>]) -> Result<Vec<f64>, Fault> {
+        self.reduced(false, algorithm, states, &mut |_, _| {})
+    }
+
+    /// (G^T M G)^-1 times the right-hand sides, (nv) each.
+    fn solved(&mut self, form: Form, states: &[Arguments<'_>], rights: &[f64]) -> Result<Vec<f64>, Fault> {
+        let rest = vec![0.0; self.coupling.sizes().1];
+        let rights = rights.chunks_exact(rest.len().max(1));
+        let at_rest = states.iter().zip(rights).map(|(&Arguments { q, .. }, u)| Arguments {
+            q,
+            qd: &rest,
+            u,
+            ..Arguments::default()
+        });
+        self.reduced(true, Algorithm::ForwardDynamics(form), &at_rest.collect::<Vec<_>>(), &mut |_, _| {})
+    }
+
+    /// (G^T M G)^-1 of each state, from its columns; exactly symmetric.
+    fn inverses(&mut self, form: Form, states: &[Arguments<'_>]) -> Result<Vec<f64>, Fault> {
+        let (_, nv) = self.coupling.sizes();
+        let mut units = vec![0.0; nv * nv];
+        units.iter_mut().step_by(nv + 1).for_each(|diagonal| *diagonal = 1.0);
+        let mut out = Vec::with_capacity(states.len() * nv * nv);
+        for (i, &state) in states.iter().enumerate() {
+            let mut inverse =
+                self.solved(form, &vec![state; nv], &units).map_err(|fault| Fault { state: i, ..fault })?;
+            for row in 0..nv {
+                for column in 0..row {
+                    inverse[row * nv + column] = inverse[column * nv + row];
+                }
+            }
+            out.append(&mut inverse);
+        }
+        Ok(out)
+    }
+
+    /// -M^-1 dtau/dq, -M^-1 dtau/dqd at the accelerations of each state, and M^-1.
+    #[cfg(feature = "derivatives")]
+    fn forward_derivatives(&mut self, form: Form, states: &[Arguments<'_>], out: &mut [f64]) -> Result<(), Fault> {
+        let (_, nv) = self.coupling.sizes();
+        let qdd = self.results(Algorithm::ForwardDynamics(form), states)?;
+        let accelerated = at_accelerations(states, &qdd);
+        let three = self.results(Algorithm::Derivatives(Derivatives::InverseDynamics), &accelerated)?;
+        let inverses = self.inverses(form, states)?;
+        let square = (nv * nv).max(1);
+        let each = three.chunks_exact(3 * square).zip(inverses.chunks_exact(square));
+        for (out, (three, inverse)) in out.chunks_exact_mut(3 * square).zip(each) {
+            let (products, last) = out.split_at_mut(2 * square);
+            for (of, out) in three.chunks_exact(square).zip(products.chunks_exact_mut(square)) {
+                minus_product(nv, inverse, of, out);
+            }
+            last.copy_from_slice(inverse);
+        }
+        Ok(())
+    }
+
+    /// Products with the Jacobians of forward dynamics, by those of inverse dynamics.
+    #[cfg(feature = "derivatives")]
+    fn product(&mut self, which: Products, states: &[Arguments<'_>]) -> Result<Vec<f64>, Fault> {
+        let (nv, form) = (self.coupling.sizes().1.max(1), which.form().unwrap_or_default());
+        let qdd = self.results(Algorithm::ForwardDynamics(form), states)?;
+        let mut accelerated = at_accelerations(states, &qdd);
+        if which.is_gradient() {
+            let cotangents: Vec<f64> = states.iter().flat_map(|state| state.seed[0]).copied().collect();
+            let x = self.solved(form, states, &cotangents)?;
+            for (state, x) in accelerated.iter_mut().zip(x.chunks_exact(nv)) {
+                state.seed = [x, &[], &[]];
+            }
+            let mut out = self.results(Algorithm::Products(Products::InverseGradient), &accelerated)?;
+            for (out, x) in out.chunks_exact_mut(3 * nv).zip(x.chunks_exact(nv)) {
+                out[..2 * nv].iter_mut().for_each(|cotangent| *cotangent = -*cotangent);
+                out[2 * nv..].copy_from_slice(x);
+            }
+            return Ok(out);
+        }
+        // M dqdd = dtau - the change of inverse dynamics at the accelerations of the state.
+        let rest = vec![0.0; nv];
+        for state in &mut accelerated {
+            state.seed[2] = &rest;
+        }
+        let mut right = self.results(Algorithm::Products(Products::InverseTangent), &accelerated)?;
+        for (right, dtau) in right.iter_mut().zip(states.iter().flat_map(|state| state.seed[2])) {
+            *right = dtau - *right;
+        }
+        self.solved(form, states, &right)
+    }
 }
 
-/// -M^-1 dtau/dq, -M^-1 dtau/dqd at the accelerations of each state, and M^-1.
+/// The states with these accelerations in place of the torques.
 #[cfg(feature = "derivatives")]
-fn forward_derivatives(
-    coupling: &Coupling,
-    ask: &mut Ask<'_>,
-    form: Form,
-    states: &[Arguments<'_>],
-    out: &mut [f64],
-) -> Result<(), Fault> {
-    let (_, nv) = coupling.sizes();
-    let ignore: &mut Found<'_> = &mut |_, _| {};
-    let qdd = reduced(coupling, ask, Algorithm::ForwardDynamics(form), states, ignore)?;
-    let inverses = reduced(coupling, ask, Algorithm::MassMatrixInverse(form), states, ignore)?;
-    let accelerated = states.iter().zip(qdd.chunks_exact(nv.max(1)));
-    let accelerated: Vec<_> = accelerated.map(|(state, qdd)| Arguments { u: qdd, tolerance: None, ..*state }).collect();
-    let of_torques = Algorithm::Derivatives(Derivatives::InverseDynamics);
-    let three = reduced(coupling, ask, of_torques, &accelerated, ignore)?;
-    let square = (nv * nv).max(1);
-    let each = out.chunks_exact_mut(3 * square).zip(three.chunks_exact(3 * square)).zip(inverses.chunks_exact(square));
-    for ((out, three), inverse) in each {
-        for (of, out) in three.chunks_exact(square).take(2).zip(out.chunks_exact_mut(square)) {
-            minus_product(nv, inverse, of, out);
-        }
-        out[2 * square..].copy_from_slice(inverse);
-    }
-    Ok(())
+fn at_accelerations<'a>(states: &[Arguments<'a>], qdd: &'a [f64]) -> Vec<Arguments<'a>> {
+    let each = states.iter().zip(qdd.chunks_exact((qdd.len() / states.len().max(1)).max(1)));
+    each.map(|(state, u)| Arguments { u, tolerance: None, ..*state }).collect()
 }
 
 /// -A B into `out`, (n x n) each, row by row.

@@ -131,6 +131,8 @@ pub struct Workspace<T: Real> {
     pub(crate) connected_products: Made,
     /// The kernels that the methods of a scene run; the functions of `dynamics` do not use them.
     pub(crate) kernels: OwnKernels,
+    /// For a scene with mimic joints, the evaluator without gravity; none until it is created.
+    pub(crate) weightless: Made,
 }
 
 impl<T: Real> Workspace<T> {
@@ -173,6 +175,7 @@ impl<T: Real> Workspace<T> {
             connected: Made::default(),
             connected_products: Made::default(),
             kernels: OwnKernels::default(),
+            weightless: Made::default(),
         }
     }
 

@@ -115,8 +115,6 @@ pub(crate) struct Constraints {
     pub tolerance: f64,
     /// The neutral configuration, from which the search for closed configurations starts.
     pub neutral: Vec<f64>,
-    /// True for the rows of mimic joints: the inverse mass matrix is then that through the rows.
-    pub of_mimic_joints: bool,
     /// Computed at first use.
     pub mobility: OnceLock<Mobility>,
     /// Set once the warning about dependent rows has been returned.

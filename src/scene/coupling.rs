@@ -50,6 +50,7 @@ pub struct Coupling {
     given: Vec<f64>,
     /// Created at first use.
     tied: OnceLock<Scene>,
+    weightless: OnceLock<Scene>,
 }
 
 impl Coupling {
@@ -66,6 +67,16 @@ impl Coupling {
             let mut tied = Scene { identity, constraints, shared, ..self.tree.clone() };
             self.give_armature(&mut tied.model.system.noise);
             tied
+        })
+    }
+
+    /// The same without gravity: its accelerations at rest are (G^T M G)^-1 times the torques.
+    pub(crate) fn weightless(&self) -> &Scene {
+        self.weightless.get_or_init(|| {
+            let (identity, shared) = (Identity::unique(), Shared::default());
+            let mut scene = Scene { identity, shared, ..self.tied().clone() };
+            scene.model.gravity.fill(0.0);
+            scene
         })
     }
 
@@ -141,28 +152,22 @@ impl Coupling {
         *qd = self.rates(&self.independent_rates(qd));
     }
 
-    /// An argument of a function of the tree, for that of the scene. With `acts` it is a torque, or the cotangent of an
-    /// acceleration; these are at the independent joints. All others are configurations (`q`) or rates.
+    /// An argument of a function of the tree, for that of the scene: a configuration (`q`) or rates; with `acts`, in
+    /// forward dynamics, also torques, which act at the independent joints.
     pub(crate) fn expanded<T: Real>(&self, name: &str, acts: bool, x: &[T]) -> Vec<T> {
         match name {
             _ if x.is_empty() => Vec::new(),
             "q" => self.configuration(x),
-            "tau" | "dtau" | "cotangent" if acts => self.torques(x),
+            "tau" if acts => self.torques(x),
             _ => self.rates(x),
         }
     }
 
-    /// A result of a function of the tree, reduced to the independent velocities. With `acts` it is the function of
-    /// torques, whose accelerations, gradients by torques and M^-1 are those of the independent joints.
-    pub(crate) fn reduced<T: Real>(&self, (name, axes): (&str, &[Axis]), acts: bool, x: &[T], out: &mut Vec<T>) {
+    /// A result of a function of the tree, reduced to the independent velocities; with `acts` accelerations.
+    pub(crate) fn reduced<T: Real>(&self, axes: &[Axis], acts: bool, x: &[T], out: &mut Vec<T>) {
         let (start, nv) = (out.len(), self.independent.len());
-        let is_picked = acts && !matches!(name, "gradient_q" | "gradient_qd");
         match axes {
-            [Axis::Velocities] if is_picked => out.extend(self.independent.iter().map(|&row| x[row])),
-            [Axis::Velocities, Axis::Velocities] if is_picked => {
-                let entries = self.independent.iter().map(|&row| &x[row * self.v.len()..]);
-                out.extend(entries.flat_map(|of_row| self.independent.iter().map(|&column| of_row[column])));
-            }
+            [Axis::Velocities] if acts => out.extend(self.independent.iter().map(|&row| x[row])),
             [Axis::Velocities] => {
                 out.resize(start + nv, T::zero());
                 self.reduce(x, &mut out[start..]);
@@ -181,8 +186,7 @@ impl Coupling {
 
     /// One row per joint that follows another, x = multiplier y + offset.
     fn as_constraints(&self) -> Constraints {
-        let mut constraints =
-            Constraints { neutral: self.tree.neutral(), of_mimic_joints: true, ..Constraints::default() };
+        let mut constraints = Constraints { neutral: self.tree.neutral(), ..Constraints::default() };
         for joint in self.tree.joints.iter().filter(|joint| joint.q.len() == 1) {
             let Coordinate { index, multiplier, offset } = self.q[joint.q.start];
             let independent = self.independent_q[index];
@@ -419,8 +423,16 @@ impl Scene {
         scene.merged.clone_from(&tree.merged);
         scene.joint_of_body = vec![None; tree.joint_of_body.len()];
         (scene.joints, scene.joint_index) = (joints, joint_index);
-        scene.coupling =
-            Some(Arc::new(Coupling { tree, q, v, independent, independent_q, given, tied: OnceLock::new() }));
+        scene.coupling = Some(Arc::new(Coupling {
+            tree,
+            q,
+            v,
+            independent,
+            independent_q,
+            given,
+            tied: OnceLock::new(),
+            weightless: OnceLock::new(),
+        }));
         Ok(scene)
     }
 }
