@@ -78,18 +78,18 @@ impl Coupled<'_, '_> {
     /// The accelerations of all joints of the tree for (q, qd, tau) of the scene.
     fn accelerations(&mut self, given: &[Vec<Traced>]) -> Vec<Traced> {
         let coupling = self.coupling;
-        let of_tree = [coupling.configuration(&given[0]), coupling.rates(&given[1]), coupling.torques(&given[2])];
+        let of_tree = [coupling.configuration(&given[0]), coupling.rates(&given[1]), coupling.acting(&given[2])];
         let mut qdd = vec![Traced::from_f64(f64::NAN); coupling.tree().nv()];
         self.margin = through_connections(self.tracer, &of_tree, &mut qdd);
-        qdd
+        coupling.rates(&coupling.accelerations(&qdd))
     }
 
     /// (G^T M G)^-1 tau with the factor.
     fn solve(&mut self, tau: &[Traced]) -> Vec<Traced> {
         let mut qdd = vec![Traced::from_f64(f64::NAN); self.coupling.tree().nv()];
-        let within = solve_through_connections(self.tracer, &self.coupling.torques(tau), &mut qdd);
+        let within = solve_through_connections(self.tracer, &self.coupling.acting(tau), &mut qdd);
         self.margin = self.margin.worst(within);
-        self.coupling.independent_rates(&qdd)
+        self.coupling.accelerations(&qdd)
     }
 
     /// (G^T M G)^-1 with the factor, row by row.

@@ -2,8 +2,8 @@
 //! follows another.
 //!
 //! Inverse dynamics, M and their derivatives are those of the tree at (q, G qd', G qdd'), multiplied by G and G^T.
-//! Accelerations are those [through the rows](super::constraints), for torques at the independent joints, whose entries
-//! of qdd are qdd'. At rest and without gravity they are (G^T M G)^-1 tau'.
+//! Accelerations are those [through the rows](super::constraints), for torques at the heaviest
+//! joint of each group, whose entries of qdd, over its multiplier, are qdd'. At rest and without gravity they are (G^T M G)^-1 tau'.
 
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, table};

@@ -133,12 +133,6 @@ impl Followed {
         let (_, open) = connected::accelerations(Baseline, scene, scratch, rows, vectors, (!doubt, u64::MAX));
         (doubt | open) & 1 == 0
     }
-
-    /// Restores G of accelerations exactly.
-    fn restore(&self, qdd: &mut [f64]) {
-        let coupling = &self.coupling;
-        qdd.copy_from_slice(&coupling.rates(&coupling.independent_rates(qdd)));
-    }
 }
 
 impl Checked {
@@ -192,7 +186,7 @@ impl Checked {
             // Numbers overflow: the step reports a state that is not finite.
             _ => out.fill(f64::NAN),
         }
-        followed.restore(out);
+        coupling.restore_rates(&model.system.noise, out);
         true
     }
 }
@@ -208,7 +202,7 @@ impl Solver<f64> for Checked {
     ) -> u64 {
         if let Some(followed) = self.followed.as_mut().filter(|_| self.kernels_first) {
             if followed.by_kernels((self.form, estimates), (model, constants), scratch, (q, v, u), qdd) {
-                followed.restore(qdd);
+                followed.coupling.restore_rates(&model.system.noise, qdd);
                 return 0;
             }
         } else if self.kernels_first {
