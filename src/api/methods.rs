@@ -2,7 +2,7 @@
 
 use super::kernels;
 use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
-use crate::dynamics::coupled::CoupledScratch;
+use crate::dynamics::coupled::Ask;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, Energy};
 use crate::error::{Error, Fault, check_finite};
@@ -25,7 +25,7 @@ impl Scene {
     /// joints.
     #[must_use]
     pub fn workspace(&self) -> Workspace<f64> {
-        let tree = self.tree();
+        let tree = self.coupling().map_or(self, Coupling::tied);
         Workspace { kernels: kernels::ready(tree), ..Workspace::new(tree.model()) }
     }
 
@@ -196,14 +196,19 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let mut made = workspace.coupled.take(self.identity(), || CoupledScratch::new(coupling));
-        let mut ask = |algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]| {
-            let done = coupling.tree().run_one(workspace, None, algorithm, &states[0], out);
+        let ask: &mut Ask<'_> = &mut |is_weightless, algorithm, states, out, _| {
+            if is_weightless {
+                // Columns of M^-1 are states in lanes.
+                let scene = coupling.weightless();
+                let mut made = workspace.weightless.take(scene.identity(), || scene.evaluator());
+                let done = scene.evaluate(&mut made.1, algorithm, states, out);
+                workspace.weightless.keep(made);
+                return done;
+            }
+            let done = coupling.tied().run_one(workspace, None, algorithm, &states[0], out);
             done.map_err(|error| Fault { state: 0, error })
         };
-        let state = [*state];
-        let done = self.evaluate_coupled(coupling, (&mut made.1, &mut ask), algorithm, &state, out, &mut |_, _| {});
-        workspace.coupled.keep(made);
+        let done = self.evaluate_coupled(coupling, ask, algorithm, &[*state], out, &mut |_, _| {});
         done.map_err(|fault| fault.error)
     }
 

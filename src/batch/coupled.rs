@@ -1,25 +1,25 @@
-//! States of a scene with mimic joints: the kernels of the tree, and the filter with sums.
+//! States of a scene with mimic joints: the kernels of the tree with a row per joint that follows another.
 
 use super::Fault;
 use super::evaluator::Evaluator;
 use super::instruction_set::InstructionSet;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
-use crate::dynamics::coupled::CoupledScratch;
+use crate::dynamics::coupled::{Ask, Found};
 use crate::error::{Error, check_length};
 use crate::scene::{Coupling, Scene};
 
-/// The evaluator of the tree, and scratch for its coupling.
+/// The evaluator of the tree with its rows, and that without gravity, created at first use.
 pub(super) struct CoupledEvaluator {
-    pub tree: Evaluator,
-    scratch: CoupledScratch,
+    pub tied: Evaluator,
+    weightless: Option<Evaluator>,
 }
 
 impl CoupledEvaluator {
     /// For an instruction set; None without mimic joints.
     pub fn of(arm: InstructionSet, scene: &Scene) -> Option<Box<Self>> {
         let coupling = scene.coupling()?;
-        Some(Box::new(Self { tree: Evaluator::on(arm, coupling.tree()), scratch: CoupledScratch::new(coupling) }))
+        Some(Box::new(Self { tied: Evaluator::on(arm, coupling.tied()), weightless: None }))
     }
 
     /// As [`Scene::evaluate`].
@@ -29,13 +29,19 @@ impl CoupledEvaluator {
         algorithm: Algorithm,
         states: &[Arguments<'_>],
         out: &mut [f64],
-        found: &mut dyn FnMut(usize, Accuracy),
+        found: &mut Found<'_>,
     ) -> Result<(), Fault> {
-        let Self { tree, scratch } = self;
-        let mut ask = |algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]| {
-            coupling.tree().evaluate(tree, algorithm, states, out)
+        let Self { tied, weightless } = self;
+        let ask: &mut Ask<'_> = &mut |is_weightless, algorithm, states, out, found| {
+            let found = |state: usize, accuracy: &dyn Fn() -> Accuracy| found(state, accuracy());
+            if !is_weightless {
+                return coupling.tied().evaluate_each(tied, algorithm, states, out, found);
+            }
+            let (scene, arm) = (coupling.weightless(), tied.instruction_set());
+            let evaluator = weightless.get_or_insert_with(|| Evaluator::on(arm, scene));
+            scene.evaluate_each(evaluator, algorithm, states, out, found)
         };
-        scene.evaluate_coupled(coupling, (scratch, &mut ask), algorithm, states, out, found)
+        scene.evaluate_coupled(coupling, ask, algorithm, states, out, found)
     }
 
     /// As [`Scene::evaluate_kinematic_quantity`].
@@ -58,14 +64,14 @@ impl CoupledEvaluator {
         }
         let asked: Vec<Arguments<'_>> =
             expanded.iter().map(|[q, qd, u]| Arguments { q, qd, u, ..Arguments::default() }).collect();
-        let (tree, width) = (coupling.tree(), what.width(scene.nv()));
+        let (tied, width) = (coupling.tied(), what.width(scene.nv()));
         check_length("out", out.len(), width * states.len()).map_err(at(0))?;
         if what.rows_of_columns().is_none() {
-            return tree.evaluate_kinematic_quantity(&mut self.tree, what, &asked, out);
+            return tied.evaluate_kinematic_quantity(&mut self.tied, what, &asked, out);
         }
-        let of_tree = what.width(tree.nv());
+        let of_tree = what.width(tied.nv());
         let mut results = vec![f64::NAN; of_tree * states.len()];
-        tree.evaluate_kinematic_quantity(&mut self.tree, what, &asked, &mut results)?;
+        tied.evaluate_kinematic_quantity(&mut self.tied, what, &asked, &mut results)?;
         for (from, to) in results.chunks_exact(of_tree.max(1)).zip(out.chunks_exact_mut(width.max(1))) {
             coupling.reduce_columns(from, to);
         }

@@ -104,7 +104,7 @@ impl Evaluator {
     #[must_use]
     pub fn lanes(&self) -> usize {
         match &self.coupled {
-            Some(coupled) => coupled.tree.lanes(),
+            Some(coupled) => coupled.tied.lanes(),
             None => self.kernels.many.as_ref().map_or(1, |many| many.lanes()),
         }
     }

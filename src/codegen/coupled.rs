@@ -1,12 +1,11 @@
 //! Traces for scenes with mimic joints, q = G q' + o.
 //!
-//! Functions of the motion are those of the tree at (q, G qd', G qdd'), multiplied by G and G^T. Accelerations and M^-1
-//! are the results of the filter of [`summed`](crate::filter::summed).
+//! Functions are those of the tree for expanded arguments, with reduced results: accelerations through one row per joint
+//! that follows another. Products with M^-1 are further right-hand sides with the factors of M and of these rows.
 
 use super::functions::Function;
-use super::tracing::Tracer;
-use crate::algorithm::table::Axis;
-use crate::dynamics::coupled::{CoupledSolver, minus_product};
+use super::tracing::{Tracer, factor_through_connections, solve_through_connections, through_connections};
+use crate::dynamics::coupled::minus_product;
 use crate::scalar::{Real, Traced};
 use crate::scene::Coupling;
 
@@ -18,26 +17,16 @@ pub(super) fn trace(
     given: &[Vec<Traced>],
     out: &mut [Traced],
 ) {
-    let mut coupled = Coupled {
-        coupling,
-        solver: CoupledSolver::new(tracer.traced.model.clone(), coupling.sums()),
-        margin: Traced::from_f64(f64::NAN),
-        tracer,
-    };
+    let mut coupled = Coupled { coupling, margin: Traced::from_f64(f64::NAN), tracer };
     let (nv, square) = (coupling.sizes().1, coupling.sizes().1.pow(2));
     match function {
-        Function::ForwardDynamics | Function::ForwardDynamicsWatched => {
-            let qdd = coupled.accelerations(given);
-            out[..nv].copy_from_slice(&coupling.independent_rates(&qdd));
-            out[nv..].fill(coupled.margin);
-        }
         Function::MassMatrixInverse | Function::MassMatrixInverseWatched => {
-            coupled.factorise(&given[0], None);
+            coupled.factorise(&given[0]);
             coupled.inverse(&mut out[..square]);
             out[square..].fill(coupled.margin);
         }
         Function::FactorWatched => {
-            coupled.factorise(&given[0], None);
+            coupled.factorise(&given[0]);
             out.fill(coupled.margin);
         }
         Function::ForwardDynamicsDerivatives | Function::ForwardDynamicsDerivativesWatched => {
@@ -64,11 +53,10 @@ pub(super) fn trace(
             out[3 * nv..].fill(coupled.margin);
         }
         _ => {
-            let of_tree = given.iter().enumerate().map(|(at, values)| match at {
-                0 => coupling.configuration(values),
-                _ => coupling.rates(values),
-            });
-            out.copy_from_slice(&coupled.reduced(function, &of_tree.collect::<Vec<_>>()));
+            let acts = matches!(function, Function::ForwardDynamics | Function::ForwardDynamicsWatched);
+            let arguments = function.arguments(coupling.tree());
+            let of_tree = given.iter().zip(&arguments).map(|(x, array)| coupling.expanded(array.name, acts, x));
+            out.copy_from_slice(&coupled.reduced(function, &of_tree.collect::<Vec<_>>(), acts));
         }
     }
 }
@@ -76,37 +64,32 @@ pub(super) fn trace(
 struct Coupled<'a, 'b> {
     coupling: &'a Coupling,
     tracer: &'a mut Tracer<'b>,
-    solver: CoupledSolver<Traced>,
-    /// That of the last factor.
+    /// That of the factors and of all solutions with them.
     margin: Traced,
 }
 
 impl Coupled<'_, '_> {
-    /// The factor of G^T M G at `q`, and with velocities the bias.
-    fn factorise(&mut self, q: &[Traced], qd: Option<&[Traced]>) {
-        let qd = qd.map(|qd| self.coupling.rates(qd));
-        let bias = qd.as_ref().map(|qd| (&qd[..], &[][..]));
-        let q = self.coupling.configuration(q);
-        self.margin = self.solver.factorise(self.coupling.sums(), &q, bias).doubt.margin();
+    /// The factors at `q` of the scene.
+    fn factorise(&mut self, q: &[Traced]) {
+        let rest = vec![Traced::from_f64(0.0); self.coupling.tree().nv()];
+        self.margin = factor_through_connections(self.tracer, (&self.coupling.configuration(q), &rest));
     }
 
     /// The accelerations of all joints of the tree for (q, qd, tau) of the scene.
     fn accelerations(&mut self, given: &[Vec<Traced>]) -> Vec<Traced> {
-        self.factorise(&given[0], Some(&given[1]));
-        self.solved(&given[2])
-    }
-
-    fn solved(&mut self, tau: &[Traced]) -> Vec<Traced> {
-        let mut qdd = vec![Traced::from_f64(f64::NAN); self.coupling.tree().nv()];
-        self.solver.solve(self.coupling.sums(), &self.coupling.torques(tau), &mut qdd);
-        qdd
+        let coupling = self.coupling;
+        let of_tree = [coupling.configuration(&given[0]), coupling.rates(&given[1]), coupling.acting(&given[2])];
+        let mut qdd = vec![Traced::from_f64(f64::NAN); coupling.tree().nv()];
+        self.margin = through_connections(self.tracer, &of_tree, &mut qdd);
+        coupling.rates(&coupling.accelerations(&qdd))
     }
 
     /// (G^T M G)^-1 tau with the factor.
     fn solve(&mut self, tau: &[Traced]) -> Vec<Traced> {
-        self.solver.without_bias();
-        let qdd = self.solved(tau);
-        self.coupling.independent_rates(&qdd)
+        let mut qdd = vec![Traced::from_f64(f64::NAN); self.coupling.tree().nv()];
+        let within = solve_through_connections(self.tracer, &self.coupling.acting(tau), &mut qdd);
+        self.margin = self.margin.worst(within);
+        self.coupling.accelerations(&qdd)
     }
 
     /// (G^T M G)^-1 with the factor, row by row.
@@ -145,31 +128,19 @@ impl Coupled<'_, '_> {
     ) -> Vec<Traced> {
         let mut arguments = vec![self.coupling.configuration(&given[0]), self.coupling.rates(&given[1]), qdd];
         arguments.extend_from_slice(seed);
-        self.reduced(function, &arguments)
+        self.reduced(function, &arguments, false)
     }
 
-    /// The results of a function for arguments of the tree, with one entry, row or column per independent velocity.
-    fn reduced(&mut self, function: &Function, arguments: &[Vec<Traced>]) -> Vec<Traced> {
+    /// The results of a function for arguments of the tree, as [`Coupling::reduced`].
+    fn reduced(&mut self, function: &Function, arguments: &[Vec<Traced>], acts: bool) -> Vec<Traced> {
         let (coupling, tree) = (self.coupling, self.coupling.tree());
         let mut results = vec![Traced::from_f64(f64::NAN); function.width(tree)];
         function.trace()(self.tracer, arguments, &mut results);
-        let (nv, mut rest, mut all) = (coupling.sizes().1, &results[..], Vec::new());
+        let (mut rest, mut all) = (&results[..], Vec::new());
         for (array, axes) in function.results(tree).iter().zip(function.axes()) {
             let (of_tree, others) = rest.split_at(array.width());
+            coupling.reduced(axes, acts, of_tree, &mut all);
             rest = others;
-            let mut reduced = match axes {
-                [Axis::Velocities] => vec![Traced::from_f64(0.0); nv],
-                [Axis::Velocities, Axis::Velocities] => vec![Traced::from_f64(0.0); nv * nv],
-                [Axis::Fixed(rows), Axis::Velocities] => vec![Traced::from_f64(0.0); rows * nv],
-                _ => of_tree.to_vec(),
-            };
-            match axes {
-                [Axis::Velocities] => coupling.reduce(of_tree, &mut reduced),
-                [Axis::Velocities, Axis::Velocities] => coupling.reduce_matrix(of_tree, &mut reduced),
-                [Axis::Fixed(_), Axis::Velocities] => coupling.reduce_columns(of_tree, &mut reduced),
-                _ => {}
-            }
-            all.append(&mut reduced);
         }
         all
     }

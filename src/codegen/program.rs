@@ -8,7 +8,7 @@ use crate::dynamics::sweeps::SweepModel;
 use crate::error::Error;
 use crate::model::Model;
 use crate::scalar::{Operation, Operations, Real, Traced};
-use crate::scene::Scene;
+use crate::scene::{Coupling, Scene};
 use std::collections::HashSet;
 
 /// Operations in order; the operands of each precede it. Arguments are numbered consecutively, q first.
@@ -60,9 +60,10 @@ impl Program {
                 given.push(next.by_ref().take(argument.width()).map(Traced::argument).collect());
             }
             let mut out = vec![Traced::argument(0); results.iter().map(Array::width).sum()];
-            let mut tracer = Tracer::new(scene, scene.model(), place, tolerance);
+            let of_tree = scene.coupling().map_or(scene, Coupling::tied);
+            let mut tracer = Tracer::new(of_tree, of_tree.model(), place, tolerance);
             match scene.coupling() {
-                Some(coupling) => coupled::trace(coupling, function, &mut tracer, &given, &mut out),
+                Some(coupling) => coupled::trace(coupling, function, &mut tracer.with_rows(), &given, &mut out),
                 None if function.has_rows(scene) => function.trace()(&mut tracer.with_rows(), &given, &mut out),
                 None => function.trace()(&mut tracer, &given, &mut out),
             }

@@ -65,7 +65,7 @@ pub(super) fn forward_dynamics_watched(tracer: &mut Tracer<'_>, given: &[Vec<Tra
 }
 
 /// Joint accelerations, with the connections in the tracer. Returns the margin.
-fn through_connections(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], qdd: &mut [Traced]) -> Traced {
+pub(super) fn through_connections(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], qdd: &mut [Traced]) -> Traced {
     let Tracer { traced: TracedSweeps { model, sweeps, scratch }, rows: Some(rows), is_estimated, .. } = tracer else {
         return Traced::from_f64(f64::NAN);
     };
@@ -74,6 +74,22 @@ fn through_connections(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], qdd: &mut
     }
     let state = (&given[0][..], &given[1][..], &given[2][..]);
     fixed_rows::forward_dynamics((model, sweeps), (scratch, rows), state, *is_estimated, qdd)
+}
+
+/// The factors of M and of the rows in the tracer. Returns the margin.
+pub(super) fn factor_through_connections(tracer: &mut Tracer<'_>, (q, qd): (&[Traced], &[Traced])) -> Traced {
+    let Tracer { traced: TracedSweeps { model, sweeps, scratch }, rows: Some(rows), is_estimated, .. } = tracer else {
+        return Traced::from_f64(f64::NAN);
+    };
+    fixed_rows::factor((model, sweeps), (scratch, rows), (q, qd), *is_estimated)
+}
+
+/// M^-1 through the rows in the tracer times torques, with the factors of the last call. Returns the margin.
+pub(super) fn solve_through_connections(tracer: &mut Tracer<'_>, tau: &[Traced], qdd: &mut [Traced]) -> Traced {
+    let Tracer { traced: TracedSweeps { model, sweeps, scratch }, rows: Some(rows), .. } = tracer else {
+        return Traced::from_f64(f64::NAN);
+    };
+    fixed_rows::solve((model, sweeps), (scratch, rows), tau, qdd)
 }
 
 pub(super) fn constrained_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {

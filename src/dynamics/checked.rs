@@ -122,10 +122,13 @@ impl Scene {
         qdd: &mut [f64],
     ) -> Result<(usize, f64), Error> {
         let system = (self.model(), self.constraints());
+        workspace.accuracy = Accuracy::unknown(workspace.form);
         let outcome = constraints::constrained_dynamics(system, workspace, scratch, state, (wrenches, compliance), qdd)
             .map_err(|at| self.row_fault(at))?;
         self.check_pivots(workspace, outcome.pivots)?;
-        workspace.accuracy = Accuracy::unknown(workspace.form);
+        // The estimate of the error of the tree is not that of the rows.
+        let Accuracy { form, doubled, .. } = workspace.accuracy;
+        workspace.accuracy = Accuracy { doubled, ..Accuracy::unknown(form) };
         // An overflow is not a contradiction.
         if qdd.iter().all(|a| a.is_finite()) {
             self.check_agreement(&outcome)?;

@@ -126,13 +126,13 @@ pub struct Workspace<T: Real> {
     pub(crate) rest: Vec<T>,
     /// Derivatives for a linear system; empty until then.
     pub(crate) matrices: Vec<T>,
-    /// Scratch of scenes with mimic joints; none until it is created.
-    pub(crate) coupled: Made,
-    /// The same for scenes with connections, and for products with their derivatives.
+    /// Scratch of scenes with connections, and for products with their derivatives; none until it is created.
     pub(crate) connected: Made,
     pub(crate) connected_products: Made,
     /// The kernels that the methods of a scene run; the functions of `dynamics` do not use them.
     pub(crate) kernels: OwnKernels,
+    /// For a scene with mimic joints, the evaluator without gravity; none until it is created.
+    pub(crate) weightless: Made,
 }
 
 impl<T: Real> Workspace<T> {
@@ -172,10 +172,10 @@ impl<T: Real> Workspace<T> {
             needed: vec![false; bodies],
             rest: vec![T::zero(); model.nv()],
             matrices: Vec::new(),
-            coupled: Made::default(),
             connected: Made::default(),
             connected_products: Made::default(),
             kernels: OwnKernels::default(),
+            weightless: Made::default(),
         }
     }
 

@@ -58,8 +58,6 @@ pub mod smoothed;
 pub mod smoother;
 #[doc(hidden)]
 pub mod square_root;
-#[doc(hidden)]
-pub mod summed;
 pub mod system;
 pub(crate) mod tolerance;
 

@@ -42,17 +42,9 @@ impl<T: Real> Scale<T> {
         Self { angular: terms[0] + terms[1] + terms[2], linear: terms[3] + terms[4] + terms[5] }
     }
 
-    /// The bound that P^- of a stage adds to the entries of its parent. With the traces a and b of its blocks, the
-    /// rotation satisfies |R| |A| |R| <= a and the terms of the lever are <= a + 2 |l|^2 b. The result is doubled for
-    /// the terms that measurements subtract.
-    #[inline(always)]
-    #[must_use]
-    pub(crate) fn sent_by(p: &Symmetric6<T>, shift: &RigidShift<T>) -> Self {
-        let trace = |e: &[T; 6]| e[0] + e[3] + e[5];
-        Self::sent((trace(&p.angular.entries), trace(&p.linear.entries)), shift.lever_square())
-    }
-
-    /// The bound from the traces and the square of the lever.
+    /// The bound that P^- of a stage adds to the entries of its parent, from the traces a and b of its blocks and the
+    /// square of the lever. The rotation satisfies |R| |A| |R| <= a and the terms of the lever are <= a + 2 |l|^2 b. The
+    /// result is doubled for the terms that measurements subtract.
     #[inline(always)]
     pub(crate) fn sent((a, b): (T, T), lever_square: T) -> Self {
         let four = a.constant(4.0);

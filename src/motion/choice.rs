@@ -37,6 +37,9 @@ pub(super) fn step_settings(
         Method::Auto => choose(scene, dt, &properties, gains.as_ref(), q),
         method => method,
     };
+    if let Some(coupling) = &coupling {
+        coupling.give_armature(&mut properties.armature);
+    }
     let stops = settings.limits == Limits::Stop;
     let mut of = StepSettings::new(scene.model(), dt, chosen, (properties, gains)).with_coupling(coupling);
     of.asked = method;

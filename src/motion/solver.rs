@@ -3,11 +3,12 @@
 
 use super::connected::Connected;
 use crate::batch::accelerations::{KernelArguments, by_covariance, watched};
-use crate::batch::factor::with_factor;
+use crate::batch::connected;
+use crate::batch::factor::{self, with_factor};
 use crate::batch::instruction_set::{Baseline, Target, Vectorized};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
-use crate::dynamics::coupled::CoupledAccelerations;
+use crate::dynamics::constraints::{ConstraintKernel, ConstraintScratch, constrained_dynamics};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
@@ -82,15 +83,62 @@ pub(super) struct Checked {
     form: Form,
     /// True if the kernels run first; they leave no factor in the workspace.
     kernels_first: bool,
-    coupled: Option<(CoupledAccelerations, Arc<Coupling>)>,
+    followed: Option<Box<Followed>>,
     /// The first singular pivot, until it is taken.
     pub lost: Option<LostPivot>,
 }
 
+/// The rows of mimic joints.
+struct Followed {
+    coupling: Arc<Coupling>,
+    rows: ConstraintScratch,
+    kernel: Option<ConstraintKernel<f64>>,
+    innovations: Vec<f64>,
+    /// The model without gravity, in which a right-hand side at rest has no bias, and velocities of zero.
+    weightless: Model<f64>,
+    rest: Vec<f64>,
+}
+
+impl Followed {
+    fn new(model: &Model<f64>, coupling: Arc<Coupling>) -> Self {
+        let rows = ConstraintScratch::new(model, coupling.tied().constraints());
+        let (mut weightless, zeros) = (model.clone(), vec![0.0; model.nv()]);
+        weightless.gravity.fill(0.0);
+        Self { coupling, rows, kernel: None, innovations: zeros.clone(), weightless, rest: zeros }
+    }
+
+    /// The accelerations of a stage by the kernels. Returns false if they need the fallback.
+    fn by_kernels(
+        &mut self,
+        (form, estimates): (Form, bool),
+        scene: (&Model<f64>, &SweepModel<f64>),
+        scratch: &mut SweepScratch<f64>,
+        state: (&[f64], &[f64], &[f64]),
+        qdd: &mut [f64],
+    ) -> bool {
+        if form == Form::SquareRoot {
+            return false;
+        }
+        let Self { coupling, kernel, innovations, .. } = self;
+        let rows = kernel.get_or_insert_with(|| ConstraintKernel::new(scene, coupling.tied().constraints()));
+        let mut doubt = 0;
+        if estimates && form != Form::Covariance {
+            doubt |= factor::watched(Baseline, scene, scratch, (state.0, &mut *qdd));
+            factor::innovations(Baseline, scene, scratch, state, (&[], innovations));
+        } else {
+            doubt |= factor::with_innovations(Baseline, scene, scratch, state, innovations);
+        }
+        doubt |= connected::factor_rows(Baseline, scene, scratch, rows, state.1);
+        let vectors = (state.2, &mut innovations[..], qdd);
+        let (_, open) = connected::accelerations(Baseline, scene, scratch, rows, vectors, (!doubt, u64::MAX));
+        (doubt | open) & 1 == 0
+    }
+}
+
 impl Checked {
     pub fn new(model: &Model<f64>, coupling: Option<Arc<Coupling>>, form: Form) -> Self {
-        let coupled = coupling.map(|of| (CoupledAccelerations::new(model, of.sums()), of));
-        Self { workspace: Workspace::new(model).in_form(form), form, kernels_first: false, coupled, lost: None }
+        let followed = coupling.map(|of| Box::new(Followed::new(model, of)));
+        Self { workspace: Workspace::new(model).in_form(form), form, kernels_first: false, followed, lost: None }
     }
 
     /// The same solver with another tolerance; `None` for the default.
@@ -101,7 +149,7 @@ impl Checked {
 
     /// The same solver with the kernels first, whose result is accepted if its error estimate is within the tolerance.
     pub fn with_kernels(self) -> Self {
-        Self { kernels_first: self.coupled.is_none(), ..self }
+        Self { kernels_first: true, ..self }
     }
 
     /// M^-1 times a right-hand side, with the noise of the model.
@@ -125,11 +173,20 @@ impl Checked {
         right: &[f64],
         out: &mut [f64],
     ) -> bool {
-        let Some((solver, coupling)) = &mut self.coupled else { return false };
-        solver.set_noise(&model.system.noise);
-        let lost = solver.factorise(coupling.sums(), self.form, q, v.map(|v| (v, &[][..])));
-        solver.solve(coupling.sums(), right, out);
-        self.lost = self.lost.take().or(lost);
+        let Some(followed) = &mut self.followed else { return false };
+        let Followed { coupling, rows, weightless, rest, .. } = &mut **followed;
+        weightless.system.noise.copy_from_slice(&model.system.noise);
+        let (model, v) = v.map_or((&*weightless, &rest[..]), |v| (model, v));
+        let system = (model, coupling.tied().constraints());
+        let wanted = (&[][..], &[][..]);
+        match constrained_dynamics(system, &mut self.workspace, rows, (q, v, right), wanted, out) {
+            Ok(outcome) if outcome.contradicted.is_empty() => {
+                self.lost = self.lost.take().or_else(|| self.workspace.lost_pivot(model, &outcome.pivots));
+            }
+            // Numbers overflow: the step reports a state that is not finite.
+            _ => out.fill(f64::NAN),
+        }
+        coupling.restore_rates(&model.system.noise, out);
         true
     }
 }
@@ -143,7 +200,12 @@ impl Solver<f64> for Checked {
         (q, v, u): (&[f64], &[f64], &[f64]),
         qdd: &mut [f64],
     ) -> u64 {
-        if self.kernels_first {
+        if let Some(followed) = self.followed.as_mut().filter(|_| self.kernels_first) {
+            if followed.by_kernels((self.form, estimates), (model, constants), scratch, (q, v, u), qdd) {
+                followed.coupling.restore_rates(&model.system.noise, qdd);
+                return 0;
+            }
+        } else if self.kernels_first {
             let mut kernels = Kernels::new(Baseline, self.form, None);
             if kernels.solve(estimates, (model, constants), scratch, (q, v, u), qdd) & 1 == 0 {
                 return 0;

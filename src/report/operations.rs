@@ -94,7 +94,8 @@ fn through_connections(
     };
     traced.innovations_of_factor((q, qd, tau), wrenches, qdd);
     let TracedSweeps { model, sweeps, scratch } = traced;
-    let regular = rows.begin((model, sweeps), scratch, (qd, tau), qdd);
+    let regular = rows.factor((model, sweeps), scratch, qd);
+    rows.first_step(scratch, tau, qdd, true);
     rows.take(qdd);
     traced.smooth(qdd);
     let TracedSweeps { model, sweeps, scratch } = traced;

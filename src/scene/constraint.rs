@@ -76,7 +76,7 @@ impl Constraint {
                 out.copy_from_slice(&rows.error[..rows.count]);
             }
             Tie::Coordinates { first, second, multiplier, offset } => {
-                out[0] = q[first.q] - second.map_or(0.0, |second| multiplier * q[second.q]) - offset;
+                out[0] = q[first.q] - (second.map_or(0.0, |second| multiplier * q[second.q]) + offset);
             }
         }
         Some(())

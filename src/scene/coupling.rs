@@ -2,14 +2,21 @@
 
 use super::constraint::{Constraints, Tie};
 use super::description::{Mimic, MimicJoints};
+use super::shared::Shared;
 use super::{Joint, Scene};
+use crate::algorithm::table::Axis;
 use crate::error::{Error, check_length};
-use crate::filter::summed::Sums;
+use crate::filter::{HingeMap, Rows};
 use crate::joints::JointKind;
+use crate::model::{Identity, Model};
 use crate::scalar::Real;
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
+
+/// The armature of a joint without inertia that another joint of its group gives, relative to the inertia that this
+/// joint moves: small, so that the other pivot stays positive.
+const GIVEN: f64 = 1.0 / (1 << 20) as f64;
 
 /// The map of one coordinate of the tree.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +45,17 @@ pub struct Coupling {
     independent: Vec<usize>,
     /// Index in the tree of each independent coordinate.
     independent_q: Vec<usize>,
-    sums: Sums,
+    /// The inertia that each joint of one axis moves, without that of levers, (nv of the tree).
+    inertia: Vec<f64>,
+    /// For each independent velocity, the row of the tree that moves the most inertia with it. The others follow this
+    /// one, so that the forces of the rows do not cancel at a light joint.
+    heaviest: Vec<usize>,
+    /// Armature that joints without inertia get from others which move with them, (nv of the tree); the armature of
+    /// the independent coordinates stays the same.
+    given: Vec<f64>,
+    /// Created at first use.
+    tied: OnceLock<Scene>,
+    weightless: OnceLock<Scene>,
 }
 
 impl Coupling {
@@ -48,9 +65,31 @@ impl Coupling {
         &self.tree
     }
 
-    /// The rows of the tree that form one measurement each.
-    pub(crate) fn sums(&self) -> &Sums {
-        &self.sums
+    /// The tree with one row x = multiplier y + offset per joint that follows another, as if these were connections.
+    pub(crate) fn tied(&self) -> &Scene {
+        self.tied.get_or_init(|| {
+            let (identity, constraints, shared) = (Identity::unique(), self.as_constraints(), Shared::default());
+            let mut tied = Scene { identity, constraints, shared, ..self.tree.clone() };
+            self.give_armature(&mut tied.model.system.noise);
+            tied
+        })
+    }
+
+    /// The same without gravity: its accelerations at rest are (G^T M G)^-1 times the torques.
+    pub(crate) fn weightless(&self) -> &Scene {
+        self.weightless.get_or_init(|| {
+            let (identity, shared) = (Identity::unique(), Shared::default());
+            let mut scene = Scene { identity, shared, ..self.tied().clone() };
+            scene.model.gravity.fill(0.0);
+            scene
+        })
+    }
+
+    /// Moves armature (nv of the tree) to joints without inertia: without an effect on the independent coordinates.
+    pub(crate) fn give_armature(&self, armature: &mut [f64]) {
+        for (armature, given) in armature.iter_mut().zip(&self.given) {
+            *armature += given;
+        }
     }
 
     /// Numbers of independent coordinates and velocities.
@@ -100,6 +139,27 @@ impl Coupling {
         &self.independent_q
     }
 
+    /// Torques of the tree with the same effect as `tau`, at the heaviest joints.
+    pub(crate) fn acting<T: Real>(&self, tau: &[T]) -> Vec<T> {
+        let mut full = vec![T::zero(); self.v.len()];
+        for (&row, &value) in self.heaviest.iter().zip(tau) {
+            full[row] = value / T::from_f64(self.v[row].1);
+        }
+        full
+    }
+
+    /// The independent accelerations, from those of the tree at the heaviest joints.
+    pub(crate) fn accelerations<T: Real>(&self, qdd: &[T]) -> Vec<T> {
+        self.heaviest.iter().map(|&row| qdd[row] / T::from_f64(self.v[row].1)).collect()
+    }
+
+    /// Restores G of accelerations of the tree exactly, from the rows that move the most inertia with this armature.
+    pub(crate) fn restore_rates(&self, armature: &[f64], x: &mut [f64]) {
+        let of = heaviest(&self.v, &self.independent, &self.inertia, armature);
+        let independent: Vec<f64> = of.iter().map(|&row| x[row] / self.v[row].1).collect();
+        x.copy_from_slice(&self.rates(&independent));
+    }
+
     /// The independent entries of velocities or accelerations of the tree.
     #[must_use]
     pub fn independent_rates<T: Real>(&self, x: &[T]) -> Vec<T> {
@@ -118,18 +178,54 @@ impl Coupling {
         *qd = self.rates(&self.independent_rates(qd));
     }
 
-    /// One row per joint that follows another, x = multiplier y + offset, for steps with contacts.
-    pub(crate) fn as_constraints(&self) -> Constraints {
+    /// An argument of a function of the tree, for that of the scene: a configuration (`q`) or rates; with `acts`, in
+    /// forward dynamics, also torques, which act at the heaviest joints.
+    pub(crate) fn expanded<T: Real>(&self, name: &str, acts: bool, x: &[T]) -> Vec<T> {
+        match name {
+            _ if x.is_empty() => Vec::new(),
+            "q" => self.configuration(x),
+            "tau" if acts => self.acting(x),
+            _ => self.rates(x),
+        }
+    }
+
+    /// A result of a function of the tree, reduced to the independent velocities; with `acts` accelerations.
+    pub(crate) fn reduced<T: Real>(&self, axes: &[Axis], acts: bool, x: &[T], out: &mut Vec<T>) {
+        let (start, nv) = (out.len(), self.independent.len());
+        match axes {
+            [Axis::Velocities] if acts => out.append(&mut self.accelerations(x)),
+            [Axis::Velocities] => {
+                out.resize(start + nv, T::zero());
+                self.reduce(x, &mut out[start..]);
+            }
+            [Axis::Velocities, Axis::Velocities] => {
+                out.resize(start + nv * nv, T::zero());
+                self.reduce_matrix(x, &mut out[start..]);
+            }
+            [Axis::Fixed(rows), Axis::Velocities] => {
+                out.resize(start + rows * nv, T::zero());
+                self.reduce_columns(x, &mut out[start..]);
+            }
+            _ => out.extend_from_slice(x),
+        }
+    }
+
+    /// One row per joint that follows another, x = multiplier y + offset.
+    fn as_constraints(&self) -> Constraints {
         let mut constraints = Constraints { neutral: self.tree.neutral(), ..Constraints::default() };
         for joint in self.tree.joints.iter().filter(|joint| joint.q.len() == 1) {
-            let Coordinate { index, multiplier, offset } = self.q[joint.q.start];
-            let independent = self.independent_q[index];
-            if independent == joint.q.start {
+            let (own, (group, _)) = (self.q[joint.q.start], self.v[joint.v.start]);
+            let Some(heaviest) = self.tree.joints.iter().find(|other| other.v.start == self.heaviest[group]) else {
+                continue;
+            };
+            if heaviest.v == joint.v {
                 continue;
             }
-            let leader = self.tree.joints.iter().find(|other| other.q.start == independent);
-            let second = leader.map(|joint| self.tree.coordinate(joint));
-            let tie = Tie::Coordinates { first: self.tree.coordinate(joint), second, multiplier, offset };
+            let of = self.q[heaviest.q.start];
+            let multiplier = own.multiplier / of.multiplier;
+            let offset = own.offset - multiplier * of.offset;
+            let (first, second) = (self.tree.coordinate(joint), Some(self.tree.coordinate(heaviest)));
+            let tie = Tie::Coordinates { first, second, multiplier, offset };
             self.tree.constrain(&mut constraints, joint.name.clone(), tie);
         }
         constraints
@@ -353,12 +449,9 @@ impl Scene {
             q.extend((0..joint.q.len()).map(|i| Coordinate { index: first_q + i, multiplier, offset }));
             v.extend((0..joint.v.len()).map(|i| (first_v + i, multiplier)));
         }
-        let mut rows = vec![Vec::new(); independent.len()];
-        for (row, &(index, multiplier)) in v.iter().enumerate() {
-            rows[index].push((row, multiplier));
-        }
-        rows.retain(|rows| rows.len() > 1);
-        let sums = Sums::new(&tree.model.system, &rows);
+        let inertia = moved_inertia(&tree.model);
+        let heaviest = heaviest(&v, &independent, &inertia, &tree.model.system.noise);
+        let given = given_armature(&tree.model.system.noise, (&v, &heaviest, &inertia));
         let joint_index = joints.iter().enumerate().map(|(at, joint)| (joint.name.clone(), at)).collect();
         let mut scene = Self::unfilled(tree.source.clone(), tree.warnings.clone());
         scene.model = tree.model.clone();
@@ -367,9 +460,58 @@ impl Scene {
         scene.merged.clone_from(&tree.merged);
         scene.joint_of_body = vec![None; tree.joint_of_body.len()];
         (scene.joints, scene.joint_index) = (joints, joint_index);
-        scene.coupling = Some(Arc::new(Coupling { tree, q, v, independent, independent_q, sums }));
+        let (tied, weightless) = (OnceLock::new(), OnceLock::new());
+        let coupling = Coupling { tree, q, v, independent, independent_q, inertia, heaviest, given, tied, weightless };
+        scene.coupling = Some(Arc::new(coupling));
         Ok(scene)
     }
+}
+
+/// The inertia that each joint of one axis moves, without that of levers.
+fn moved_inertia(model: &Model<f64>) -> Vec<f64> {
+    let stages = &model.system.stages;
+    let mut outboard: Vec<_> = model.bodies.iter().map(|body| body.inertia_terms).collect();
+    for (k, stage) in stages.iter().enumerate().rev() {
+        if let Some(parent) = stage.parent {
+            let own = outboard[k];
+            outboard[parent] += own;
+        }
+    }
+    let mut inertia = vec![0.0; model.nv()];
+    for (stage, terms) in stages.iter().zip(&outboard) {
+        if let Rows::One(hinge) = stage.rows {
+            let first = if matches!(hinge, HingeMap::Axis(3..)) { 3 } else { 0 };
+            inertia[stage.first_row] = terms.fixed_rows::<3>(first).sum();
+        }
+    }
+    inertia
+}
+
+/// For each group of rows in `v`, the row that moves the most inertia; the independent row if none moves more.
+fn heaviest(v: &[(usize, f64)], independent: &[usize], inertia: &[f64], armature: &[f64]) -> Vec<usize> {
+    let size = |row: usize| v[row].1 * v[row].1 * (inertia[row] + armature[row]);
+    let mut heaviest = independent.to_vec();
+    for (row, &(group, _)) in v.iter().enumerate() {
+        if size(row) > size(heaviest[group]) {
+            heaviest[group] = row;
+        }
+    }
+    heaviest
+}
+
+/// The armature that joints without inertia get from the heaviest joint of their group: r for the former, -r (w / w')^2
+/// for the latter, where w and w' are their multipliers in `v`. Without it they have no pivot of their own.
+fn given_armature(armature: &[f64], (v, heaviest, inertia): (&[(usize, f64)], &[usize], &[f64])) -> Vec<f64> {
+    let mut given = vec![0.0; v.len()];
+    for (row, &(group, multiplier)) in v.iter().enumerate() {
+        let giver = heaviest[group];
+        if row != giver && inertia[row] + armature[row] == 0.0 {
+            let ratio = (multiplier / v[giver].1).powi(2);
+            given[row] = GIVEN * (inertia[giver] + armature[giver]) / ratio.max(1.0);
+            given[giver] -= given[row] * ratio;
+        }
+    }
+    given
 }
 
 /// For each joint that follows another: the independent joint at the end of the chain, multiplier and offset; `None` if

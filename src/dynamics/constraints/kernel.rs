@@ -159,24 +159,8 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// Computes the rows, w, G and its factor at the q of the scratch and at `qd`, and the first step of lambda.
-    /// `innovations` are those of the tree. Returns a value that is negative or NaN in lanes whose rows are dependent
-    /// or need the general form of the rows.
-    #[inline(always)]
-    pub fn begin(
-        &mut self,
-        scene: (&Model<T>, &SweepModel<T>),
-        scratch: &SweepScratch<T>,
-        (qd, tau): (&[T], &[T]),
-        innovations: &[T],
-    ) -> T {
-        let regular = self.factor(scene, scratch, qd);
-        self.first_step(scratch, tau, innovations, true);
-        regular
-    }
-
-    /// Computes the rows, w, G and its factor at the q of the scratch and at `qd`. Returns the same margin as
-    /// [`ConstraintKernel::begin`].
+    /// Computes the rows, w, G and its factor at the q of the scratch and at `qd`. Returns a value that is negative or
+    /// NaN in lanes whose rows are dependent or need the general form of the rows.
     #[inline(always)]
     pub fn factor(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
         let zero = scene.0.gravity[0].constant(0.0);

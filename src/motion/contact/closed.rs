@@ -24,7 +24,7 @@ const SMALLER: &str = "a step that ends near a configuration that satisfies the 
 /// The rows of the connections of a scene, or of its coupled joints.
 pub(super) fn constraints(scene: &Scene, settings: &StepSettings) -> Constraints {
     match &settings.coupling {
-        Some(coupling) => coupling.as_constraints(),
+        Some(coupling) => coupling.tied().constraints().clone(),
         None => scene.constraints().clone(),
     }
 }
