@@ -7,7 +7,7 @@ use crate::common::{ALL_KINDS, Random, tolerance};
 use nalgebra::{DMatrix, DVector};
 use phipsi::batch::Evaluator;
 use phipsi::filter::Form;
-use phipsi::motion::{METHODS, Method, Rollout, Settings, Simulator, Torque};
+use phipsi::motion::{METHODS, Method, Rollout, Settings, Torque};
 use phipsi::report::operations::{Task, count};
 use phipsi::scene::{Connection, ConnectionKind, Property};
 use phipsi::spatial::RigidShift;

@@ -178,7 +178,7 @@ mod tests {
             assert!(fault.lanes().iter().all(|&fault| fault == 0.0));
             for (at, number_of_all) in numbers.iter().enumerate() {
                 for (lane, &found) in number_of_all.lanes().iter().enumerate() {
-                    assert_eq!(found, number(lane, at), "{at} of {length}, lane {lane}");
+                    assert_eq!(found.to_bits(), number(lane, at).to_bits(), "{at} of {length}, lane {lane}");
                 }
             }
             // Reversed, with value 0 inserted at the front; every third value is zero, and for three blocks the whole
@@ -196,7 +196,7 @@ mod tests {
                 for (at, &found) in out.iter().enumerate() {
                     let (lane, i) = (at / length, at % length);
                     let expected = if is_zero(i) { 0.0 } else { number(lane, length - 1 - i) };
-                    assert_eq!(found, expected, "{at} chosen of {length}, lane {lane}");
+                    assert_eq!(found.to_bits(), expected.to_bits(), "{at} chosen of {length}, lane {lane}");
                 }
             }
             let before = numbers.clone();
