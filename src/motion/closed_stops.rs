@@ -9,7 +9,8 @@
 //! the same with rest or rebound at the stops that are reached    v' = v_free + W r, on the connections
 //! ```
 //!
-//! At a dead center connections can prevent a joint from returning to its limits. Such a demand is dropped in this step.
+//! At a dead center connections can prevent a joint from returning to its limits. Such a demand is dropped in this
+//! step.
 
 use super::constrained::{Constrained, Failure};
 use super::limit_rows::{rebounds, settle_at};
@@ -152,15 +153,23 @@ impl Constrained<'_> {
                 None => [f64::NEG_INFINITY, f64::INFINITY],
             }
         };
-        let back = |i: usize| {
-            let ([low, high], (start, u)) = (returning(i), (s.v[rows[i].row], free[rows[i].row]));
+        let bounces = |i: usize| {
+            let (start, u) = (s.v[rows[i].row], free[rows[i].row]);
             match stopped(i) {
-                Some(Hold::Lower) if rebounds(start, u, settings.restitution) => [-settings.restitution * start, high],
-                Some(Hold::Upper) if rebounds(-start, -u, settings.restitution) => [low, -settings.restitution * start],
+                Some(Hold::Lower) => rebounds(start, u, settings.restitution),
+                Some(_) => rebounds(-start, -u, settings.restitution),
+                None => false,
+            }
+        };
+        let back = |i: usize| {
+            let ([low, high], speed) = (returning(i), -settings.restitution * s.v[rows[i].row]);
+            match stopped(i) {
+                Some(Hold::Lower) if bounces(i) => [speed, high],
+                Some(_) if bounces(i) => [low, speed],
                 _ => [low, high],
             }
         };
-        let (is_stopped, elastic) = ((0..n).any(|i| stopped(i).is_some()), (0..n).any(|i| back(i) != returning(i)));
+        let (is_stopped, elastic) = ((0..n).any(|i| stopped(i).is_some()), (0..n).any(bounces));
         let (resting, rebounding): (Vec<_>, Vec<_>) = (0..n).map(|i| (returning(i), back(i))).unzip();
         let mut last = if is_stopped { acting.solved(rows, &free, |i| resting[i]) } else { reached.clone() };
         if elastic {
@@ -173,28 +182,7 @@ impl Constrained<'_> {
             s.model.system.noise.copy_from_slice(&held);
             projected?;
         }
-        let mut impacts = Vec::new();
-        for (at, &i) in acting.near.iter().enumerate() {
-            let (of, torque) = (&rows[i], last.torques[at]);
-            let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
-            let hold = reached.holds[at].filter(|&hold| hold != Hold::Friction);
-            // Friction opposes the motion; at rest it compensates the other torques up to its bound.
-            let rubbing = if hold.is_some() && along != 0.0 {
-                -of.friction * along.signum()
-            } else {
-                torque.clamp(-of.friction, of.friction)
-            };
-            s.totals[FRICTION] += rubbing * along;
-            s.totals[STOPS] += (torque - rubbing) * along;
-            let Some(hold) = hold else { continue };
-            let upper = hold == Hold::Upper;
-            let bound = if upper { of.upper } else { of.lower };
-            let limit = LimitRow { body: 0, row: of.row, coordinate: of.coordinate, upper, bound };
-            let impulse = h * (torque - rubbing) * limit.sign();
-            let rests = (!elastic && impulse > 0.0).then(|| limit.sign() * resting[i][usize::from(upper)]);
-            let ends = (&mut s.q_next[..], &mut s.v_next[..]);
-            impacts.extend(settle_at(&limit, (h, limit.velocity(&s.v)), (impulse, rests), ends));
-        }
+        let impacts = acting.finish(rows, (&reached, &last), (h, &resting, elastic), s);
         if let Some(i) = acting.reduced.iter().position(|&by| by > 0) {
             s.totals[DROPPED] += 1.0;
             #[allow(clippy::cast_precision_loss)] // index of a joint
@@ -357,6 +345,39 @@ impl Acting {
         for (v, bounced) in rest.velocities.iter_mut().zip(&bounced.velocities) {
             *v += kept * (bounced - *v);
         }
+    }
+
+    /// Adds the works of a step, removes rounding errors of joints at their stops, and returns the impacts.
+    fn finish(
+        &self,
+        rows: &[SetValued],
+        (reached, last): (&Solution, &Solution),
+        (h, resting, elastic): (f64, &[[f64; 2]], bool),
+        s: &mut Scratch<f64>,
+    ) -> Vec<StopImpact> {
+        let mut impacts = Vec::new();
+        for (at, &i) in self.near.iter().enumerate() {
+            let (of, torque) = (&rows[i], last.torques[at]);
+            let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
+            let hold = reached.holds[at].filter(|&hold| hold != Hold::Friction);
+            // Friction opposes the motion; at rest it compensates the other torques up to its bound.
+            let rubbing = if hold.is_some() && along != 0.0 {
+                -of.friction * along.signum()
+            } else {
+                torque.clamp(-of.friction, of.friction)
+            };
+            s.totals[FRICTION] += rubbing * along;
+            s.totals[STOPS] += (torque - rubbing) * along;
+            let Some(hold) = hold else { continue };
+            let upper = hold == Hold::Upper;
+            let bound = if upper { of.upper } else { of.lower };
+            let limit = LimitRow { body: 0, row: of.row, coordinate: of.coordinate, upper, bound };
+            let impulse = h * (torque - rubbing) * limit.sign();
+            let rests = (!elastic && impulse > 0.0).then(|| limit.sign() * resting[i][usize::from(upper)]);
+            let ends = (&mut s.q_next[..], &mut s.v_next[..]);
+            impacts.extend(settle_at(&limit, (h, limit.velocity(&s.v)), (impulse, rests), ends));
+        }
+        impacts
     }
 
     /// Locks the joints that friction holds, so that projections do not move them. Returns the noise before.

@@ -13,6 +13,7 @@ use std::sync::Arc;
 
 /// Settings common to all steps of a rollout, in f64.
 #[derive(Debug, Clone)]
+#[allow(clippy::struct_excessive_bools)] // independent facts
 pub(super) struct StepSettings {
     /// Time step of the run, s.
     pub step: f64,

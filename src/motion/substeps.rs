@@ -300,9 +300,9 @@ impl Substeps {
         s.totals[MOST] = s.totals[MOST].max(made);
     }
 
-    /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`. Returns an estimate of its error, as that
-    /// of error control: velocities and accelerations change at an unknown time within the step, and rebounds are
-    /// omitted. The motion of a joint that returns from outside of its stops is defined by these steps.
+    /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`. Returns an estimate of its error, as of
+    /// error control: velocities and accelerations change at an unknown time within the step, and rebounds are omitted.
+    /// The motion of a joint that returns from outside of its stops is defined by these steps.
     fn event(&mut self, settings: &StepSettings, h: f64, s: &mut Scratch<f64>, solver: &mut Checked, time: f64) -> f64 {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (settings, &scheme);

@@ -131,7 +131,8 @@ impl PyScene {
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None,
                         pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None,
                         friction_speed=None, form="auto", tolerance=None, progress=None, compliance=None,
-                        limits=None, restitution=0.0, accuracy=None, smoothing=0.0, duration=None, covariance=None, **unknown),
+                        limits=None, restitution=0.0, accuracy=None, smoothing=0.0, duration=None, covariance=None,
+                        **unknown),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \

@@ -105,7 +105,8 @@ impl PyScene {
                         compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, **unknown),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
-                             tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0)")]
+                             tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
+                             smoothing=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
