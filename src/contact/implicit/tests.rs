@@ -150,6 +150,11 @@ fn impulses_of_redundant_contacts_follow_the_null_space_that_turns() {
         }
         let values = parts.map(|(_, _, p, _, _)| bar.dot(&p));
         let slope = (8.0 * (values[0] - values[1]) - (values[2] - values[3])) / (12.0 * STEP);
+        // Friction can have several solutions, between which differences jump.
+        let coarse = (values[2] - values[3]) / (4.0 * STEP);
+        if !((slope - coarse).abs() <= 1e-3 * (1.0 + slope.abs())) {
+            continue;
+        }
         let of = cone.linearized(&modes, &p, &c).cotangents(&bar).expect("a regular matrix");
         let dg = &dj * j.transpose() + &j * dj.transpose();
         let plain = of.velocities.dot(&(&dg * &p + (&dj * &v).column(0)));
@@ -159,7 +164,7 @@ fn impulses_of_redundant_contacts_follow_the_null_space_that_turns() {
         misses += usize::from((plain - slope).abs() > 1e-2 * size);
         worst = worst.max((plain + turning - slope).abs() / size);
     }
-    assert!(compared > 100 && misses > 30, "{compared} {misses}");
+    assert!(compared > 100 && misses > 10, "{compared} {misses}");
     assert!(worst <= 1e-5, "{worst:e}");
 }
 
