@@ -118,51 +118,6 @@ fn redundant_contacts_keep_sharing_evenly() {
     }
 }
 
-/// With J that turns, the impulses of redundant contacts have the term z* dG s; without it they miss by percents.
-#[test]
-fn impulses_of_redundant_contacts_follow_the_null_space_that_turns() {
-    const STEP: f64 = 1e-4;
-    let (mut draw, mut compared, mut misses, mut worst) = (Draw(53), 0, 0, 0.0_f64);
-    for trial in 0..400 {
-        let contacts = 3 + trial % 3;
-        let (rows, rank) = (3 * contacts, 2 + trial % 3);
-        let (j, dj) = (draw.matrix(rows, rank), draw.matrix(rows, rank) * 0.5);
-        let v = draw.matrix(rank, 1) * 2.0;
-        let friction: Vec<f64> = (0..contacts).map(|_| 1.5 * (draw.next() + 1.0)).collect();
-        let (lower, bar) = (draw.matrix(contacts, 1), draw.matrix(rows, 1).column(0).into_owned());
-        let at = |part: f64| {
-            let j = &j + &dj * part;
-            let c: DVector<f64> = (&j * &v).column(0).into_owned();
-            let cone = Cone::new(&j * j.transpose(), friction.clone());
-            let mut limits = Limits::beside(&c);
-            if trial % 4 == 0 {
-                limits.least.iter_mut().zip(lower.iter()).for_each(|(least, x)| *least = 0.3 * (x + 1.0));
-            }
-            let p = cone.shared_evenly(cone.impulses(&c, None, &limits, Effort::default()).0, &c, &limits);
-            let modes = cone.modes(&p, &c, &limits);
-            let margin = cone.margins(&p, &c, &limits).into_iter().fold(f64::INFINITY, f64::min);
-            (cone, c, p, modes, margin)
-        };
-        let (cone, c, p, modes, margin) = at(0.0);
-        let parts = [1.0, -1.0, 2.0, -2.0].map(|part| at(part * STEP));
-        if !(margin > 100.0 * STEP) || parts.iter().any(|(_, _, _, other, _)| *other != modes) {
-            continue;
-        }
-        let values = parts.map(|(_, _, p, _, _)| bar.dot(&p));
-        let slope = (8.0 * (values[0] - values[1]) - (values[2] - values[3])) / (12.0 * STEP);
-        let of = cone.linearized(&modes, &p, &c).cotangents(&bar).expect("a regular matrix");
-        let dg = &dj * j.transpose() + &j * dj.transpose();
-        let plain = of.velocities.dot(&(&dg * &p + (&dj * &v).column(0)));
-        let turning = of.turning.map_or(0.0, |turning| turning.z.dot(&(&dg * &turning.s)));
-        let size = 1.0 + slope.abs() + p.amax();
-        compared += 1;
-        misses += usize::from((plain - slope).abs() > 1e-2 * size);
-        worst = worst.max((plain + turning - slope).abs() / size);
-    }
-    assert!(compared > 100 && misses > 30, "{compared} {misses}");
-    assert!(worst <= 1e-5, "{worst:e}");
-}
-
 #[test]
 fn a_polished_solution_has_the_residual_of_rounding() {
     let (mut draw, mut polished) = (Draw(47), 0);
