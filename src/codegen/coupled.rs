@@ -4,7 +4,7 @@
 //! that follows another. Products with M^-1 are further right-hand sides with the factors of M and of these rows.
 
 use super::functions::Function;
-use super::tracing::{Tracer, factor_through_connections, solve_through_connections, through_connections};
+use super::tracing::{Tracer, factor_of_mimic_joints, solve_mimic_joints};
 use crate::dynamics::coupled::minus_product;
 use crate::scalar::{Real, Traced};
 use crate::scene::Coupling;
@@ -20,6 +20,11 @@ pub(super) fn trace(
     let mut coupled = Coupled { coupling, margin: Traced::from_f64(f64::NAN), tracer };
     let (nv, square) = (coupling.sizes().1, coupling.sizes().1.pow(2));
     match function {
+        Function::ForwardDynamics | Function::ForwardDynamicsWatched => {
+            let qdd = coupled.accelerations(given);
+            out[..nv].copy_from_slice(&coupling.independent_rates(&qdd));
+            out[nv..].fill(coupled.margin);
+        }
         Function::MassMatrixInverse | Function::MassMatrixInverseWatched => {
             coupled.factorise(&given[0]);
             coupled.inverse(&mut out[..square]);
@@ -53,10 +58,9 @@ pub(super) fn trace(
             out[3 * nv..].fill(coupled.margin);
         }
         _ => {
-            let acts = matches!(function, Function::ForwardDynamics | Function::ForwardDynamicsWatched);
             let arguments = function.arguments(coupling.tree());
-            let of_tree = given.iter().zip(&arguments).map(|(x, array)| coupling.expanded(array.name, acts, x));
-            out.copy_from_slice(&coupled.reduced(function, &of_tree.collect::<Vec<_>>(), acts));
+            let of_tree = given.iter().zip(&arguments).map(|(x, array)| coupling.expanded(array.name, false, x));
+            out.copy_from_slice(&coupled.reduced(function, &of_tree.collect::<Vec<_>>()));
         }
     }
 }
@@ -64,7 +68,7 @@ pub(super) fn trace(
 struct Coupled<'a, 'b> {
     coupling: &'a Coupling,
     tracer: &'a mut Tracer<'b>,
-    /// That of the factors and of all solutions with them.
+    /// That of the last factors.
     margin: Traced,
 }
 
@@ -72,24 +76,27 @@ impl Coupled<'_, '_> {
     /// The factors at `q` of the scene.
     fn factorise(&mut self, q: &[Traced]) {
         let rest = vec![Traced::from_f64(0.0); self.coupling.tree().nv()];
-        self.margin = factor_through_connections(self.tracer, (&self.coupling.configuration(q), &rest));
+        self.margin = factor_of_mimic_joints(self.tracer, (&self.coupling.configuration(q), &rest));
     }
 
     /// The accelerations of all joints of the tree for (q, qd, tau) of the scene.
     fn accelerations(&mut self, given: &[Vec<Traced>]) -> Vec<Traced> {
-        let coupling = self.coupling;
-        let of_tree = [coupling.configuration(&given[0]), coupling.rates(&given[1]), coupling.acting(&given[2])];
-        let mut qdd = vec![Traced::from_f64(f64::NAN); coupling.tree().nv()];
-        self.margin = through_connections(self.tracer, &of_tree, &mut qdd);
-        coupling.rates(&coupling.accelerations(&qdd))
+        self.factorise(&given[0]);
+        let (q, qd) = (self.coupling.configuration(&given[0]), self.coupling.rates(&given[1]));
+        let qdd = self.solved(Some((&q, &qd)), &given[2]);
+        self.coupling.rates(&qdd)
     }
 
-    /// (G^T M G)^-1 tau with the factor.
-    fn solve(&mut self, tau: &[Traced]) -> Vec<Traced> {
+    /// The accelerations for torques, with the factors.
+    fn solved(&mut self, biased: Option<(&[Traced], &[Traced])>, tau: &[Traced]) -> Vec<Traced> {
         let mut qdd = vec![Traced::from_f64(f64::NAN); self.coupling.tree().nv()];
-        let within = solve_through_connections(self.tracer, &self.coupling.acting(tau), &mut qdd);
-        self.margin = self.margin.worst(within);
+        solve_mimic_joints(self.tracer, biased, (&self.coupling.acting(tau), &mut qdd));
         self.coupling.accelerations(&qdd)
+    }
+
+    /// (G^T M G)^-1 tau with the factors.
+    fn solve(&mut self, tau: &[Traced]) -> Vec<Traced> {
+        self.solved(None, tau)
     }
 
     /// (G^T M G)^-1 with the factor, row by row.
@@ -128,18 +135,18 @@ impl Coupled<'_, '_> {
     ) -> Vec<Traced> {
         let mut arguments = vec![self.coupling.configuration(&given[0]), self.coupling.rates(&given[1]), qdd];
         arguments.extend_from_slice(seed);
-        self.reduced(function, &arguments, false)
+        self.reduced(function, &arguments)
     }
 
     /// The results of a function for arguments of the tree, as [`Coupling::reduced`].
-    fn reduced(&mut self, function: &Function, arguments: &[Vec<Traced>], acts: bool) -> Vec<Traced> {
+    fn reduced(&mut self, function: &Function, arguments: &[Vec<Traced>]) -> Vec<Traced> {
         let (coupling, tree) = (self.coupling, self.coupling.tree());
         let mut results = vec![Traced::from_f64(f64::NAN); function.width(tree)];
         function.trace()(self.tracer, arguments, &mut results);
         let (mut rest, mut all) = (&results[..], Vec::new());
         for (array, axes) in function.results(tree).iter().zip(function.axes()) {
             let (of_tree, others) = rest.split_at(array.width());
-            coupling.reduced(axes, acts, of_tree, &mut all);
+            coupling.reduced(axes, false, of_tree, &mut all);
             rest = others;
         }
         all

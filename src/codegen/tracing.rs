@@ -25,7 +25,7 @@ pub(super) struct Tracer<'a> {
     pub traced: TracedSweeps,
     /// False if the tolerance is infinite.
     is_estimated: bool,
-    /// The rows of the connections, for functions that are computed through them.
+    /// The rows of the connections or of mimic joints, for functions that are computed through them.
     rows: Option<ConstraintKernel<Traced>>,
 }
 
@@ -65,7 +65,7 @@ pub(super) fn forward_dynamics_watched(tracer: &mut Tracer<'_>, given: &[Vec<Tra
 }
 
 /// Joint accelerations, with the connections in the tracer. Returns the margin.
-pub(super) fn through_connections(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], qdd: &mut [Traced]) -> Traced {
+fn through_connections(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], qdd: &mut [Traced]) -> Traced {
     let Tracer { traced: TracedSweeps { model, sweeps, scratch }, rows: Some(rows), is_estimated, .. } = tracer else {
         return Traced::from_f64(f64::NAN);
     };
@@ -76,20 +76,23 @@ pub(super) fn through_connections(tracer: &mut Tracer<'_>, given: &[Vec<Traced>]
     fixed_rows::forward_dynamics((model, sweeps), (scratch, rows), state, *is_estimated, qdd)
 }
 
-/// The factors of M and of the rows in the tracer. Returns the margin.
-pub(super) fn factor_through_connections(tracer: &mut Tracer<'_>, (q, qd): (&[Traced], &[Traced])) -> Traced {
-    let Tracer { traced: TracedSweeps { model, sweeps, scratch }, rows: Some(rows), is_estimated, .. } = tracer else {
-        return Traced::from_f64(f64::NAN);
-    };
-    fixed_rows::factor((model, sweeps), (scratch, rows), (q, qd), *is_estimated)
-}
-
-/// M^-1 through the rows in the tracer times torques, with the factors of the last call. Returns the margin.
-pub(super) fn solve_through_connections(tracer: &mut Tracer<'_>, tau: &[Traced], qdd: &mut [Traced]) -> Traced {
+/// The factors of M and of the rows of mimic joints in the tracer. Returns the margin.
+pub(super) fn factor_of_mimic_joints(tracer: &mut Tracer<'_>, state: (&[Traced], &[Traced])) -> Traced {
     let Tracer { traced: TracedSweeps { model, sweeps, scratch }, rows: Some(rows), .. } = tracer else {
         return Traced::from_f64(f64::NAN);
     };
-    fixed_rows::solve((model, sweeps), (scratch, rows), tau, qdd)
+    fixed_rows::factor((model, sweeps), (scratch, rows), state)
+}
+
+/// The accelerations of mimic joints from torques, with these factors; with the bias of a state or without.
+pub(super) fn solve_mimic_joints(
+    tracer: &mut Tracer<'_>,
+    biased: Option<(&[Traced], &[Traced])>,
+    (tau, qdd): (&[Traced], &mut [Traced]),
+) {
+    if let Tracer { traced: TracedSweeps { model, sweeps, scratch }, rows: Some(rows), .. } = tracer {
+        fixed_rows::solve((model, sweeps), (scratch, rows), biased, (tau, qdd));
+    }
 }
 
 pub(super) fn constrained_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {

@@ -24,47 +24,15 @@ pub(crate) fn forward_dynamics<T: Real>(
     is_estimated: bool,
     qdd: &mut [T],
 ) -> T {
-    let margin = factor(scene, (scratch, rows), (q, qd), is_estimated);
-    general::forces::<_, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches: &[] });
-    general::innovations::<_, true>(scene, scratch, tau, qdd);
-    margin.worst(through_rows(scene, (scratch, rows), tau, qdd))
-}
-
-/// The factors of M at `q` and of the rows. Returns the margin, as [`forward_dynamics`].
-pub(crate) fn factor<T: Real>(
-    scene: (&Model<T>, &SweepModel<T>),
-    (scratch, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
-    (q, qd): (&[T], &[T]),
-    is_estimated: bool,
-) -> T {
-    let of_tree = if is_estimated {
-        auto::estimated_factor(scene, scratch, q, &mut vec![T::zero(); qd.len()]).margin()
+    let mut margin = if is_estimated {
+        auto::estimated_factor(scene, scratch, q, qdd).margin()
     } else {
         general::factor(scene, scratch, q).margin()
     };
-    of_tree.worst(rows.factor(scene, scratch, qd))
-}
-
-/// M^-1 through the rows times torques, for rows whose J' qd is zero, with both factors in the scratch. Returns the
-/// margin of the residual.
-pub(crate) fn solve<T: Real>(
-    scene: (&Model<T>, &SweepModel<T>),
-    (scratch, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
-    tau: &[T],
-    qdd: &mut [T],
-) -> T {
-    general::innovations::<_, false>(scene, scratch, tau, qdd);
-    through_rows(scene, (scratch, rows), tau, qdd)
-}
-
-/// Accelerations from torques; `qdd` holds the innovations of the tree on entry. Returns the margin of the residual.
-fn through_rows<T: Real>(
-    scene: (&Model<T>, &SweepModel<T>),
-    (scratch, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
-    tau: &[T],
-    qdd: &mut [T],
-) -> T {
-    let (mut innovations, mut margin) = (qdd.to_vec(), T::one());
+    let mut innovations = vec![T::zero(); qdd.len()];
+    general::forces::<_, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches: &[] });
+    general::innovations::<_, true>(scene, scratch, tau, &mut innovations);
+    margin = margin.worst(rows.factor(scene, scratch, qd));
     rows.first_step(scratch, tau, &innovations, true);
     for correction in 0..=CORRECTIONS {
         rows.take(&mut innovations);
@@ -76,4 +44,34 @@ fn through_rows<T: Real>(
         }
     }
     margin
+}
+
+/// The factors of M at `q` and of the rows of mimic joints. Returns the margin, which is negative or NaN if pivots may
+/// have lost five digits.
+pub(crate) fn factor<T: Real>(
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
+    (q, qd): (&[T], &[T]),
+) -> T {
+    let [_, near] = general::factor_and_nearness(scene, scratch, q);
+    near.margin().worst(rows.factor(scene, scratch, qd))
+}
+
+/// The accelerations of mimic joints from torques with both factors in the scratch, with the bias of (q, qd) or
+/// without. Of each group only the heaviest joint is read, so that rounding errors of the rows are not corrected.
+pub(crate) fn solve<T: Real>(
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
+    biased: Option<(&[T], &[T])>,
+    (tau, qdd): (&[T], &mut [T]),
+) {
+    if let Some((q, qd)) = biased {
+        general::forces::<_, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches: &[] });
+        general::innovations::<_, true>(scene, scratch, tau, qdd);
+    } else {
+        general::innovations::<_, false>(scene, scratch, tau, qdd);
+    }
+    rows.first_step(scratch, tau, qdd, false);
+    rows.take(qdd);
+    general::smooth(scene, scratch, qdd);
 }

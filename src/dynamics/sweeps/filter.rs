@@ -37,7 +37,7 @@ struct Inward<'a, T: Real> {
 }
 
 /// The measurements of every joint (3.6, 4.2, 4.5) and the propagation to its parent; `innovations` receives e^-.
-/// `SIDES` is [`FACTOR`], [`FILTER`] or [`ESTIMATE`]. Returns the pivots, and with an error estimate whether one test
+/// `SIDES` is [`FACTOR`], [`FILTER`] or [`ESTIMATE`]. Returns the pivots, and with an error estimate, or for a scalar that records its operations, whether one test
 /// vector suffices to accept them. D, g and e^- of a revolute joint are those about its z.
 #[inline(always)]
 pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
@@ -112,8 +112,11 @@ impl<T: Real> Inward<'_, T> {
         if SIDES >= FILTER {
             self.filter(body, (transform, rows), own, if SIDES == ESTIMATE { Some(&mut tested.bias) } else { None });
         }
-        if SIDES == ESTIMATE {
+        // A scalar that records operations drops what is not read.
+        if SIDES == ESTIMATE || !T::IS_KNOWN {
             rows.observe(self.measured, &scale, &mut self.near);
+        }
+        if SIDES == ESTIMATE {
             self.estimate(body, (transform, rows), &rows.terms_left(&p_minus, &p_plus), tested);
         }
     }

@@ -163,6 +163,16 @@ pub(crate) fn factor<T: Real>(scene: Scene<'_, T>, scratch: &mut SweepScratch<T>
     refactor(scene, scratch)
 }
 
+/// [`factor`] for a scalar that records its operations, and whether pivots are near the bounds of their terms.
+pub(crate) fn factor_and_nearness<T: Real>(
+    scene: Scene<'_, T>,
+    scratch: &mut SweepScratch<T>,
+    q: &[T],
+) -> [PivotMonitor<T>; 2] {
+    motion::carriers::<T, T>(scene.1, scratch, T::zero(), q);
+    filter::<T, FACTOR>(scene, scratch, &[], &mut [])
+}
+
 /// [`factor`] with phi in the store.
 pub(crate) fn refactor<T: Real>(scene: Scene<'_, T>, scratch: &mut SweepScratch<T>) -> PivotMonitor<T> {
     let [monitor, _] = filter::<T, FACTOR>(scene, scratch, &[], &mut []);
