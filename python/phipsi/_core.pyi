@@ -2287,7 +2287,9 @@ class Scene:
 
         Notes
         -----
-        Of the kinematic tree without connections. Defined in singular configurations too, unlike operational_inertia.
+        Defined in singular configurations too, unlike operational_inertia. With connections, M^-1 is
+        constrained_mass_matrix_inverse, and with joints that follow others J and M^-1 are those of the independent
+        joints; both cost O(N^3). Contacts have no effect: the wrenches are the only ones on the links.
 
         Examples
         --------
@@ -2310,7 +2312,7 @@ class Scene:
         tolerance: float | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S.
+        """Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S; see operational_inverse_inertia.
 
         Parameters
         ----------
@@ -3669,14 +3671,14 @@ class Scene:
 
         Raises
         ------
-        ArgumentError
-            A scene with connections.
         ShapeError, NotFiniteError, ArgumentError
             An invalid argument or an unknown name. The message names the argument and the state.
 
         Notes
         -----
-        O(N depth). The entries of links that are not outboard of the joint are zero.
+        O(N depth). The entries of links that are not outboard of the joint are zero. As in inverse_dynamics, the forces
+        of connections and contacts are not part of the torques. With joints that follow others, (q, qd, qdd) and the
+        rows are those of the independent joints; body_names includes the links of the joints that follow.
 
         Examples
         --------
@@ -3704,7 +3706,10 @@ class Scene:
 
         At the true acceleration an error of the parameters pi is a force on the bodies: M d(qdd) = dtau - H phi Y
         d(pi), with Y the regressor at the qdd that forward dynamics gives. The variances are those of a filter and
-        smoother whose gains were made for another noise. First order in the errors.
+        smoother whose gains were made for another noise. First order in the errors. With connections or joints that
+        follow others, A Y Sigma Y* A* by dense matrices, O(N^3), with A the inverse mass matrix through the connections
+        (constrained_mass_matrix_inverse) or of the independent joints. Contacts are ignored: their forces depend on the
+        motion before.
 
         Parameters
         ----------
@@ -3741,8 +3746,7 @@ class Scene:
         Raises
         ------
         ArgumentError
-            A covariance that is not symmetric or has a negative eigenvalue, a negative variance, an unknown name;
-            scenes with connections or joints that follow others.
+            A covariance that is not symmetric or has a negative eigenvalue, a negative variance, an unknown name.
         SingularJointError, ShapeError, NotFiniteError
             As in forward_dynamics.
 
@@ -3786,7 +3790,7 @@ class Scene:
         """Variances of the joint torques of inverse dynamics for uncertain parameters, in O(N): H phi C phi* H* + t.
 
         C is the covariance of the force that a body's parameter errors are, Y Sigma Y*. Torques are linear in the
-        parameters: nothing is approximate.
+        parameters: nothing is approximate. With connections or joints that follow others, by dense matrices, O(N^2).
 
         Parameters
         ----------
@@ -3830,6 +3834,9 @@ class Scene:
     ) -> MomentumObserver:
         """Momentum observer of external joint torques that raises alarms at a stated rate.
 
+        With connections, whose forces are unknown, external torques are observed as far as they act on motions that the
+        connections allow. Contacts of the scene are ignored, because their forces are external ones.
+
         Parameters
         ----------
         dt : float
@@ -3855,8 +3862,7 @@ class Scene:
         Raises
         ------
         ArgumentError
-            A noise, bandwidth, step or rate that is not positive; a load that no joint moves;
-            scenes with connections or contacts; parameters in scenes with joints that follow others.
+            A noise, bandwidth, step or rate that is not positive; a load that no joint moves.
         ShapeError
             An array of an invalid shape.
 
@@ -3881,6 +3887,10 @@ class Scene:
         history: int = 1000,
     ) -> Observer:
         """Error-state Kalman filter of joint motion, external wrenches and sensor biases.
+
+        Connections are measurements without noise: the estimate satisfies them, and so does its error, to first order.
+        Contacts of the scene are ignored, because their forces are external ones: estimate them as wrenches, or give
+        Contact sensors. With joints that follow others, states and errors are those of the independent joints.
 
         Parameters
         ----------
@@ -3910,8 +3920,9 @@ class Scene:
         Raises
         ------
         ArgumentError
-            An invalid argument, an unknown link or joint, two sensors with the same name; scenes with connections,
-            contacts or joints that follow others.
+            An invalid argument, an unknown link or joint, two sensors with the same name.
+        ConstraintError
+            Initial positions or velocities that violate the connections; see project.
         ShapeError, NotFiniteError
             An invalid array. The message names the argument.
 
@@ -4032,7 +4043,11 @@ class Scene:
         Notes
         -----
         Maximum a posteriori with a Wishart prior on the second moments of mass of each body: convex, and every body
-        receives an inertia that a rigid body can have. Intervals come from the delete-one-block jackknife, which is
+        receives an inertia that a rigid body can have. With connections, whose forces are unknown, the measured torques
+        enter as far as they act on motions that the connections allow: the torque of a joint without motor is 0, a state
+        with a torque that was not measured is omitted, and `noise` is one number. With joints that follow others, q, qd,
+        qdd and tau are those of the independent joints. Contacts are ignored: give torques of a robot that touches
+        nothing. Intervals come from the delete-one-block jackknife, which is
         valid for correlated residuals. The memory does not grow with k. phipsi.estimation.Accumulator reads logs that
         do not fit into memory.
 

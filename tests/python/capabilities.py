@@ -629,8 +629,8 @@ _ACCURACY = "refused: error control"
 _BANDS = "refused: connections or contacts"
 _REBOUND = "does not hold: in a step in which gravity adds kinetic energy, restitution is halved until the impact does not"
 
-#: What does not hold, by capability, kind and contact. "refused: " and a part of the message, or "does not hold: " and
-#: the reason.
+#: Cells that do not hold, by capability, kind and contact: "refused: " and a part of the message, or "does not hold: "
+#: and the reason.
 EXCEPTIONS: dict[str, dict[tuple[str, bool], str]] = {
     "error control (`accuracy=`)": {(kind, far): _ACCURACY for kind in KINDS for far in (False, True) if (kind, far) != ("tree", False)},
     "exact dry friction": {("loop", far): "does not hold: friction is viscous below 0.01 rad/s" for far in (False, True)},
