@@ -11,6 +11,7 @@ use crate::algorithm::{Algorithm, Arguments, table};
 use crate::algorithm::{Derivatives, Products};
 use crate::error::{Error, Fault, check_length};
 use crate::filter::Form;
+#[cfg(feature = "derivatives")]
 use crate::scalar::Real;
 use crate::scene::{Coupling, MimicJoints, Scene};
 
@@ -161,6 +162,7 @@ impl Call<'_, '_> {
     }
 
     /// The same, if nobody asks for its accuracy.
+    #[cfg(feature = "derivatives")]
     fn results(&mut self, algorithm: Algorithm, states: &[Arguments<'_>]) -> Result<Vec<f64>, Fault> {
         self.reduced(false, algorithm, states, &mut |_, _| {})
     }
