@@ -97,6 +97,7 @@ impl Scene {
     }
 
     /// Returns an error if the scene has contacts, for functions that do not support them.
+    #[cfg(feature = "python")]
     pub(crate) fn check_no_contacts(&self, what: &str) -> Result<(), Error> {
         if self.contacts().is_empty() {
             return Ok(());
