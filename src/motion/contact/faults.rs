@@ -41,16 +41,16 @@ fn named((scene, limits): (&Scene, &[LimitRow]), which: &[usize]) -> String {
     let contacts = which.iter().filter_map(|&i| Some(points.get(i)?.name.as_str()));
     let reached = which.iter().filter_map(|&i| limits.get(i.checked_sub(points.len())?));
     let joints = reached.filter_map(|limit| Some(scene.joint_of_body(limit.body)?.name.as_str()));
-    let lists = [listed("contact", contacts), listed("limit of joint", joints)];
+    let lists = [listed(["contact", "contacts"], contacts), listed(["limit of joint", "limits of joints"], joints)];
     lists.into_iter().flatten().collect::<Vec<_>>().join(" and ")
 }
 
-/// A noun and at most eight names; `None` without names.
-fn listed<'a>(noun: &str, names: impl Iterator<Item = &'a str>) -> Option<String> {
+/// A noun, singular or plural, and at most eight names; `None` without names.
+fn listed<'a>(nouns: [&str; 2], names: impl Iterator<Item = &'a str>) -> Option<String> {
     const MOST: usize = 8;
     let names: Vec<String> = names.map(|name| format!("{name:?}")).collect();
-    let (plural, more) = (if names.len() == 1 { "" } else { "s" }, if names.len() > MOST { ", ..." } else { "" });
-    (!names.is_empty()).then(|| format!("{noun}{plural} {}{more}", names[..names.len().min(MOST)].join(", ")))
+    let (noun, more) = (nouns[usize::from(names.len() > 1)], if names.len() > MOST { ", ..." } else { "" });
+    (!names.is_empty()).then(|| format!("{noun} {}{more}", names[..names.len().min(MOST)].join(", ")))
 }
 
 /// Factorizes M at `q`; the error of a singular pivot names its joint.
@@ -86,7 +86,7 @@ mod tests {
     #[test]
     fn names_are_those_of_contacts_and_of_joints_at_their_limits() {
         let mut builder = crate::scenes::chain(3).unwrap().source().clone();
-        builder = builder.contact(Contact::new("heel", "link1")).contact(Contact::new("toe", "link2"));
+        builder = builder.contact(Contact::new("heel", "link2")).contact(Contact::new("toe", "link3"));
         let scene: Scene = builder.build().unwrap();
         let limit = |body: usize| LimitRow { body, row: body, coordinate: body, upper: true, bound: 1.0 };
         let limits = [limit(0), limit(2)];
