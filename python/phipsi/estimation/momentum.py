@@ -272,7 +272,7 @@ class MomentumObserver:
         self.alarm: NDArray[np.bool_] | bool = False
         self.covariance: _Array = np.diag(self._variance)
         self._q: _Array | None = None
-        self._before: tuple[_Array, _Array, _Array] | None = None
+        self._before: tuple[_Array, _Array, _Array, _Array] | None = None
         self._of_load, self._along, self._size = np.zeros(()), np.zeros(self.scene.nv), np.zeros(())
         #: Motions that the connections allow, as columns; the others are zero.
         self._motions: _Array = np.eye(self.scene.nv)
@@ -379,9 +379,9 @@ class MomentumObserver:
             white = weight / self._deviation
             return _direction(white) / self._deviation, np.asarray(np.linalg.norm(white, axis=-1))
         root = self._root(np.diag(self._deviation**2))
-        white = np.linalg.solve(root, self._within(weight)[..., None])
-        along = self._motions @ np.linalg.solve(np.swapaxes(root, -1, -2), _direction(white[..., 0])[..., None])
-        return along[..., 0], np.asarray(np.linalg.norm(white[..., 0], axis=-1))
+        within = np.asarray(np.linalg.solve(root, self._within(weight)[..., None]))[..., 0]
+        along = self._motions @ np.linalg.solve(np.swapaxes(root, -1, -2), _direction(within)[..., None])
+        return along[..., 0], np.asarray(np.linalg.norm(within, axis=-1))
 
     def _within(self, torque: _Array) -> _Array:
         """U* tau: torques on the motions that the connections allow; zero for the other columns of U."""
@@ -390,10 +390,10 @@ class MomentumObserver:
     def _root(self, covariance: _Array) -> _Array:
         """Cholesky factor of U* C U, with a one for each zero column of U."""
         if not self._connected:
-            return np.linalg.cholesky(covariance)
-        missing = ~self._motions.any(axis=-2)
+            return np.asarray(np.linalg.cholesky(covariance))
+        missing = np.asarray(~self._motions.any(axis=-2))
         within = np.swapaxes(self._motions, -1, -2) @ covariance @ self._motions
-        return np.linalg.cholesky(within + missing[..., None] * np.eye(self.scene.nv))
+        return np.asarray(np.linalg.cholesky(within + missing[..., None] * np.eye(self.scene.nv)))
 
     def _covariance(self, q: _Array, qd: _Array, tau: _Array) -> _Array:
         """Covariance of r without contact."""
