@@ -365,7 +365,7 @@ impl Substeps {
             }
         }
         if !hits.is_empty() {
-            self.rebound((settings, h), s, solver, &free, &hits);
+            self.rebound(settings, h, s, solver, &hits);
         }
         advance(&s.model, &s.q, &s.x, &mut s.q_next);
         for (row, bound) in &self.reached {
@@ -399,14 +399,13 @@ impl Substeps {
     }
 
     /// Velocities after impacts on stops, by J. J. Moreau's law: rebound velocities, with restitution halved until the
-    /// impacts do not add kinetic energy: to that of the start of the step, or of its end with the accelerations `free`
-    /// without stops, since gravity and torques can do work in the step.
+    /// impacts do not add kinetic energy.
     fn rebound(
         &mut self,
-        (settings, h): (&StepSettings, f64),
+        settings: &StepSettings,
+        h: f64,
         s: &mut Scratch<f64>,
         solver: &mut Checked,
-        free: &[f64],
         hits: &[(usize, usize, f64)],
     ) {
         const HALVINGS: i32 = 8;
@@ -416,8 +415,7 @@ impl Substeps {
             dynamics::kinetic_energy(&s.model, &mut solver.workspace, &s.q, v)
         };
         let (before, held) = (s.v.clone(), energy(s, &reached, solver));
-        let passing: Vec<f64> = before.iter().zip(free).map(|(v, a)| h.mul_add(*a, *v)).collect();
-        let most = energy(s, &before, solver).max(energy(s, &passing, solver)).max(held);
+        let most = energy(s, &before, solver).max(held);
         for halving in 0..=HALVINGS {
             let part = if halving == HALVINGS { 0.0 } else { 0.5_f64.powi(halving) };
             (self.graphs, self.pieces) = (graphs.clone(), pieces.clone());
