@@ -136,8 +136,11 @@ impl ClosedReverse {
         }
         if let Some(of) = rows.iter().find(|of| of.friction > 0.0 && !(s.v[of.row] * s.v_next[of.row] > 0.0)) {
             let joint = joint_of_row(scene, of.row);
-            let expected = "joints that slide, or friction_speed=0.01 in the simulation: joints of closed loops that \
-                            exact friction holds or stops have no gradients";
+            let expected = format!(
+                "joints that slide, or {} in the simulation: joints of closed loops that exact friction holds or stops \
+                 have no gradients",
+                in_language("Settings::friction_speed(0.01)", "friction_speed=0.01")
+            );
             let found = format!("exact friction at joint {joint:?}, which sticks");
             return Err((joint, Error::argument("friction_speed", found, expected)));
         }
