@@ -49,11 +49,6 @@ impl Cones {
         Self { groups, contacts: n }
     }
 
-    /// The contacts of each group.
-    pub fn members(&self) -> impl Iterator<Item = &[usize]> {
-        self.groups.iter().map(|(members, _)| &members[..])
-    }
-
     /// r of each contact.
     pub fn lengths(&self) -> Vec<f64> {
         let mut lengths = vec![0.0; self.contacts];

@@ -161,7 +161,7 @@ impl Call<'_, '_> {
         Ok(out)
     }
 
-    /// The same, if nobody asks for its accuracy.
+    /// The same, without its accuracy.
     #[cfg(feature = "derivatives")]
     fn results(&mut self, algorithm: Algorithm, states: &[Arguments<'_>]) -> Result<Vec<f64>, Fault> {
         self.reduced(false, algorithm, states, &mut |_, _| {})

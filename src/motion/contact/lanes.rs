@@ -15,7 +15,6 @@ use super::super::works::add_work;
 use super::faults::REFUSED;
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::project::{TOUCHES, out_of_planes};
-use super::reach::touching_gap;
 use super::report::ContactReport;
 use super::step::{ContactStep, LATE, Outcome, keep, report, rest_speed};
 use crate::batch::factor;
@@ -53,7 +52,8 @@ pub(in crate::motion) struct Touching<T: Vectorized> {
 /// The contacts of one state in a step.
 struct Solved {
     outcome: Outcome,
-    cone: Option<Cones>,
+    /// J v of the near contacts without impulses.
+    free: DVector<f64>,
     report: SolveReport,
     impulse_kept: f64,
 }
@@ -61,8 +61,12 @@ struct Solved {
 impl<T: Vectorized> Touching<T> {
     pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>) -> Self {
         let (nan, n) = (T::from_f64(f64::NAN), scene.contact_points().len());
-        let nothing =
-            || Solved { outcome: Outcome::nothing(), cone: None, report: SolveReport::nothing(), impulse_kept: 1.0 };
+        let nothing = || Solved {
+            outcome: Outcome::nothing(),
+            free: DVector::zeros(0),
+            report: SolveReport::nothing(),
+            impulse_kept: 1.0,
+        };
         Self {
             kernel: ContactKernel::new((&s.model, &s.constants), scene.contact_points()),
             ahead: SweepScratch::new(&s.model, &s.constants),
@@ -145,7 +149,7 @@ impl<T: Vectorized> Touching<T> {
         kept: &[f64],
     ) -> bool {
         let Self { kernel, start, free, impulses, solved, .. } = self;
-        let Solved { outcome, cone: kept_cone, report, impulse_kept } = &mut solved[lane];
+        let Solved { outcome, free: free_here, report, impulse_kept } = &mut solved[lane];
         let (points, h, near) = (scene.contact_points(), settings.step, &outcome.near);
         let rest_speed = rest_speed(model, settings);
         let hits = |&i: &usize| points[i].restitution > 0.0 && start[3 * i + 2].lanes()[lane] < -rest_speed;
@@ -156,7 +160,7 @@ impl<T: Vectorized> Touching<T> {
         let row = |i: usize| 3 * near[i / 3] + i % 3;
         let entry = |i: usize, j: usize| gram[row(i.max(j)) * all + row(i.min(j))].lanes()[lane];
         let cone = Cone::new(DMatrix::from_fn(m, m, entry), near.iter().map(|&i| points[i].friction).collect());
-        let free_here = DVector::from_fn(m, |i, _| free[row(i)].lanes()[lane]);
+        *free_here = DVector::from_fn(m, |i, _| free[row(i)].lanes()[lane]);
         let mut c = free_here.clone();
         for (at, &i) in near.iter().enumerate() {
             c[3 * at + 2] += kernel.gaps[i].lanes()[lane].max(0.0) / h;
@@ -166,23 +170,22 @@ impl<T: Vectorized> Touching<T> {
             return false;
         }
         let cone = Cones::split(cone);
-        let limits = Limits::of_step(&c, &free_here);
+        let limits = Limits::of_step(&c, free_here);
         let warm = DVector::from_fn(m, |i, _| kept[row(i)]);
         let (held, found) = cone.impulses(&c, Some(&warm), &limits, Effort::default());
-        let (held, part) = passive(&cone, &free_here, held);
+        let (held, part) = passive(&cone, free_here, held);
         for (i, &impulse) in held.iter().enumerate() {
             impulses[row(i)].lanes_mut()[lane] = impulse;
         }
         outcome.states = cone.states(&held, &c, &limits);
-        (outcome.held, *report, *impulse_kept, *kept_cone) = (held, found, part, Some(cone));
+        (outcome.held, *report, *impulse_kept) = (held, found, part);
         found.residual <= REFUSED
     }
 
     /// The report of one lane; returns false if a further contact closes.
     fn report_on(&mut self, settings: &StepSettings, model: &Model<T>, lane: usize) -> bool {
         let Self { kernel, start, after, solved, .. } = self;
-        let Solved { outcome, cone, report: solved, impulse_kept } = &mut solved[lane];
-        let Some(cone) = cone else { return false };
+        let Solved { outcome, free, report: solved, impulse_kept } = &mut solved[lane];
         let near = &outcome.near;
         let late = |i: usize| {
             let gap = kernel.gaps[i].lanes()[lane].max(0.0);
@@ -192,15 +195,9 @@ impl<T: Vectorized> Touching<T> {
             return false;
         }
         let pick = |all: &[T]| DVector::from_fn(3 * near.len(), |i, _| all[3 * near[i / 3] + i % 3].lanes()[lane]);
-        let start = pick(start);
-        let least = touching_gap(model, settings.step);
-        let rests = |(at, &i): (usize, &usize)| {
-            kernel.gaps[i].lanes()[lane] <= least && settings.step * start[3 * at + 2].abs() <= least
-        };
-        let strikes: Vec<bool> = near.iter().enumerate().map(|of| !rests(of)).collect();
-        let (velocities, counted) = ([&start, &pick(after)], (&strikes[..], near.len()));
-        let of_law = (&*cone, &outcome.held);
-        outcome.report = report(solved, solved.iterations, *impulse_kept, (0.0, None), of_law, velocities, counted);
+        let velocities = (&outcome.held, [&pick(start), &*free, &pick(after)]);
+        let counted = (near.len(), rest_speed(model, settings));
+        outcome.report = report(solved, solved.iterations, *impulse_kept, (0.0, None), velocities, counted);
         true
     }
 }

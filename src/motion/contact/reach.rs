@@ -37,7 +37,6 @@
 
 use crate::dynamics::contacts::ContactScratch;
 use crate::model::Model;
-use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
 use crate::spatial::{angular, linear};
@@ -45,9 +44,9 @@ use nalgebra::Vector6;
 
 /// A contact with at most this gap touches: the distance of a fall in a step of `h`, m, so that contacts at rest are
 /// not released by rounding.
-pub(super) fn touching_gap<T: Real>(model: &Model<T>, h: f64) -> f64 {
+pub(super) fn touching_gap(model: &Model<f64>, h: f64) -> f64 {
     const ROUNDING: f64 = 1e-9;
-    model.gravity.map(|g| g.lane(0)).norm() * h * h + ROUNDING
+    model.gravity.norm() * h * h + ROUNDING
 }
 
 /// Contacts of one state.

@@ -268,11 +268,9 @@ impl ContactStep {
                     outcome.slowed = Some(slowed);
                 }
                 let after_here = pick(&|i| after[i]);
-                let strikes: Vec<bool> = near.iter().map(|&i| !rests(i)).collect();
-                let velocities = [&pick(&|i| start[i]), &after_here];
-                let (hit_now, counted) = ((lost, hit.as_ref()), (&strikes[..], touching));
-                outcome.report =
-                    report(&solved, iterations, impulse_kept, hit_now, (&cone, &held), velocities, counted);
+                let velocities = (&held, [&pick(&|i| start[i]), &u, &after_here]);
+                let (hit_now, counted) = ((lost, hit.as_ref()), (touching, rest_speed));
+                outcome.report = report(&solved, iterations, impulse_kept, hit_now, velocities, counted);
                 check((scene, &rows.limits), &near, &solved)?;
                 outcome.states = cone.states(&held, &c, &limits);
                 if let (Some(_), true, None) = (&hit, is_free, &outcome.slowed)
@@ -372,40 +370,24 @@ fn states_of_rebounds(
     }
 }
 
-/// The report of a step, for contact velocities at its `start` and `after` its impulses; the first `touching` rows are
-/// those of contacts, the others those of joint limits.
-///
-/// Contacts that rest do work by friction, at the mean of the velocities at start and end, as all forces of the step do;
-/// this also counts the energy that a jam takes (Painleve's paradox). In a group with a contact or limit that `strikes`,
-/// and in one whose friction would gain energy because its slip reverses in the step, contacts act at the end of the
-/// step, after all other forces: they dissipate p G p/2 - p u, which is not negative, because the law has p u <= 0.
+/// The report of a step, for contact velocities at its `start`, u before the persistent impulses, and `after` them; the
+/// first rows are those of contacts. Friction acts at the mean of the velocities at start and end, which also counts
+/// the energy that a jam takes (Painleve's paradox).
 pub(super) fn report(
     solved: &SolveReport,
     iterations: usize,
     impulse_kept: f64,
     (lost, hit): (f64, Option<&Impact>),
-    (cone, held): (&Cones, &DVector<f64>),
-    [start, after]: [&DVector<f64>; 2],
-    (strikes, touching): (&[bool], usize),
+    (held, [start, u, after]): (&DVector<f64>, [&DVector<f64>; 3]),
+    (touching, rest_speed): (usize, f64),
 ) -> ContactReport {
-    /// Losses at the mean velocities below minus this fraction of p G p/2 are not rounding errors.
-    const ROUNDING: f64 = 1e-9;
     let (mut impacts, mut friction) = (lost, 0.0);
-    let mut of_contacts = held.clone();
-    of_contacts.rows_range_mut(3 * touching..).fill(0.0);
-    let change = cone.response(&of_contacts);
-    for members in cone.members() {
-        let (mut at_mean, mut at_end, mut square) = (0.0, 0.0, 0.0);
-        for &at in members.iter().filter(|&&at| at < touching) {
-            let [p, start, change, after] = [held, start, &change, after].map(|rows| rows.fixed_rows::<3>(3 * at));
-            at_mean -= 0.5 * (p[0] * (start[0] + after[0]) + p[1] * (start[1] + after[1]));
-            at_end += p.dot(&(change * 0.5 - after));
-            square += 0.5 * p.dot(&change);
-        }
-        if members.iter().any(|&at| strikes[at] && held[3 * at + 2] > 0.0) {
-            impacts += at_end;
+    for at in 0..touching {
+        let [p, start, u, after] = [held, start, u, after].map(|rows| rows.fixed_rows::<3>(3 * at));
+        if start[2] < -rest_speed {
+            impacts -= 0.5 * p.dot(&(u + after));
         } else {
-            friction += if at_mean >= -ROUNDING * square { at_mean } else { at_end };
+            friction -= 0.5 * (p[0] * (start[0] + after[0]) + p[1] * (start[1] + after[1]));
         }
     }
     #[allow(clippy::cast_precision_loss)] // a small count
