@@ -62,8 +62,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let joint = joint_of_row(self.scene(), of.map_or(0, |of| of.dropped_row as usize));
         format!(
             "limits: found joint {joint:?} at a stop that the connections prevent from acting, as at a dead center; \
-             expected limits that the closed mechanism can meet: the stop is omitted in such steps, and \
-             Trajectory.violations() lists the rows outside of limits"
+             expected limits that the closed mechanism can meet: the stop is omitted in such steps; {} lists \
+             the rows outside of limits",
+            in_language("the motion", "path.violations()")
         )
     }
 }
