@@ -44,9 +44,6 @@ const MISSED: f64 = 1e-5;
 /// A joint does not return to its limits if other joints would move faster than this times the velocities of the step.
 const VIOLENT: f64 = 10.0;
 
-/// Responses and velocities below this are those of joints that the connections hold: numbers with fewer digits, or zero.
-const UNMOVED: f64 = 1e-150;
-
 /// Relative rounding errors of velocities and of torques.
 const ROUNDING: f64 = 1e-12;
 
@@ -259,7 +256,7 @@ impl Acting {
             if self.reduce(&holds, (&own, &u), largest(&velocities, 0.0) / largest(free, AT_MOST)) {
                 continue;
             }
-            if largest(&velocities, 0.0) <= (ROUNDING * largest(free, 0.0)).max(UNMOVED) {
+            if largest(&velocities, 0.0) <= ROUNDING * largest(free, 0.0) {
                 velocities.fill(0.0);
             }
             for (&i, hold) in self.near.iter().zip(&holds) {
@@ -295,19 +292,16 @@ impl Acting {
 
     /// The torques of the rows on these pieces, and their velocities.
     fn response(&self, free: &DVector<f64>, graphs: &[Graph], pieces: &[Piece]) -> (DVector<f64>, DVector<f64>) {
-        let largest = (0..self.g.nrows()).fold(UNMOVED, |most, a| most.max(self.g[(a, a)]));
         let stuck: Vec<(usize, f64)> = graphs
             .iter()
             .zip(pieces)
             .enumerate()
             .filter_map(|(a, (graph, &piece))| graph.velocity(piece).map(|(velocity, _)| (a, velocity)))
-            // A joint that the connections hold does not respond.
-            .filter(|&(a, _)| self.g[(a, a)] > UNMOVED * largest)
             .collect();
         let mut torques = DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]));
         let mut g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
         let [own, beside] = COMPLIANCE;
-        let least = beside * largest;
+        let least = beside * (0..self.g.nrows()).fold(f64::MIN_POSITIVE, |most, a| most.max(self.g[(a, a)]));
         for a in 0..stuck.len() {
             g[(a, a)] += own * g[(a, a)] + least;
         }

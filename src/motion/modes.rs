@@ -35,7 +35,9 @@ pub(super) fn set_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut 
                 s.consistent = s.consistent.worst(v.constant(0.5) - at_rest);
                 mode.stuck = o;
             }
-            s.dry[mode.row] = -(mode.friction * v * (v.abs() + at_rest).recip());
+            // The reciprocal of a smaller number overflows.
+            let speed = larger(v.abs() + at_rest, v.constant(f64::MIN_POSITIVE));
+            s.dry[mode.row] = -(mode.friction * v * speed.recip());
         } else {
             mode.stuck = at_rest * larger(mode.at_lower, mode.at_upper);
         }
