@@ -62,13 +62,11 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: KernelA
         states,
     } = call;
     let nv = innovations.len();
-    let mut doubt = match form {
-        Form::Auto => factor::watched(target, scene, scratch, (state.0, &mut results[..nv])),
-        Form::Covariance => factor::unwatched(target, scene, scratch, state.0),
-        Form::SquareRoot => return u64::MAX,
-    };
+    if form == Form::SquareRoot {
+        return u64::MAX;
+    }
+    let mut doubt = factors((target, form), scene, (&mut *scratch, rows), (state.0, state.1), &mut results[..nv]);
     factor::innovations(target, scene, scratch, state, (wrenches, innovations));
-    doubt |= factor_rows(target, scene, scratch, rows, state.1);
     let vectors = (state.2, &mut innovations[..], &mut results[..nv]);
     let (_, open) = accelerations(target, scene, scratch, rows, vectors, (!doubt, u64::MAX));
     doubt |= open;
@@ -80,6 +78,23 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: KernelA
     let width = out.len() / states.min(T::LANES);
     T::put_lanes(&results[..width], out);
     doubt | lanes_but::<T>(|lane| fault.lane(lane) == 0.0)
+}
+
+/// The factors of M, in form auto with an error estimate, and of the rows at (q, qd); `estimates` is scratch. Returns the
+/// lanes that need the fallback.
+#[inline(always)]
+pub(crate) fn factors<T: Vectorized, I: Target>(
+    (target, form): (I, Form),
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
+    (q, qd): (&[T], &[T]),
+    estimates: &mut [T],
+) -> u64 {
+    let doubt = match form {
+        Form::Auto => factor::watched(target, scene, scratch, (q, estimates)),
+        _ => factor::unwatched(target, scene, scratch, q),
+    };
+    doubt | factor_rows(target, scene, scratch, rows, qd)
 }
 
 /// The rows and the factor of G, with the factor of M in the scratch. Returns the lanes that need the fallback.

@@ -189,11 +189,9 @@ fn factors<T: Vectorized, I: Target>(
     (q, v): (&[T], &[T]),
     estimates: &mut [T],
 ) -> u64 {
-    let doubt = match form {
-        Form::Auto => factor::watched(target, scene, scratch, (q, estimates)),
-        _ => factor::unwatched(target, scene, scratch, q),
-    };
-    doubt | rows_at(target, scene, (scratch, rows), (q, v))
+    let doubt = connected::factors((target, form), scene, (scratch, &mut *rows), (q, v), estimates);
+    rows.joint_errors(q);
+    doubt
 }
 
 /// The factor of the rows and their errors, with the factor of M in the scratch. Returns the lanes that need the

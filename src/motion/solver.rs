@@ -121,14 +121,15 @@ impl Followed {
         }
         let Self { coupling, kernel, innovations, .. } = self;
         let rows = kernel.get_or_insert_with(|| ConstraintKernel::new(scene, coupling.tied().constraints()));
-        let mut doubt = 0;
-        if estimates && form != Form::Covariance {
-            doubt |= factor::watched(Baseline, scene, scratch, (state.0, &mut *qdd));
+        let doubt = if estimates && form != Form::Covariance {
+            let at = (state.0, state.1);
+            let doubt = connected::factors((Baseline, form), scene, (&mut *scratch, &mut *rows), at, qdd);
             factor::innovations(Baseline, scene, scratch, state, (&[], innovations));
+            doubt
         } else {
-            doubt |= factor::with_innovations(Baseline, scene, scratch, state, innovations);
-        }
-        doubt |= connected::factor_rows(Baseline, scene, scratch, rows, state.1);
+            let lost = factor::with_innovations(Baseline, scene, scratch, state, innovations);
+            lost | connected::factor_rows(Baseline, scene, scratch, rows, state.1)
+        };
         let vectors = (state.2, &mut innovations[..], qdd);
         let (_, open) = connected::accelerations(Baseline, scene, scratch, rows, vectors, (!doubt, u64::MAX));
         (doubt | open) & 1 == 0
