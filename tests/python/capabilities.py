@@ -16,7 +16,7 @@ import phipsi
 from phipsi.estimation import Encoder, MotionUncertainty
 from phipsi.estimation._bodies import own_parameters
 from scipy.stats import chi2
-from tolerances import assert_near, assert_same_bits
+from tolerances import assert_near, assert_same_bits, slope_of_order_4
 
 KINDS = ("tree", "mimic", "loop")
 FAR = 100.0
@@ -58,7 +58,7 @@ def skew(a: np.ndarray) -> np.ndarray:
 
 def slope(function: Callable[[float], Any], step: float = STEP) -> np.ndarray:
     """A derivative at zero by central differences of fourth order."""
-    return np.asarray((8 * (function(step) - function(-step)) - (function(2 * step) - function(-2 * step))) / (12 * step))
+    return np.asarray(slope_of_order_4(function, step))
 
 
 class Tree:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -159,8 +160,8 @@ SMOOTHED_ENERGY = 1e-9
 """Rise of the sum of all energies in a step with smoothing, J: rounding, and the tolerance of the solver."""
 
 
-def slope_of_order_4(value: Callable[[float], float], step: float) -> float:
+def slope_of_order_4(value: Callable[[float], Any], step: float) -> Any:
     """A derivative at zero by differences of order 4: with a step of 1e-3, about 12 digits of a smooth function of unit
     size.
     """
-    return float((8 * (value(step) - value(-step)) - (value(2 * step) - value(-2 * step))) / (12 * step))
+    return (8 * (value(step) - value(-step)) - (value(2 * step) - value(-2 * step))) / (12 * step)
