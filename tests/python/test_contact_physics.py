@@ -215,7 +215,7 @@ def test_painleve_s_rod_slides_or_jams_at_once(mu: float, angle: float, dt: floa
         normal = G / stiffness(angle, mu)
         assert state == ContactState.SLIDING
         # A gap of one rounding error changes the force by that divided by dt^2.
-        assert_near(force, np.array([mu * normal, 0, normal]), 128 * EPS / dt**2 / stiffness(angle, mu))
+        assert_near(force, np.array([mu * normal, 0, normal]), 64 * EPS / dt**2 / stiffness(angle, mu))
         return
     # No finite force meets the law: an impulse stops the tip, however short the step.
     assert state == ContactState.STICKING
@@ -224,9 +224,8 @@ def test_painleve_s_rod_slides_or_jams_at_once(mu: float, angle: float, dt: floa
     free = qd + [0, -G * dt, 0]
     impulse = -np.linalg.solve(jacobian @ np.linalg.solve(matrix, jacobian.T), jacobian @ free)
     assert abs(impulse[0]) <= mu * impulse[1] and impulse[1] > 0.1
-    # The matrix of the impulse is ill-conditioned near the bound of the paradox.
-    assert_near(force[[0, 2]] * dt, impulse, 10 * FAR)
-    assert_near(path.qd[-1], free + np.linalg.solve(matrix, jacobian.T @ impulse), 10 * FAR)
+    assert_near(force[[0, 2]] * dt, impulse, FAR)
+    assert_near(path.qd[-1], free + np.linalg.solve(matrix, jacobian.T @ impulse), FAR)
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])

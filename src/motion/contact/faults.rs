@@ -86,7 +86,9 @@ mod tests {
     #[test]
     fn names_are_those_of_contacts_and_of_joints_at_their_limits() {
         let mut builder = crate::scenes::chain(3).unwrap().source().clone();
-        builder = builder.contact(Contact::new("heel", "link2")).contact(Contact::new("toe", "link3"));
+        for (name, link) in [("heel", "link1"), ("toe", "link2")] {
+            builder = builder.contact(Contact::new(name, link).with_point([0.1, 0.0, 0.3]));
+        }
         let scene: Scene = builder.build().unwrap();
         let limit = |body: usize| LimitRow { body, row: body, coordinate: body, upper: true, bound: 1.0 };
         let limits = [limit(0), limit(2)];
