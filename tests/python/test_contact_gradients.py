@@ -122,10 +122,7 @@ def test_an_impact_whose_rebound_is_limited_by_the_energy() -> None:
         q = scene.integrate(np.tile(scene.neutral(), (4000, 1)), random.normal(size=(4000, 6)) * 0.2)
         q[:, 2] = 0.12
         qd = random.normal(size=(4000, 6)) * 3
-        found = scene.simulate(q, qd, dt=2e-3, steps=1).contacts
-        # With three contacts or more the impulses are redundant, and their gradients by q and qd are not right in this case (docs/motion.md).
-        touching = sum(impulse[:, -1].any(axis=-1).astype(int) for impulse in found.impulse.values())
-        limited = np.flatnonzero((found.expansion_kept < 1.0 - 1e-4) & (touching <= 2))
+        limited = np.flatnonzero(scene.simulate(q, qd, dt=2e-3, steps=1).contacts.expansion_kept < 1.0 - 1e-4)
         assert limited.size
         run = Run(robot, q[limited], qd[limited], {"dt": 2e-3, "steps": 1})
         rows = list(run.compared())
@@ -135,7 +132,7 @@ def test_an_impact_whose_rebound_is_limited_by_the_energy() -> None:
             sure = (doubt <= 0.3 * CONTACT_GRADIENT * scale).all(axis=-1) & ~run.changed
             off = np.abs(found - slopes) / scale
             assert sure.any() and np.all(off[sure] <= CONTACT_GRADIENT), f"{name}: {off}"
-    assert checked >= 3, checked
+    assert checked > 3, checked
 
 
 @pytest.mark.parametrize("mode", [(True, False), (False, False), (True, True), (False, True)], ids=["sticks", "slides", "sticks and rebounds", "slides and rebounds"])
