@@ -3,9 +3,9 @@
 //!
 //! A substep whose modes change before its end is an *event*: one step of the implicit Euler method with the law of
 //! [`stops`](super::stops) at its end. Its error is of second order if joints stick or slip, and such events are rare,
-//! so that methods keep an order of up to two. The time of an impact is resolved to one step only, which is an error of
-//! first order. At a stop the joint ends the step on the stop, with the rebound velocity, or at rest if the rebound
-//! would end within the step.
+//! so that methods keep an order of up to two. The time of an impact is resolved to one substep only, which is an error
+//! of first order; a rebound is therefore an event of the shortest length. At a stop the joint ends the substep on the
+//! stop, with the rebound velocity, or at rest if the rebound would end within the step.
 
 use super::manifold::advance;
 use super::method::{Method, Scheme};
@@ -165,7 +165,10 @@ impl Substeps {
                 let time = shortest * f64::from(MOST_SUBSTEPS - left + size);
                 let (totals, impacts) = (s.totals, self.impacts.len());
                 self.event(settings, scheme.step, s, solver, time);
-                if settings.divides && size > 1 && !conserves(settings, s, &totals, &mut solver.workspace) {
+                // The time of a rebound, and the work of the other forces until then, need the shortest substep.
+                let rebounds = self.solutions.len() > 1 && settings.restitution > 0.0;
+                if settings.divides && size > 1 && (rebounds || !conserves(settings, s, &totals, &mut solver.workspace))
+                {
                     s.totals = totals;
                     self.impacts.truncate(impacts);
                     (size, calm) = (size / 2, 0);
@@ -357,7 +360,8 @@ impl Substeps {
                         back <= accuracy * fastest && back * back <= 2.0 * toward * free[of.row] * height
                     }
                 };
-                let rests = !(back > 2.0 * h * slowing) || is_low;
+                let longest = if settings.accuracy.is_none() { settings.step } else { h };
+                let rests = !(back > 2.0 * longest * slowing) || is_low;
                 if rests && back > 0.0 {
                     omitted += (back / fastest).max(back * back / (2.0 * slowing));
                 }
@@ -372,23 +376,15 @@ impl Substeps {
             s.q_next[settings.set_valued[*row].coordinate] = *bound;
         }
         for (i, of) in settings.set_valued.iter().enumerate() {
-            let (piece, graph, torque) = (self.pieces[i], &self.graphs[i], self.torque[of.row]);
-            let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
-            let at_a_stop = graph.velocity(piece).is_some_and(|(_, hold)| hold != Hold::Friction);
-            // Friction opposes the motion; at rest it compensates the other torques up to its bound.
-            let rubbing = if at_a_stop && along != 0.0 {
-                -of.friction * along.signum()
-            } else {
-                torque.clamp(-of.friction, of.friction)
-            };
-            s.totals[FRICTION] += rubbing * along;
-            s.totals[STOPS] += (torque - rubbing) * along;
-            let upper = match graph.velocity(piece) {
+            let [rubbing, stopping] = self.works(i, of, h, s);
+            s.totals[FRICTION] += rubbing;
+            s.totals[STOPS] += stopping;
+            let upper = match self.graphs[i].velocity(self.pieces[i]) {
                 Some((_, Hold::Lower)) if s.v[of.row] < 0.0 => false,
                 Some((_, Hold::Upper)) if s.v[of.row] > 0.0 => true,
                 _ => continue,
             };
-            let impulse = h * (torque - rubbing);
+            let impulse = h * (self.torque[of.row] - self.rubbing(i, of, s));
             self.impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: s.v[of.row].abs(), impulse });
         }
         add_work(settings, s);
@@ -398,8 +394,30 @@ impl Substeps {
         h * jump.max(late) + omitted
     }
 
+    /// The torque of friction of a row in the current solution: it opposes the motion; at rest it compensates the other
+    /// torques up to its bound. Stops do not pull.
+    fn rubbing(&self, i: usize, of: &SetValued, s: &Scratch<f64>) -> f64 {
+        let (torque, twice) = (self.torque[of.row], s.v[of.row] + s.v_next[of.row]);
+        let sliding = -of.friction * twice.signum();
+        match self.graphs[i].velocity(self.pieces[i]) {
+            Some((_, Hold::Lower)) if twice != 0.0 => sliding.min(torque),
+            Some((_, Hold::Upper)) if twice != 0.0 => sliding.max(torque),
+            _ => torque.clamp(-of.friction, of.friction),
+        }
+    }
+
+    /// The works of friction and stop of a row in an event.
+    fn works(&self, i: usize, of: &SetValued, h: f64, s: &Scratch<f64>) -> [f64; 2] {
+        let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
+        let rubbing = self.rubbing(i, of, s);
+        [rubbing * along, (self.torque[of.row] - rubbing) * along]
+    }
+
     /// Velocities after impacts on stops, by J. J. Moreau's law: rebound velocities, with restitution halved until the
     /// impacts do not add kinetic energy.
+    ///
+    /// With impulses p of the rows and h f of all other forces, M (v' - v) = h f + p, so that the kinetic energy
+    /// changes by (h f + p)' (v + v')/2, of which p' (v + v')/2 is the part of the impacts.
     fn rebound(
         &mut self,
         settings: &StepSettings,
@@ -409,13 +427,7 @@ impl Substeps {
         hits: &[(usize, usize, f64)],
     ) {
         const HALVINGS: i32 = 8;
-        let (graphs, pieces, reached) = (self.graphs.clone(), self.pieces.clone(), s.v_next.clone());
-        let energy = |s: &mut Scratch<f64>, v: &[f64], solver: &mut Checked| {
-            s.model.system.noise.copy_from_slice(&settings.properties.armature);
-            dynamics::kinetic_energy(&s.model, &mut solver.workspace, &s.q, v)
-        };
-        let (before, held) = (s.v.clone(), energy(s, &reached, solver));
-        let most = energy(s, &before, solver).max(held);
+        let (graphs, pieces) = (self.graphs.clone(), self.pieces.clone());
         for halving in 0..=HALVINGS {
             let part = if halving == HALVINGS { 0.0 } else { 0.5_f64.powi(halving) };
             (self.graphs, self.pieces) = (graphs.clone(), pieces.clone());
@@ -425,12 +437,16 @@ impl Substeps {
                 self.pieces[i] = self.graphs[i].piece(-kept * s.v[of.row]);
             }
             self.solve(settings, h, s, solver);
-            let after = s.v_next.clone();
-            if energy(s, &after, solver) <= most * (1.0 + 1e-12) {
+            let (mut added, mut size) = (0.0, 0.0);
+            for (i, of) in settings.set_valued.iter().enumerate() {
+                let [rubbing, stopping] = self.works(i, of, h, s);
+                added += stopping;
+                size += rubbing.abs() + stopping.abs();
+            }
+            if added <= ROUNDING_OF_TORQUES * size {
                 break;
             }
         }
-        s.model.system.noise.copy_from_slice(&self.noise);
         self.store_solution(settings, h, s);
     }
 
@@ -546,7 +562,8 @@ fn shorter(by: StepArguments<'_>, s: &Scratch<f64>, size: u32) -> u32 {
 /// Largest accepted energy error of an event, relative to the kinetic energy or to the largest work.
 const ENERGY: f64 = 1e-2;
 
-/// True if the energy change in an event equals the work, within the accepted error; `totals` are those before it.
+/// True if the energy change in an event equals the work, within the accepted error, and if stops add none to joints
+/// within their limits: a joint that leaves its stop and returns within the step would. `totals` are those before it.
 fn conserves(
     settings: &StepSettings,
     s: &mut Scratch<f64>,
@@ -560,7 +577,9 @@ fn conserves(
     let springs: f64 = s.rows.iter().zip(&s.displaced).zip(&s.x).map(|((of, away), x)| -of.stiffness * away * x).sum();
     let works = WORKS.map(|i| s.totals[i] - totals[i]);
     let exchanged = works.iter().fold(before.kinetic.max(after.kinetic), |most, work| most.max(work.abs()));
-    (change - works.iter().sum::<f64>() - springs).abs() <= ENERGY * exchanged + f64::MIN_POSITIVE
+    let returns = settings.set_valued.iter().any(|of| of.is_outside(&s.q));
+    let pushes = !returns && s.totals[STOPS] - totals[STOPS] > ROUNDING_OF_TORQUES * exchanged;
+    !pushes && (change - works.iter().sum::<f64>() - springs).abs() <= ENERGY * exchanged + f64::MIN_POSITIVE
 }
 
 /// The solution of an event.
