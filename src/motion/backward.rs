@@ -16,13 +16,13 @@
 //! ([`Motion`](crate::joints::Motion)). A stage costs one factorization of M, one additional solve and one reverse
 //! product, all O(N), with the sweeps of forward dynamics.
 
+use super::events::RowSolution;
 use super::method::STAGES;
 use super::modes::{STUCK_NOISE, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::{Checked, Solver};
 use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage};
 use super::step_settings::StepArguments;
-use super::substeps::RowSolution;
 use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::{Target, Vectorized};
 use crate::batch::{factor::with_factor, products};

@@ -43,7 +43,7 @@ pub(super) fn step_settings(
     let stops = settings.limits == Limits::Stop;
     let mut of = StepSettings::new(scene.model(), dt, chosen, (properties, gains)).with_coupling(coupling);
     of.asked = method;
-    of.divides = method == Method::Auto && is_tree;
+    of.divides = method == Method::Auto && !touches;
     of.restitution = settings.restitution;
     of.stops = stops;
     of.accuracy = accuracy;

@@ -5,15 +5,16 @@
 //! first order only, and depends on the steps beyond.
 
 use super::backward::{ARMATURE, BackwardSolver, StepGradients, backward};
-use super::choice::closed_rows;
+use super::closed_steps::{ClosedScratch, ClosedSteps};
 use super::closed_stops::is_past;
 use super::constrained::{Constrained, ConstrainedScratch, Failure};
+use super::division::{Substeps, Visitor};
+use super::method::Scheme;
 use super::properties::joint_of_row;
 use super::scratch::{Scratch, add_scaled};
 use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
-use super::stops::SetValued;
 use crate::batch::accelerations::KernelArguments;
 use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, subtract_products};
 use crate::dynamics::derivatives::{Constants, Parameters};
@@ -27,9 +28,9 @@ use crate::scene::Scene;
 pub(super) struct ClosedReverse {
     pub scratch: Scratch<f64>,
     pub gradients: StepGradients<f64>,
-    closed: ConstrainedScratch,
+    closed: ClosedScratch,
     adjoint: ConstraintAdjoint,
-    rows: Vec<SetValued>,
+    divided: Substeps,
     newton: Vec<ProjectionStep>,
     /// Forces of the connections in each stage.
     forces: Vec<Vec<f64>>,
@@ -97,33 +98,49 @@ impl ClosedReverse {
         let scratch = Scratch::new(scene.model(), settings);
         Self {
             gradients: StepGradients::new(&scratch.model, parameters),
-            closed: ConstrainedScratch::new(scene, settings, form),
+            closed: ClosedScratch::new(scene, settings, form),
             adjoint: ConstraintAdjoint::new(scene.model(), scene.constraints(), parameters),
-            rows: closed_rows(scene, settings),
+            divided: Substeps::new(&scratch),
             newton: Vec::new(),
             forces: Vec::new(),
             scratch,
         }
     }
 
-    /// From `gradients.end` to all results of [`StepGradients`]. Returns the joint and the error if that fails.
-    pub fn step(&mut self, scene: &Scene, settings: &StepSettings) -> Result<(), (String, Error)> {
-        let Self { scratch: s, gradients, closed, adjoint, rows, newton, forces } = self;
-        let mut forward = Constrained { scene, scratch: closed, compliance: &settings.compliance };
-        let by = (settings, &settings.scheme);
-        let named = |(lost, error): Failure| match (lost, error) {
-            (Some(lost), _) => {
-                let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-                (joint, scene.singular(lost))
-            }
-            (None, Some(error)) => (String::new(), error),
-            (None, None) => (String::new(), Error::argument("q, qd", "a failed step", "rows that simulate recorded")),
-        };
+    /// The step forward, in substeps.
+    pub fn substeps(
+        &mut self,
+        scene: &Scene,
+        settings: &StepSettings,
+        visit: &mut Visitor<'_>,
+    ) -> Result<(), (String, Error)> {
+        let mut steps = ClosedSteps::new(scene, &mut self.closed);
+        self.divided.advance(settings, &mut self.scratch, &mut steps, visit);
+        steps.failure.map_or(Ok(()), |failure| Err(named(scene, failure)))
+    }
+
+    /// From `gradients.end` to all results of [`StepGradients`], for a whole step or a substep. Returns false for a
+    /// whole step that is divided, and the joint and the error if the step fails.
+    pub fn step(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        scheme: &Scheme,
+        is_whole: bool,
+    ) -> Result<bool, (String, Error)> {
+        let Self { scratch: s, gradients, closed, adjoint, newton, forces, .. } = self;
+        let ClosedScratch { rows_of_connections, rows, .. } = closed;
+        let mut forward = Constrained { scene, scratch: rows_of_connections, compliance: &settings.compliance };
+        let (by, named) = ((settings, scheme), |failure| named(scene, failure));
+        s.adopt(settings, scheme);
         forces.clear();
         step(by, s, &mut Recorded { forward: &mut forward, forces });
         let free = s.v_next.clone();
         newton.clear();
-        forward.finish_recorded(settings, s, Some(newton)).map_err(named)?;
+        let finished = forward.finish_recorded(settings, s, Some(newton));
+        if is_whole && settings.divides && (!(s.short_enough > 0.0) || finished.is_err()) {
+            return Ok(false);
+        }
+        finished.map_err(named)?;
         if let Some(of) = rows.iter().find(|of| is_past(of, s)) {
             let joint = joint_of_row(scene, of.row);
             let upper = s.q_next[of.coordinate].max(s.q[of.coordinate]) > of.upper;
@@ -150,7 +167,7 @@ impl ClosedReverse {
         s.model.system.noise = noise;
         through.map_err(|error| (String::new(), error))?;
         // Stages without weight have no adjoint.
-        forces.truncate(settings.scheme.tableau.last_stage() + 1);
+        forces.truncate(scheme.tableau.last_stage() + 1);
         let mut solver = ClosedBackward { forward, adjoint, forces };
         backward(by, s, gradients, &mut solver, None);
         if let Err(failure) = solver.forward.scratch.take_fault() {
@@ -159,7 +176,22 @@ impl ClosedReverse {
         add_scaled(&mut gradients.acting[ARMATURE], 1.0, &adjoint.noise);
         add_scaled(gradients.parameters.as_flattened_mut(), 1.0, adjoint.parameters.as_flattened());
         let mut results = gradients.results();
-        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
+        results
+            .try_for_each(|numbers| scene.check_result("gradients", numbers))
+            .map_err(|error| (String::new(), error))?;
+        Ok(true)
+    }
+}
+
+/// The joint and the error of a failed step.
+fn named(scene: &Scene, (lost, error): Failure) -> (String, Error) {
+    match (lost, error) {
+        (Some(lost), _) => {
+            let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
+            (joint, scene.singular(lost))
+        }
+        (None, Some(error)) => (String::new(), error),
+        (None, None) => (String::new(), Error::argument("q, qd", "a failed step", "rows that simulate recorded")),
     }
 }
 

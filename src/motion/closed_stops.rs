@@ -13,13 +13,13 @@
 //! step.
 
 use super::constrained::{Constrained, Failure};
+use super::events::{StopImpact, largest};
 use super::limit_rows::{rebounds, settle_at};
 use super::manifold::advance;
 use super::modes::STUCK_NOISE;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
 use super::stops::{AT_MOST, Graph, Hold, Piece, SetValued, settle};
-use super::substeps::{StopImpact, largest};
 use super::totals::{DROPPED, DROPPED_ROW, FRICTION, STOPS};
 use crate::contact::{Cone, expansion_kept};
 use crate::dynamics::contacts::LimitRow;
@@ -31,8 +31,8 @@ const LATE: f64 = 1e-12;
 
 /// A joint that the projection onto the connections moves further beyond its limit than this, rad or m, is corrected,
 /// at most this number of times.
-const CURVED: f64 = 1e-9;
-const CORRECTIONS: usize = 3;
+const CURVED: f64 = 1e-13;
+const CORRECTIONS: usize = 10;
 
 /// Compliance of the stuck rows, relative to the diagonal of their matrix and to its largest entry, which makes the
 /// torques of dependent rows unique; and the number of steps that remove it from the velocities.
@@ -71,15 +71,18 @@ struct Solution {
 }
 
 impl Constrained<'_> {
-    /// Solves friction and stops of a step, from the end of a step without them. Returns the impacts.
+    /// Solves friction and stops of a step of length h, from the end of a step without them. Adds the impacts, with
+    /// the given time. Returns an estimate of the error, as of error control.
     pub(super) fn stop(
         &mut self,
         settings: &StepSettings,
+        h_and_time: (f64, f64),
         rows: &[SetValued],
         s: &mut Scratch<f64>,
-    ) -> Result<Vec<StopImpact>, Failure> {
+        impacts: &mut Vec<StopImpact>,
+    ) -> Result<f64, Failure> {
         let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-        let outcome = self.stopped(settings, rows, s);
+        let outcome = self.stopped(settings, h_and_time, rows, s, impacts);
         s.model.system.noise = noise;
         outcome
     }
@@ -87,10 +90,11 @@ impl Constrained<'_> {
     fn stopped(
         &mut self,
         settings: &StepSettings,
+        (h, time): (f64, f64),
         rows: &[SetValued],
         s: &mut Scratch<f64>,
-    ) -> Result<Vec<StopImpact>, Failure> {
-        let h = settings.step;
+        impacts: &mut Vec<StopImpact>,
+    ) -> Result<f64, Failure> {
         let mut free = s.v_next.clone();
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
         let bounds: Vec<[f64; 2]> =
@@ -169,7 +173,8 @@ impl Constrained<'_> {
                 _ => [low, high],
             }
         };
-        let (is_stopped, elastic) = ((0..n).any(|i| stopped(i).is_some()), (0..n).any(bounces));
+        let bounced: Vec<bool> = (0..n).map(bounces).collect();
+        let (is_stopped, elastic) = ((0..n).any(|i| stopped(i).is_some()), bounced.contains(&true));
         let (resting, rebounding): (Vec<_>, Vec<_>) = (0..n).map(|i| (returning(i), back(i))).unzip();
         let mut last = if is_stopped { acting.solved(rows, &free, |i| resting[i]) } else { reached.clone() };
         if elastic {
@@ -182,14 +187,41 @@ impl Constrained<'_> {
             s.model.system.noise.copy_from_slice(&held);
             projected?;
         }
-        let impacts = acting.finish(rows, (&reached, &last), (h, &resting, elastic), s);
+        let hits = acting.finish(rows, (&reached, &last), (h, &resting, elastic), s);
+        impacts.extend(hits.into_iter().map(|impact| StopImpact { time, ..impact }));
         if let Some(i) = acting.reduced.iter().position(|&by| by > 0) {
             s.totals[DROPPED] += 1.0;
             #[allow(clippy::cast_precision_loss)] // index of a joint
             let row = rows[i].row as f64;
             s.totals[DROPPED_ROW] = row;
         }
-        Ok(impacts)
+        if is_still && s.v_next == s.v {
+            return Ok(0.0);
+        }
+        // Velocities change at an unknown time within the step, by the accelerations too unless the same joints are
+        // held from its start on; rebounds are omitted.
+        let fastest = largest(&s.v, 1.0);
+        let jump = s.v_next.iter().zip(&s.v).fold(0.0_f64, |most, (next, v)| most.max((next - v).abs()));
+        let (mut lasts, mut omitted) = (true, 0.0_f64);
+        for (at, &i) in acting.near.iter().enumerate() {
+            let (of, start) = (&rows[i], s.v[rows[i].row]);
+            lasts &= match reached.holds[at] {
+                Some(Hold::Friction) => start == 0.0,
+                Some(_) => of.beyond(&s.q) >= 0.0,
+                None => start * s.v_next[of.row] >= 0.0,
+            };
+            if reached.holds[at].is_some_and(|hold| hold != Hold::Friction) && !bounced[i] && of.beyond(&s.q) < 0.0 {
+                let (back, slowing) = (settings.restitution * start.abs(), (free[of.row] - start).abs() / h);
+                omitted += (back / fastest).max(back * back / (2.0 * slowing.max(f64::MIN_POSITIVE)));
+            }
+        }
+        let late = |row: usize| {
+            let rubbing =
+                acting.near.iter().zip(&acting.columns).map(|(&i, column)| rows[i].friction * column[row].abs());
+            (free[row] - s.v[row]).abs() + rubbing.sum::<f64>()
+        };
+        let late = if lasts { 0.0 } else { (0..free.len()).map(late).fold(0.0, f64::max) / fastest };
+        Ok((h * jump).max(late) + omitted)
     }
 
     /// Adds rows to the acting ones.

@@ -43,10 +43,11 @@ pub(super) fn fault_of(
 
 /// Another fix for a motion that diverges: settings that the run does not have.
 fn remedy(settings: &StepSettings) -> &'static str {
-    let StepSettings { asked, accuracy, coupling, .. } = settings;
-    let controls = settings.divides && accuracy.is_none() && coupling.is_none();
+    let StepSettings { asked, accuracy, .. } = settings;
     match asked {
-        Method::Auto if controls => in_language(", or set Settings::accuracy", ", or set accuracy=1e-6"),
+        Method::Auto if settings.divides && accuracy.is_none() => {
+            in_language(", or set Settings::accuracy", ", or set accuracy=1e-6")
+        }
         Method::Auto => ", or smaller gains and torques",
         Method::Contact => "",
         _ => in_language(", or Method::Auto", ", or method=\"auto\""),

@@ -1,8 +1,8 @@
 //! A range of steps of adjacent states, and the destination of their rows.
 
 use super::contact::RECORD;
+use super::events::StopImpact;
 use super::step_settings::StepSettings;
-use super::substeps::StopImpact;
 use super::torque::Torque;
 use crate::scene::Scene;
 use crate::setters::setters;

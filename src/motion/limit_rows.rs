@@ -1,7 +1,7 @@
 //! Joint limits as stops in scenes with contacts or connections: frictionless unilateral rows, in steps of order 1.
 
+use super::events::StopImpact;
 use super::stops::returning;
-use super::substeps::StopImpact;
 use crate::dynamics::contacts::LimitRow;
 use crate::scene::Scene;
 

@@ -20,7 +20,8 @@
 //! Exact friction and stops are a set-valued law: r = -f sign(v) in motion, any torque between -f and f at rest, and
 //! any torque away from a stop at the stop. A joint that friction or a stop holds is *stuck*: measurement noise without
 //! bound makes its gain zero, so that the filter treats it like a fixed joint, still in O(N). `stops` implements the
-//! law, `substeps` the steps in which a joint sticks, slips or reaches a stop, and `totals` the works.
+//! law, `events` the steps of trees in which a joint sticks, slips or reaches a stop
+//! (`closed_stops` those of loops), `division` the substeps of all scenes, and `totals` the works.
 //!
 //! In scenes with connections, accelerations satisfy J qdd + J' qd = 0, and each step ends with a
 //! projection of positions and velocities onto the connections, with the displacement of least kinetic energy.
@@ -51,10 +52,13 @@
 mod backward;
 mod choice;
 mod closed_reverse;
+mod closed_steps;
 mod closed_stops;
 mod connected;
 mod constrained;
 mod contact;
+mod division;
+mod events;
 mod faults;
 mod gradient;
 mod job;
@@ -63,6 +67,7 @@ pub(crate) mod manifold;
 pub(crate) mod method;
 mod modes;
 pub(crate) mod properties;
+mod reversed_substeps;
 mod reverser;
 pub(crate) mod rollout;
 mod scratch;
@@ -74,12 +79,12 @@ mod step;
 mod step_settings;
 mod stepper;
 mod stops;
-mod substeps;
 mod torque;
 mod totals;
 mod works;
 
 pub use contact::{ContactReport, ContactState, ModeChange};
+pub use events::StopImpact;
 pub use gradient::{ContactGradients, RecordedRows, RolloutGradients};
 pub use job::Records;
 pub use method::{METHODS, Method};
@@ -87,6 +92,5 @@ pub use properties::{FRICTION_SPEED, Gains, Properties};
 pub use rollout::Rollout;
 pub use settings::{Limits, Settings};
 pub use simulator::Simulator;
-pub use substeps::StopImpact;
 pub use torque::{StepFault, Torque};
 pub use totals::Totals;

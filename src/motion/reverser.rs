@@ -3,15 +3,17 @@
 use super::backward::{ACTING, CheckedBackward, EventSolver, StepGradients, TORQUE, VectorizedBackward, backward};
 use super::closed_reverse::ClosedReverse;
 use super::contact::{ContactReverse, ModeChange};
+use super::division::{Substeps, TreeSteps};
+use super::events::{EventSolution, Events};
 use super::gradient::{Layout, RecordedRows};
 use super::job::{self, Rows};
 use super::method::{Method, Scheme};
 use super::properties::of_state;
+use super::reversed_substeps::{Parts, Substep, through_substeps};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver;
 use super::step_settings::{StepArguments, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
-use super::substeps::{Event, EventSolution, Substeps};
 use super::torque::{StepFault, Torque};
 use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
 use crate::dynamics::derivatives::Parameters;
@@ -220,20 +222,28 @@ struct Compiled<T: Vectorized, I> {
 }
 
 /// One state, for steps that are not vectorized.
-trait OneState {
-    fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>);
-
+trait OneState: Parts {
     /// Propagates the gradients through the step of one state. Returns the joint and the error if that fails.
     fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)>;
 }
 
-impl OneState for ClosedReverse {
+impl Parts for ClosedReverse {
     fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>) {
         (&mut self.scratch, &mut self.gradients)
     }
+}
 
+impl OneState for ClosedReverse {
     fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
-        self.step(job.scene, job.settings)
+        let (scene, settings) = (job.scene, job.settings);
+        if self.step((scene, settings), &settings.scheme, true)? {
+            return Ok(());
+        }
+        let mut made = Vec::new();
+        self.substeps(scene, settings, &mut |scheme, s, _| made.push(Substep::new(settings, scheme, s, None)))?;
+        through_substeps(self, settings, made, |closed, Substep { scheme, .. }| {
+            closed.step((scene, settings), &Scheme::new(settings.method, scheme.step), false).map(drop)
+        })
     }
 }
 
@@ -244,27 +254,8 @@ struct Checked {
     solver: CheckedBackward,
     /// The step forward, and its substeps.
     forward: solver::Checked,
+    events: Events,
     substeps: Substeps,
-    made: Vec<Substep>,
-}
-
-/// A substep of the step forward.
-struct Substep {
-    q: Vec<f64>,
-    v: Vec<f64>,
-    scheme: Scheme,
-    /// Of an event: its solutions, and the rows that end at a stop.
-    event: Option<(Vec<EventSolution>, Vec<usize>)>,
-}
-
-impl Substep {
-    fn new(settings: &StepSettings, scheme: &Scheme, s: &Scratch<f64>, event: Option<&Event<'_>>) -> Self {
-        let event = event.map(|event| {
-            let reached = event.reached.iter().map(|&(i, _)| settings.set_valued[i].row).collect();
-            (event.solutions.to_vec(), reached)
-        });
-        Self { q: s.q.clone(), v: s.v.clone(), scheme: *scheme, event }
-    }
 }
 
 impl Checked {
@@ -276,29 +267,27 @@ impl Checked {
         let solver = CheckedBackward::new(&scratch.model, coupling.clone(), form, tolerance);
         let forward =
             solver::Checked::new(job.scene.model(), coupling.clone(), form).accepting(tolerance).with_kernels();
-        let substeps = Substeps::new(job.settings, &scratch);
-        Self { scratch, gradients, solver, forward, substeps, made: Vec::new() }
+        let (events, substeps) = (Events::new(job.settings, &scratch), Substeps::new(&scratch));
+        Self { scratch, gradients, solver, forward, events, substeps }
+    }
+}
+
+impl Parts for Checked {
+    fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>) {
+        (&mut self.scratch, &mut self.gradients)
     }
 }
 
 impl OneState for Checked {
-    fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>) {
-        (&mut self.scratch, &mut self.gradients)
-    }
-
     #[inline(never)]
     fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
-        let Self { scratch, gradients, solver, forward, substeps, made } = self;
-        let settings = job.settings;
-        made.clear();
-        substeps.advance(settings, scratch, forward, &mut |scheme, s, event| {
+        let (settings, mut made) = (job.settings, Vec::new());
+        let mut steps = TreeSteps { solver: &mut self.forward, events: &mut self.events };
+        self.substeps.advance(settings, &mut self.scratch, &mut steps, &mut |scheme, s, event| {
             made.push(Substep::new(settings, scheme, s, event));
         });
-        let mut sums: Option<Vec<Vec<f64>>> = None;
-        for Substep { q, v, scheme, event } in made.drain(..).rev() {
-            scratch.q.copy_from_slice(&q);
-            scratch.v.copy_from_slice(&v);
-            scratch.adopt(settings, &scheme);
+        through_substeps(self, settings, made, |one, Substep { scheme, event, .. }| {
+            let Self { scratch, gradients, solver, .. } = one;
             let by = (settings, &scheme);
             match event {
                 None => {
@@ -306,19 +295,9 @@ impl OneState for Checked {
                 }
                 Some((solutions, reached)) => through_event(by, scratch, gradients, solver, (&solutions, &reached)),
             }
-            let StepGradients { start, end, .. } = &mut *gradients;
-            std::mem::swap(start, end);
-            let acting = gradients.results().skip(2);
-            match &mut sums {
-                None => sums = Some(acting.map(|numbers| numbers.to_vec()).collect()),
-                Some(sums) => sums.iter_mut().zip(acting).for_each(|(sum, more)| add_scaled(sum, 1.0, more)),
-            }
-        }
-        let StepGradients { start, end, .. } = &mut *gradients;
-        std::mem::swap(start, end);
-        for (numbers, sum) in gradients.results().skip(2).zip(sums.into_iter().flatten()) {
-            numbers.copy_from_slice(&sum);
-        }
+            Ok(())
+        })?;
+        let Self { gradients, solver, forward, .. } = self;
         if let Some(lost) = forward.lost.take().or(solver.take_lost()) {
             let joint = job.scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
             return Err((joint, job.scene.singular(lost)));

@@ -2,12 +2,12 @@
 
 use super::choice::{check_connections_of_contacts, check_method, step_settings};
 use super::contact::{self, ContactReport, RECORD};
+use super::events::StopImpact;
 use super::job::{Impacts, Job, Records, Rows, States};
 use super::method::Method;
 use super::settings::{Limits, Settings};
 use super::step_settings::StepSettings;
 use super::stepper::Stepper;
-use super::substeps::StopImpact;
 use super::torque::{StepFault, Torque};
 use super::totals::{TOTALS, Totals};
 use crate::algorithm::Algorithm;
@@ -95,14 +95,13 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if !(0.0..=1.0).contains(&restitution) {
             return Err(Error::argument("restitution", format!("{restitution}"), "a number from 0 to 1"));
         }
-        let is_tree = holds.constraints().is_empty() && holds.contacts().is_empty();
         if let Some(accuracy) = accuracy
             && !(accuracy.is_finite() && accuracy >= 1e-12)
         {
             return Err(Error::argument("accuracy", format!("{accuracy}"), "an error bound of at least 1e-12"));
         }
-        if accuracy.is_some() && (!is_tree || coupling.is_some() || method != Method::Auto) {
-            let found = "error control with contacts, connections, coupled joints or a fixed method";
+        if accuracy.is_some() && (!holds.contacts().is_empty() || method != Method::Auto) {
+            let found = "error control with contacts or a fixed method";
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
         let (nq, nv) = (holds.nq(), holds.nv());

@@ -1,10 +1,10 @@
 //! A simulator: time integration call by call, which can continue after an error, and whose states can be reset.
 
 use super::contact::ContactReport;
+use super::events::StopImpact;
 use super::method::Method;
 use super::rollout::Rollout;
 use super::settings::Settings;
-use super::substeps::StopImpact;
 use super::torque::{StepFault, Torque};
 use super::totals::Totals;
 use crate::batch::{Broadcast, Fault};

@@ -4,7 +4,7 @@
 //! determines: stuck (held by friction or by a stop), or moving in one direction with constant friction. In these modes
 //! the motion is smooth, and the step has the order of its method. The step also evaluates whether the modes hold until
 //! its end ([`Scratch::consistent`]) and whether it is short enough ([`Scratch::short_enough`]). If one test fails,
-//! [`substeps`](super::substeps) repeats the step with shorter ones and with the set-valued law.
+//! [`division`](super::division) repeats the step with shorter ones and with the set-valued law.
 
 use super::manifold::{advance, carry_back};
 use super::modes::{observe_end, set_modes, test_stuck_rows};

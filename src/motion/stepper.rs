@@ -1,22 +1,20 @@
 //! Time integration of a few states, one per lane, by many steps, compiled for one instruction set.
 
-use super::choice::closed_rows;
-use super::closed_stops::is_past;
+use super::closed_steps::{ClosedScratch, ClosedSteps};
 use super::connected::Connected;
-use super::constrained::{Constrained, ConstrainedScratch};
 use super::contact::{ContactStepper, Switching, Touching};
+use super::division::{Substeps, TreeSteps};
+use super::events::{Event, Events};
 use super::faults::{LARGEST_STEP, fault_of};
 use super::job::{Divisions, Impacts, Job, States};
 use super::limit_rows::limit_rows;
-use super::method::Method;
+use super::method::{Method, Scheme};
 use super::properties::of_state;
-use super::scratch::{Scratch, clear};
+use super::scratch::Scratch;
 pub(super) use super::scratch::{fill, scatter, take_lane};
 use super::solver::{Checked, Kernels};
 use super::step::step;
 use super::step_settings::StepSettings;
-use super::stops::SetValued;
-use super::substeps::Substeps;
 use super::torque::{StepFault, Torque};
 use super::totals::TOTALS;
 use super::works::add_work;
@@ -137,35 +135,25 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
     }
 }
 
-/// For a scene with connections: the rows with friction or stops, and the settings of steps without them.
-struct ClosedState {
-    scratch: ConstrainedScratch,
-    rows: Vec<SetValued>,
-    without: StepSettings,
-}
-
 /// One state, for steps that the vectorized step rejected.
 struct CheckedState {
     scratch: Scratch<f64>,
     solver: Checked,
+    events: Events,
     substeps: Substeps,
     /// For a scene with connections.
-    closed: Option<ClosedState>,
+    closed: Option<ClosedScratch>,
 }
 
 impl CheckedState {
     #[cold]
     fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
         let model = scene.model();
-        let closed = settings.connected.then(|| ClosedState {
-            scratch: ConstrainedScratch::new(scene, settings, form),
-            rows: closed_rows(scene, settings),
-            without: StepSettings { set_valued: Vec::new(), ..settings.clone() },
-        });
+        let closed = settings.connected.then(|| ClosedScratch::new(scene, settings, form));
         let scratch = Scratch::new(model, settings);
-        let substeps = Substeps::new(settings, &scratch);
+        let (events, substeps) = (Events::new(settings, &scratch), Substeps::new(&scratch));
         let solver = Checked::new(model, settings.coupling.clone(), form).accepting(settings.tolerance).with_kernels();
-        Self { scratch, solver, substeps, closed }
+        Self { scratch, solver, events, substeps, closed }
     }
 
     /// One step of one state. Returns the joint and the error if it fails.
@@ -176,35 +164,24 @@ impl CheckedState {
         settings: &StepSettings,
         (lane, mut divisions): (usize, Option<&mut Divisions>),
     ) -> Result<(), (String, Error)> {
-        let mut lost = None;
-        self.substeps.impacts.clear();
-        if let Some(ClosedState { scratch: closed, rows, without }) = &mut self.closed {
-            let (s, by) = (&mut self.scratch, &settings.scheme);
-            let mut solver = Constrained { scene, scratch: closed, compliance: &settings.compliance };
-            step((settings, by), s, &mut solver);
-            let mut finished = solver.finish(settings, s);
-            let mut acts = !(s.consistent > 0.0) || rows.iter().any(|of| is_past(of, s));
-            if finished.is_ok() && acts && !settings.set_valued.is_empty() {
-                clear(&mut s.dry);
-                step((without, by), s, &mut solver);
-                finished = solver.finish(settings, s);
+        let Self { scratch, solver, events, substeps, closed } = self;
+        let mut visit = |scheme: &Scheme, s: &Scratch<f64>, _: Option<&Event<'_>>| {
+            if let Some(divisions) = &mut divisions {
+                divisions.add(lane, scheme.step, (&s.q, &s.v));
             }
-            acts &= s.q_next.iter().chain(&s.v_next).all(|x| x.is_finite());
-            match finished.and_then(|()| if acts { solver.stop(settings, rows, s) } else { Ok(Vec::new()) }) {
-                Ok(impacts) => self.substeps.impacts.extend(impacts),
-                Err((_, Some(error))) => return Err((String::new(), error)),
-                Err((found, None)) => lost = found,
+        };
+        let lost = if let Some(closed) = closed {
+            let mut steps = ClosedSteps::new(scene, closed);
+            substeps.advance(settings, scratch, &mut steps, &mut visit);
+            let (lost, error) = steps.failure.unwrap_or_default();
+            if let Some(error) = error {
+                return Err((String::new(), error));
             }
-            add_work(settings, s);
+            lost
         } else {
-            let Self { scratch, solver, substeps, .. } = self;
-            substeps.advance(settings, scratch, solver, &mut |scheme, s, _| {
-                if let Some(divisions) = &mut divisions {
-                    divisions.add(lane, scheme.step, (&s.q, &s.v));
-                }
-            });
-            lost = solver.lost.take();
-        }
+            substeps.advance(settings, scratch, &mut TreeSteps { solver, events }, &mut visit);
+            solver.lost.take()
+        };
         if let Some(coupling) = &settings.coupling {
             coupling.restore(&mut self.scratch.q_next, &mut self.scratch.v_next);
         }

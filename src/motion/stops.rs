@@ -50,6 +50,11 @@ impl SetValued {
         (self.lower - q[self.coordinate]).max(q[self.coordinate] - self.upper)
     }
 
+    /// True if friction or a stop acts on the joint at the start of a step.
+    pub fn holds(&self, q: &[f64], v: &[f64]) -> bool {
+        (self.friction > 0.0 && v[self.row] == 0.0) || (self.stops && self.beyond(q) >= 0.0)
+    }
+
     /// The velocity bounds of the stops at `q` and `v` in a step h.
     pub fn bounds(&self, (q, v): (f64, f64), h: f64) -> [Bound; 2] {
         let never = |velocity| Bound { velocity, slopes: [0.0; 2] };

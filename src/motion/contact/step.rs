@@ -1,12 +1,12 @@
 //! One step of one state with contacts.
 
+use super::super::events::StopImpact;
 use super::super::faults::fault_of;
 use super::super::limit_rows::{least_velocity, limit_rows, rebounds, settle_at};
 use super::super::scratch::Scratch;
 use super::super::solver::Checked;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
-use super::super::substeps::StopImpact;
 use super::super::totals::STOPS;
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};

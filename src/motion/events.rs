@@ -1,5 +1,4 @@
-//! One step of one state in substeps, which are short enough for fast motion and use the set-valued law when joints
-//! stick, slip, or reach a stop.
+//! Steps of trees in which joints stick, slip, or reach a stop, with the set-valued law.
 //!
 //! A substep whose modes change before its end is an *event*: one step of the implicit Euler method with the law of
 //! [`stops`](super::stops) at its end. Its error is of second order if joints stick or slip, and such events are rare,
@@ -9,37 +8,16 @@
 
 use super::manifold::advance;
 use super::method::{Method, Scheme};
-use super::modes::{STUCK_NOISE, speeds_and_errors};
+use super::modes::STUCK_NOISE;
 use super::scratch::{Scratch, clear};
 use super::solver::Checked;
-use super::step::{set_friction, stage, step};
-use super::step_settings::{StepArguments, StepSettings};
-use super::stops::{Graph, Hold, Piece, SetValued, settle};
-use super::totals::{ERROR, EVENTS, FRICTION, LENGTH, MOST, STOPS, SUBSTEPS, TOTALS, UNSETTLED, WORKS};
+use super::step::{set_friction, stage};
+use super::step_settings::StepSettings;
+use super::stops::{Graph, Hold, Piece, settle};
+use super::totals::{FRICTION, STOPS, TOTALS, UNSETTLED, WORKS};
 use super::works::add_work;
 use crate::dynamics;
-use crate::interrupt;
 use crate::workspace::Workspace;
-
-/// Largest number of substeps of a step.
-const MOST_SUBSTEPS: u32 = 1 << 10;
-
-/// With error control, the first and the shortest substep, as fractions of the step.
-const FIRST: f64 = 1e-2;
-const SHORTEST: f64 = 1e-7;
-/// The same for an event whose estimated error exceeds the bound.
-const SHORTEST_EXACT: f64 = 1e-10;
-/// Length of substeps in which a joint returns from outside of its stops, s; each of them is an event.
-const RETURNING: f64 = 5e-4;
-/// With error control, the largest number of substeps of a step.
-const MOST_CONTROLLED: usize = 1_000_000;
-
-/// Largest rotation of a joint in an event, rad, unless the substep has at most this length, in units of the shortest.
-const EVENT_ANGLE: f64 = 5e-3;
-const SHORTEST_EVENT: u32 = 1;
-
-/// Number of substeps of one length before a longer one is tried.
-const ROUNDS_BEFORE_LONGER: u32 = 4;
 
 /// Relative rounding errors of velocities and of torques.
 const ROUNDING: f64 = 1e-13;
@@ -63,14 +41,9 @@ pub struct StopImpact {
     pub impulse: f64,
 }
 
-/// Receives each accepted substep: its scheme, its initial state, and the solution of an event.
-type Visitor<'a> = dyn FnMut(&Scheme, &Scratch<f64>, Option<&Event<'_>>) + 'a;
-
-/// Scratch for substeps.
+/// Scratch for events.
 #[derive(Debug)]
-pub(super) struct Substeps {
-    q: Vec<f64>,
-    v: Vec<f64>,
+pub(super) struct Events {
     torque: Vec<f64>,
     given: Vec<f64>,
     noise: Vec<f64>,
@@ -78,235 +51,39 @@ pub(super) struct Substeps {
     pieces: Vec<Piece>,
     solutions: Vec<EventSolution>,
     reached: Vec<(usize, f64)>,
-    /// Impacts on stops, with the time since the start of the step.
-    pub impacts: Vec<StopImpact>,
 }
 
-impl Substeps {
+impl Events {
     pub fn new(settings: &StepSettings, s: &Scratch<f64>) -> Self {
-        let (q, v) = (vec![0.0; s.q.len()], vec![0.0; s.v.len()]);
-        let count = settings.set_valued.len();
+        let (rows, count) = (|| vec![0.0; s.v.len()], settings.set_valued.len());
         Self {
-            q,
-            torque: v.clone(),
-            given: v.clone(),
-            noise: v.clone(),
-            v,
+            torque: rows(),
+            given: rows(),
+            noise: rows(),
             graphs: Vec::with_capacity(count),
             pieces: Vec::with_capacity(count),
             solutions: Vec::new(),
             reached: Vec::new(),
-            impacts: Vec::new(),
         }
     }
 
-    /// One step of the run from `q`, `v` to `q_next`, `v_next`. Calls `visit` before each substep is accepted, while
-    /// `q` and `v` are still its initial state.
-    pub fn advance(
-        &mut self,
-        settings: &StepSettings,
-        s: &mut Scratch<f64>,
-        solver: &mut Checked,
-        visit: &mut Visitor<'_>,
-    ) {
-        self.q.copy_from_slice(&s.q);
-        self.v.copy_from_slice(&s.v);
-        self.impacts.clear();
-        match settings.accuracy {
-            Some(accuracy) => self.controlled(settings, accuracy, s, solver),
-            None => self.through(settings, s, solver, visit),
-        }
-        s.q_next.copy_from_slice(&s.q);
-        s.v_next.copy_from_slice(&s.v);
-        s.q.copy_from_slice(&self.q);
-        s.v.copy_from_slice(&self.v);
-    }
-
-    /// All substeps, in place. Ends at a singular pivot or a result that is not finite.
-    fn through(
-        &mut self,
-        settings: &StepSettings,
-        s: &mut Scratch<f64>,
-        solver: &mut Checked,
-        visit: &mut Visitor<'_>,
-    ) {
-        // Lengths are in units of the shortest substep.
-        let shortest = settings.step / f64::from(MOST_SUBSTEPS);
-        let mut size = MOST_SUBSTEPS;
-        let (mut left, mut calm, mut made, mut tried) = (MOST_SUBSTEPS, 0, 0_u32, 0_u32);
-        while left > 0 {
-            tried += 1;
-            if tried % 64 == 0 && interrupt::check().is_err() {
-                s.v.fill(f64::NAN);
-                break;
-            }
-            size = size.min(left);
-            let scheme = Scheme::new(settings.method, shortest * f64::from(size));
-            s.adopt(settings, &scheme);
-            step((settings, &scheme), s, solver);
-            if solver.lost.is_some() {
-                s.v.fill(f64::NAN);
-                break;
-            }
-            if !(s.short_enough > 0.0) && size > 1 {
-                (size, calm) = (shorter((settings, &scheme), s, size), 0);
-                continue;
-            }
-            if s.consistent > 0.0 {
-                visit(&scheme, s, None);
-                add_work(settings, s);
-            } else if settings.divides
-                && size > SHORTEST_EVENT
-                && !(scheme.step * speeds_and_errors((settings, &scheme), s)[0].0 <= EVENT_ANGLE)
-            {
-                (size, calm) = (size / 2, 0);
-                continue;
-            } else if s.v_next.iter().all(|v| v.is_finite()) {
-                let time = shortest * f64::from(MOST_SUBSTEPS - left + size);
-                let (totals, impacts) = (s.totals, self.impacts.len());
-                self.event(settings, scheme.step, s, solver, time);
-                // The time of a rebound, and the work of the other forces until then, need the shortest substep.
-                let rebounds = self.solutions.len() > 1 && settings.restitution > 0.0;
-                if settings.divides && size > 1 && (rebounds || !conserves(settings, s, &totals, &mut solver.workspace))
-                {
-                    s.totals = totals;
-                    self.impacts.truncate(impacts);
-                    (size, calm) = (size / 2, 0);
-                    continue;
-                }
-                let scheme = Scheme::new(Method::ImplicitEuler, scheme.step);
-                visit(&scheme, s, Some(&Event { solutions: &self.solutions, reached: &self.reached }));
-                s.totals[EVENTS] += 1.0;
-            }
-            std::mem::swap(&mut s.q, &mut s.q_next);
-            std::mem::swap(&mut s.v, &mut s.v_next);
-            if !s.v.iter().chain(&s.q).all(|x| x.is_finite()) {
-                break;
-            }
-            left -= size;
-            made += 1;
-            calm += 1;
-            if calm >= ROUNDS_BEFORE_LONGER && left % (2 * size) == 0 {
-                (size, calm) = (2 * size, 0);
-            }
-        }
-        s.totals[SUBSTEPS] += f64::from(made);
-        s.totals[MOST] = s.totals[MOST].max(f64::from(made));
-    }
-
-    /// All substeps with error control, in place. The error estimate of each substep, from the embedded method or from
-    /// the difference between one step and two of half its length, is within the bound. A change of modes ends a
-    /// substep, by bisection until the estimated error of the event is within the bound too.
-    fn controlled(&mut self, settings: &StepSettings, accuracy: f64, s: &mut Scratch<f64>, solver: &mut Checked) {
-        // Order of the error estimate.
-        let order = f64::from(settings.method.order()) - f64::from(u8::from(settings.scheme.embedded));
-        let (mut left, mut made, mut tried) = (1.0, 0.0, 0_usize);
-        let mut length = if s.totals[LENGTH] > 0.0 { s.totals[LENGTH] } else { FIRST };
-        let (mut q, mut v) = (s.q.clone(), s.v.clone());
-        let (mut whole_q, mut whole_v) = (q.clone(), v.clone());
-        while left > 0.0 {
-            let is_last = length >= left;
-            let part = if is_last { left } else { length };
-            q.copy_from_slice(&s.q);
-            v.copy_from_slice(&s.v);
-            let totals = s.totals;
-            let scheme = Scheme::new(settings.method, settings.step * part);
-            s.adopt(settings, &scheme);
-            step((settings, &scheme), s, solver);
-            whole_q.copy_from_slice(&s.q_next);
-            whole_v.copy_from_slice(&s.v_next);
-            let holds = |s: &Scratch<f64>, h: f64| {
-                let passes = |of: &SetValued| of.passes((&s.q, &s.v), (&s.q_next, &s.v_next), h);
-                s.consistent > 0.0 && !settings.set_valued.iter().any(passes)
-            };
-            let mut consistent = holds(s, scheme.step);
-            let fastest = largest(&v, 1.0);
-            let error = if scheme.embedded {
-                let [of_q, of_v] = [&s.l, &s.m].map(|stages| {
-                    let row = |row: usize| scheme.error.iter().zip(stages).map(|(e, k)| e * k[row]).sum::<f64>().abs();
-                    (0..v.len()).map(row).fold(0.0, f64::max)
-                });
-                add_work(settings, s);
-                std::mem::swap(&mut s.q, &mut s.q_next);
-                std::mem::swap(&mut s.v, &mut s.v_next);
-                of_q.max(of_v / fastest)
-            } else {
-                let half = Scheme::new(settings.method, 0.5 * settings.step * part);
-                s.adopt(settings, &half);
-                for _ in 0..2 {
-                    if consistent {
-                        step((settings, &half), s, solver);
-                        consistent = holds(s, half.step);
-                        add_work(settings, s);
-                        std::mem::swap(&mut s.q, &mut s.q_next);
-                        std::mem::swap(&mut s.v, &mut s.v_next);
-                    }
-                }
-                let size = |x: &[f64], y: &[f64]| x.iter().zip(y).fold(0.0_f64, |most, (x, y)| most.max((x - y).abs()));
-                size(&s.q, &whole_q).max(size(&s.v, &whole_v) / fastest)
-                    / (f64::from(settings.method.order()).exp2() - 1.0)
-            };
-            tried += 1;
-            let interrupted = tried % 256 == 0 && interrupt::check().is_err();
-            if solver.lost.is_some() || tried > MOST_CONTROLLED || interrupted {
-                s.v.fill(f64::NAN);
-                break;
-            }
-            if consistent && error <= accuracy {
-                s.totals[ERROR] += error;
-                made += 2.0;
-                left = if is_last { 0.0 } else { left - part };
-                let longer = 0.9 * (accuracy / error.max(1e-300)).powf(1.0 / (order + 1.0));
-                // A substep that is cut short by the end of the step does not shorten the next one.
-                length = if is_last { length.max(part * longer.min(5.0)) } else { part * longer.clamp(0.3, 5.0) };
-                continue;
-            }
-            s.totals = totals;
-            s.q.copy_from_slice(&q);
-            s.v.copy_from_slice(&v);
-            let returns =
-                !consistent && scheme.step <= RETURNING && settings.set_valued.iter().any(|of| of.is_outside(&s.q));
-            if part <= SHORTEST || returns {
-                if consistent {
-                    // Shorter substeps do not help: the substep is accepted, and its error is reported.
-                    std::mem::swap(&mut s.q, &mut whole_q);
-                    std::mem::swap(&mut s.v, &mut whole_v);
-                    s.totals[ERROR] += error;
-                } else {
-                    let impacts = self.impacts.len();
-                    let error = self.event(settings, scheme.step, s, solver, settings.step * (1.0 - left + part));
-                    if !(error <= accuracy) && part > SHORTEST_EXACT && !returns {
-                        s.totals = totals;
-                        self.impacts.truncate(impacts);
-                        length = (0.25 * part).max(SHORTEST_EXACT);
-                        continue;
-                    }
-                    s.totals[ERROR] += error;
-                    s.totals[EVENTS] += 1.0;
-                    std::mem::swap(&mut s.q, &mut s.q_next);
-                    std::mem::swap(&mut s.v, &mut s.v_next);
-                }
-                if !s.v.iter().chain(&s.q).all(|x| x.is_finite()) {
-                    break;
-                }
-                made += 1.0;
-                left = if is_last { 0.0 } else { left - part };
-                length = FIRST;
-                continue;
-            }
-            let shorter = 0.9 * (accuracy / error).powf(1.0 / (order + 1.0));
-            length = part * if consistent && shorter.is_finite() { shorter.clamp(0.1, 0.5) } else { 0.25 };
-            length = length.max(SHORTEST);
-        }
-        s.totals[LENGTH] = length;
-        s.totals[SUBSTEPS] += made;
-        s.totals[MOST] = s.totals[MOST].max(made);
+    /// The solution of the last event.
+    pub fn solution(&self) -> Event<'_> {
+        Event { solutions: &self.solutions, reached: &self.reached }
     }
 
     /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`. Returns an estimate of its error, as of
     /// error control: velocities and accelerations change at an unknown time within the step, and rebounds are omitted.
-    /// The motion of a joint that returns from outside of its stops is defined by these steps.
-    fn event(&mut self, settings: &StepSettings, h: f64, s: &mut Scratch<f64>, solver: &mut Checked, time: f64) -> f64 {
+    /// The motion of a joint that returns from outside of its stops is defined by these steps. Adds the impacts on
+    /// stops, with the given time.
+    pub fn event(
+        &mut self,
+        settings: &StepSettings,
+        (h, time): (f64, f64),
+        s: &mut Scratch<f64>,
+        solver: &mut Checked,
+        impacts: &mut Vec<StopImpact>,
+    ) -> f64 {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (settings, &scheme);
         s.adopt(settings, &scheme);
@@ -385,7 +162,7 @@ impl Substeps {
                 _ => continue,
             };
             let impulse = h * (self.torque[of.row] - self.rubbing(i, of, s));
-            self.impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: s.v[of.row].abs(), impulse });
+            impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: s.v[of.row].abs(), impulse });
         }
         add_work(settings, s);
         let jump = s.v_next.iter().zip(&s.v).fold(0.0_f64, |most, (next, v)| most.max((next - v).abs()));
@@ -544,27 +321,12 @@ pub(super) fn largest(x: &[f64], least: f64) -> f64 {
     x.iter().fold(least, |most, x| most.max(x.abs()))
 }
 
-/// The next length to try after a rejected substep: at most half, by the error estimate.
-fn shorter(by: StepArguments<'_>, s: &Scratch<f64>, size: u32) -> u32 {
-    let excess = speeds_and_errors(by, s)
-        .iter()
-        .fold(0.0_f64, |most, (speed, error)| most.max(if *error > 0.0 { error / (by.1.share * speed) } else { 0.0 }));
-    let mut shorter = size / 2;
-    // The estimate decreases at least with the square of the step.
-    let mut reached = 4.0;
-    while shorter > 1 && !(excess <= reached) && reached < 1e6 {
-        shorter /= 2;
-        reached *= 4.0;
-    }
-    shorter
-}
-
 /// Largest accepted energy error of an event, relative to the kinetic energy or to the largest work.
 const ENERGY: f64 = 1e-2;
 
 /// True if the energy change in an event equals the work, within the accepted error, and if stops add none to joints
 /// within their limits: a joint that leaves its stop and returns within the step would. `totals` are those before it.
-fn conserves(
+pub(super) fn conserves(
     settings: &StepSettings,
     s: &mut Scratch<f64>,
     totals: &[f64; TOTALS],

@@ -1,0 +1,115 @@
+//! The elementary steps of one state of a scene with connections: the stages with their constrained accelerations, then
+//! the projection onto the connections; in events, friction and stops at the end.
+
+use super::choice::closed_rows;
+use super::closed_stops::is_past;
+use super::constrained::{Constrained, ConstrainedScratch, Failure};
+use super::division::Steps;
+use super::events::{Event, StopImpact};
+use super::method::Scheme;
+use super::scratch::{Scratch, clear};
+use super::step::step;
+use super::step_settings::{StepArguments, StepSettings};
+use super::stops::SetValued;
+use super::works::add_work;
+use crate::filter::Form;
+use crate::scene::Scene;
+use crate::workspace::Workspace;
+
+/// Scratch memory for the steps of one state.
+pub(super) struct ClosedScratch {
+    pub rows_of_connections: ConstrainedScratch,
+    /// The joints with friction or stops, and the settings of steps without friction.
+    pub rows: Vec<SetValued>,
+    without: StepSettings,
+}
+
+impl ClosedScratch {
+    pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
+        Self {
+            rows_of_connections: ConstrainedScratch::new(scene, settings, form),
+            rows: closed_rows(scene, settings),
+            without: StepSettings { set_valued: Vec::new(), ..settings.clone() },
+        }
+    }
+}
+
+/// The elementary steps of one state.
+pub(super) struct ClosedSteps<'a> {
+    scene: &'a Scene,
+    scratch: &'a mut ClosedScratch,
+    /// The first failure.
+    pub failure: Option<Failure>,
+}
+
+impl<'a> ClosedSteps<'a> {
+    pub fn new(scene: &'a Scene, scratch: &'a mut ClosedScratch) -> Self {
+        Self { scene, scratch, failure: None }
+    }
+
+    fn constrained<'b>(&'b mut self, settings: &'b StepSettings) -> Constrained<'b> {
+        Constrained {
+            scene: self.scene,
+            scratch: &mut self.scratch.rows_of_connections,
+            compliance: &settings.compliance,
+        }
+    }
+}
+
+impl Steps for ClosedSteps<'_> {
+    fn step(&mut self, by: StepArguments<'_>, s: &mut Scratch<f64>) {
+        step(by, s, &mut self.constrained(by.0));
+    }
+
+    fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>) {
+        self.failure = self.failure.take().or(self.constrained(settings).finish(settings, s).err());
+        if self.scratch.rows.iter().any(|of| is_past(of, s)) {
+            s.consistent = -1.0;
+        }
+    }
+
+    fn event(
+        &mut self,
+        settings: &StepSettings,
+        (h, time): (f64, f64),
+        s: &mut Scratch<f64>,
+        impacts: &mut Vec<StopImpact>,
+    ) -> f64 {
+        let ClosedScratch { rows_of_connections: scratch, rows, without } = &mut *self.scratch;
+        let mut solver = Constrained { scene: self.scene, scratch, compliance: &settings.compliance };
+        let scheme = Scheme::new(settings.method, h);
+        s.adopt(settings, &scheme);
+        clear(&mut s.dry);
+        step((without, &scheme), s, &mut solver);
+        let found = solver.finish(settings, s).and_then(|()| solver.stop(settings, (h, time), rows, s, impacts));
+        add_work(settings, s);
+        found.unwrap_or_else(|failure| {
+            self.failure = Some(failure);
+            f64::NAN
+        })
+    }
+
+    fn solution(&self) -> Event<'_> {
+        Event { solutions: &[], reached: &[] }
+    }
+
+    fn has_failed(&self) -> bool {
+        self.failure.is_some()
+    }
+
+    fn recovers(&mut self) -> bool {
+        self.failure.take_if(|(lost, _)| lost.is_none()).is_some()
+    }
+
+    fn rows<'a>(&'a self, _: &'a StepSettings) -> &'a [SetValued] {
+        &self.scratch.rows
+    }
+
+    fn holds(&self, s: &Scratch<f64>) -> bool {
+        self.scratch.rows.iter().any(|of| of.holds(&s.q, &s.v))
+    }
+
+    fn workspace(&mut self) -> &mut Workspace<f64> {
+        &mut self.scratch.rows_of_connections.workspace
+    }
+}
