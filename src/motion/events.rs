@@ -13,7 +13,7 @@ use super::scratch::{Scratch, clear};
 use super::solver::Checked;
 use super::step::{set_friction, stage};
 use super::step_settings::StepSettings;
-use super::stops::{Graph, Hold, Piece, settle};
+use super::stops::{Graph, Hold, Piece, SetValued, settle};
 use super::totals::{FRICTION, STOPS, TOTALS, UNSETTLED, WORKS};
 use super::works::add_work;
 use crate::dynamics;
