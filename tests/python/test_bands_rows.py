@@ -158,3 +158,135 @@ def test_bands_are_those_of_differences_of_whole_simulations(name: str) -> None:
     columns += [np.sqrt(NOISE / given["dt"]) * case.columns(lambda by, step=step, row=row: pushed(step, row, by), 1e-3) for step in range(steps) for row in rows]
     expected = np.einsum("crx,cry->rxy", columns, columns)
     assert_near(bands.covariance, expected, 1e-7 * float(np.max(np.abs(expected))))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("make", [lambda: linkage("four-bar", steps=50), lambda: gripper(steps=50), lambda: block(steps=50)], ids=["four-bar", "gripper", "block"])
+def test_samples_have_the_covariance_of_the_bands(make: Callable[[], Case], seed: int) -> None:
+    """The sum of squares of sampled errors, in the covariance of the bands, is chi-squared."""
+    case, samples, density = make(), 100, 1e-8
+    scene, nv, steps = case.scene, case.scene.nv, case.given["steps"]
+    case.size = min(case.size, 1e-4)
+    path = case.run(covariance=MotionUncertainty(initial=case.root @ case.root.T, torque_noise=density))
+    random = np.random.default_rng(seed)
+    starts = random.normal(size=(samples, 3)) @ case.root.T
+    q, qd = scene.integrate(case.q, starts[:, :nv]), case.qd + starts[:, nv:]
+    if scene.constraint_names:
+        q, qd, _ = scene.project(q, qd)
+    tau = case.given["tau"] + np.sqrt(density / case.given["dt"]) * random.normal(size=(samples, steps, nv))
+    found = scene.simulate(q, qd, **case.given | {"tau": None, "tau_steps": tau})
+    errors = np.concatenate([scene.difference(path.q[-1], found.q[:, -1]), found.qd[:, -1] - path.qd[-1]], axis=-1)
+    deviations = np.sqrt(np.diagonal(path.bands.covariance[-1]))
+    scale = np.where(deviations > 1e-6 * deviations.max(), deviations, np.inf)
+    values, vectors = np.linalg.eigh(path.bands.covariance[-1] / np.outer(scale, scale))
+    kept = values > 1e-8
+    assert np.count_nonzero(kept) >= 2
+    total = np.sum((errors / scale @ vectors[:, kept]) ** 2 / values[kept])
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], samples * np.count_nonzero(kept))
+    assert low < total < high, (low, total, high)
+
+
+@pytest.mark.parametrize("make", [lambda: linkage("four-bar", steps=25), gripper, block], ids=["four-bar", "gripper", "block"])
+def test_checks_by_samples_agree(make: Callable[[], Case]) -> None:
+    case = make()
+    case.size = min(case.size, 1e-4)
+    scene = case.scene
+    sigma = np.zeros((len(scene.body_names), 10, 10))
+    sigma[-1] = 1e-6 * np.outer(share(scene, scene.body_names[-1]), share(scene, scene.body_names[-1]))
+    unsure = {"parameters": sigma, "initial": case.root @ case.root.T, "joints": {"offset": 1e-10, "damping": 1e-10}}
+    ratio = case.run(covariance=MotionUncertainty(**unsure, check="unscented")).bands.ratio[-1]
+    known = np.isfinite(ratio)
+    assert np.count_nonzero(known) >= 4
+    assert_near(ratio[known], np.ones(np.count_nonzero(known)), 1e-2)
+    ratio = case.run(covariance=MotionUncertainty(**unsure, torque_noise=1e-9, check="monte-carlo", samples=60)).bands.ratio[-1]
+    low, high = chi2.ppf([1e-5, 1 - 1e-5], 59) / 59
+    assert np.all((low < ratio) & (ratio < high) | np.isnan(ratio)), ratio
+
+
+def ball() -> phipsi.Scene:
+    ball = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    return ball.contact("foot", "ball", friction=0.5, radius=0.1, restitution=0.5).build(floating_base=True)
+
+
+class TestContacts:
+    """First-order bands hold within the modes of contacts."""
+
+    def test_an_impact_at_another_time_is_reported(self) -> None:
+        initial = np.zeros(12)
+        initial[2] = 1e-6
+        start = [0, 0, 0.12, 0, 0, 0, 1.0], np.zeros(6)
+        given = {"dt": 2e-3, "steps": 40}
+        with pytest.warns(UncertaintyWarning, match=r"covariance: found contact 'foot'.*at t = 0\.0[56].* s.*monte-carlo"):
+            bands = ball().simulate(*start, **given, covariance=MotionUncertainty(initial=initial)).bands
+        # The step of the impact is that of this simulation: the derivative of the height is one.
+        assert_near(bands.q[-1, 2], 1e-3, 1e-9)
+        ratio = ball().simulate(*start, **given, covariance=MotionUncertainty(initial=initial, check="unscented")).bands.ratio[-1]
+        assert abs(ratio[2] - 1.0) > 0.1
+        # Errors along the plane, and those that move the impact by less than a step, do not warn.
+        for at, variance in ((0, 1e-4), (2, 1e-18)):
+            bands = ball().simulate(*start, **given, covariance=MotionUncertainty(initial=variance * np.eye(12)[at])).bands
+            assert_near(bands.q[-1, at], np.sqrt(variance), 1e-6 * np.sqrt(variance))
+
+    def test_a_block_that_friction_holds_has_no_error_until_torques_overcome_friction(self) -> None:
+        case = block(speed=0.0, steps=20, tau=np.array([1.0, 0, 0, 0, 0, 0]))
+        weak, strong = ([density, 0, 0, 0, 0, 0] for density in (1e-6, 1e-2))
+        bands = case.scene.simulate(case.q, case.qd, **case.given, covariance=MotionUncertainty(torque_noise=weak)).bands
+        assert_near(bands.q, np.zeros((21, 6)), 1e-15)
+        with pytest.warns(UncertaintyWarning, match=r"contact 'leg\d'.*at t = 0\.002 s"):
+            case.scene.simulate(case.q, case.qd, **case.given, covariance=MotionUncertainty(torque_noise=strong))
+        for density, moves in ((weak, False), (strong, True)):
+            ratio = case.run(covariance=MotionUncertainty(torque_noise=density, check="monte-carlo", samples=20)).bands.ratio[-1]
+            assert np.isposinf(ratio[0]) if moves else np.isnan(ratio[0])
+
+    def test_smoothed_contacts_have_no_modes(self) -> None:
+        start = [0, 0, 0.12, 0, 0, 0, 1.0], np.zeros(6)
+        smooth = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3)).contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+        unsure = MotionUncertainty(initial=1e-12 * np.eye(12)[2])
+        bands = smooth.simulate(*start, dt=2e-3, steps=40, smoothing=1e-3, covariance=unsure).bands
+        assert np.isfinite(bands.covariance).all() and float(bands.q[-1, 2]) > 0.0
+
+    def test_bands_are_the_same_with_sparse_rows(self) -> None:
+        case = block()
+        unsure = MotionUncertainty(initial=case.root @ case.root.T, torque_noise=[1e-8, 0, 0, 0, 0, 0])
+        every, sparse = (case.run(record_every=record, covariance=unsure).bands.covariance for record in (1, 4))
+        assert_near(sparse, every[::4], 1e-12 * float(np.max(every)))
+
+    def test_a_batch_has_the_bands_of_its_states(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        case = block()
+        qd = case.qd + 0.1 * np.arange(3)[:, None] * np.eye(6)[0]
+        unsure = MotionUncertainty(initial=case.root @ case.root.T, torque_noise=[1e-8, 0, 0, 0, 0, 0])
+        monkeypatch.setattr("phipsi.estimation.trajectories.VALUES", 3000)  # several calls
+        whole = case.scene.simulate(np.tile(case.q, (3, 1)), qd, **case.given, covariance=unsure).bands.covariance
+        for at in range(3):
+            own = case.scene.simulate(case.q, qd[at], **case.given, covariance=unsure).bands.covariance
+            assert_near(whole[at], own, 1e-12 * float(np.max(own)))
+
+
+class TestConnections:
+    def test_an_error_that_the_connections_allow_stays(self) -> None:
+        """The first band is the projection of the given errors; projecting it again changes nothing."""
+        case = linkage("tangle", steps=1)
+        given = case.root @ case.root.T
+        first = case.run(covariance=MotionUncertainty(initial=given)).bands.covariance[0]
+        again = case.run(covariance=MotionUncertainty(initial=first)).bands.covariance[0]
+        assert_near(again, first, 1e-9 * float(np.max(first)))
+        assert float(np.max(np.abs(first - given))) > 0.1 * float(np.max(given))
+        jacobian = case.scene.constraint_jacobian(case.q)
+        nv = case.scene.nv
+        assert_near(jacobian @ first[:nv, :nv], np.zeros((len(jacobian), nv)), 1e-9 * float(np.max(first)))
+
+    def test_a_batch_has_the_bands_of_its_states(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        case = linkage("four-bar")
+        q, qd, _ = case.scene.project(case.q + 0.1 * np.arange(3)[:, None], case.qd)
+        unsure = MotionUncertainty(initial=case.root @ case.root.T, torque_noise=0.1)
+        monkeypatch.setattr("phipsi.estimation.trajectories.VALUES", 1000)  # several calls
+        whole = case.scene.simulate(q, qd, **case.given, covariance=unsure).bands.covariance
+        for at in range(3):
+            own = case.scene.simulate(q[at], qd[at], **case.given, covariance=unsure).bands.covariance
+            assert_near(whole[at], own, 1e-11 * float(np.max(own)))
+
+    def test_compliance_of_some_rows_is_refused_with_errors_of_the_start(self) -> None:
+        case = linkage("four-bar", steps=2, compliance=[0.0, 0.0, 0.0, 1e-3, 1e-3])
+        case.run(covariance=MotionUncertainty(torque_noise=0.1))
+        with pytest.raises(ArgumentError, match="initial.*compliance of all rows"):
+            case.run(covariance=MotionUncertainty(initial=1e-6 * np.ones(6)))
