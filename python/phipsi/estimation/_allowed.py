@@ -71,13 +71,12 @@ def tangent_of_connections(scene: Scene, q: _Array, qd: _Array) -> Tangent:
     """
     rest = np.zeros_like(qd)
     torque = scene.inverse_dynamics(q, rest, qd)
-    of_torque, of_motion = scene.inverse_dynamics_derivatives(q, rest, qd), scene.forward_dynamics_derivatives(q, rest, torque)
+    of_torque = scene.inverse_dynamics_derivatives(q, rest, qd)
+    of_motion = scene.forward_dynamics_derivatives(q, rest, torque)
     inverse = of_motion[2]
     projector, by_q = inverse @ of_torque[2], of_motion[0] + inverse @ of_torque[0]
-    left, values, _ = np.linalg.svd(projector)
-    # The singular values of a projector are zero, or one and more.
-    rank = int(np.max(np.sum(values > 0.5, axis=-1), initial=0))
-    motions = (left * (values > 0.5)[..., None, :])[..., :rank]
+    motions = allowed_motions(scene, q)
+    motions = motions[..., : int(np.max(np.sum(motions.any(axis=-2), axis=-1), initial=0))]
     back, zero = np.swapaxes(motions, -1, -2), np.zeros_like(motions)
     turned = by_q @ motions
     return Tangent(

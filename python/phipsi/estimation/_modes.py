@@ -1,11 +1,9 @@
 """Contacts that errors of a simulation can bring into another mode: open, sticking or sliding.
 
 In a mode the end of a step is a smooth function of its start. The margin of a contact is the change of its velocity
-after which it has another mode. The error of that velocity is the error of the state at the end of the step, for an open
-contact, or at the end of the step that the contacts do not affect, for a contact with forces:
-
-    gap / h    divided by the step h, of the point of the link, for all contacts
-    velocity   along the surface, for contacts with friction and forces
+after which it has another mode. For an open contact, the error of that velocity is that of the gap divided by the step.
+For a contact with forces it is that of the velocity without them: of the gap at the end of a step that contacts do not
+affect, divided by the step, and of the velocity along the surface, if there is friction.
 """
 
 from __future__ import annotations
@@ -34,8 +32,9 @@ PER_CONTACT = 4
 
 
 def contact_velocities(scene: Scene, q: _Array, dt: float) -> _Array:
-    """Linear functions of (q in its tangent space, qd), (..., PER_CONTACT contacts, 2 nv), m/s: of each contact, its gap
-    divided by the step, and its velocity along the surface, which is zero without friction.
+    """Linear functions of (q in its tangent space, qd), (..., PER_CONTACT contacts, 2 nv), m/s.
+
+    Of each contact, the gap divided by the step, and the velocity along the surface, which is zero without friction.
     """
     nv, names = scene.nv, scene.contact_names
     moved = [scene.contact_gaps(scene.integrate(q[..., None, :], by * np.eye(nv))) for by in (STEP, -STEP)]
@@ -64,17 +63,18 @@ class ModeMargins:
         assert self.path.contacts is not None
         return np.stack([self.path.contacts.state[name][..., row] != 0 for name in self.names], axis=-1)
 
-    def note(self, row: int, margins: _Array, at_end: _Array, free: _Array | None) -> None:
+    def note(self, row: int, margins: _Array, root: _Array, free: _Array | None) -> None:
         """Compare the margins, (..., contacts), in the step that ends at a row with standard deviations.
 
-        They are those of the functions of contact_velocities, (..., PER_CONTACT contacts), at the end of the step, and
-        at that of the step that contacts do not affect.
+        `root` is that of the covariance of the state at the end of the step, (..., 2 nv, columns), and `free` that of
+        contact_velocities at the end of the step that contacts do not affect; None if they are all open.
         """
         if self.found is not None:
             return
-        sizes = at_end[..., ::PER_CONTACT]
+        at_end = contact_velocities(self.path.scene, self.path.q[..., row, :], self.path.dt)[..., ::PER_CONTACT, :]
+        sizes = np.linalg.norm(at_end @ root, axis=-1)
         if free is not None:
-            each = free.reshape(*free.shape[:-1], -1, PER_CONTACT)
+            each = np.linalg.norm(free, axis=-1).reshape(*free.shape[:-2], -1, PER_CONTACT)
             sizes = np.where(self.closed(row), np.linalg.norm(each, axis=-1), sizes)
         crossed = np.any((DEVIATIONS * sizes > margins).reshape(-1, len(self.names)), axis=0)
         if crossed.any():
@@ -87,7 +87,7 @@ class ModeMargins:
         row, name = self.found
         warn(
             f"covariance: found contact {name!r} that errors of 95 % bring into another mode (open, sticking, sliding)"
-            f" at t = {row * self.path.dt:.6g} s, so that first-order bands from there on are those of the modes of this"
+            f" at t = {row * self.path.dt:.6g} s, so that the bands from there on are those of the modes of this"
             ' simulation; compare with check="monte-carlo", or use smoothing',
             UncertaintyWarning,
         )

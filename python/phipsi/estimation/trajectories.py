@@ -146,8 +146,8 @@ class _Rows(NamedTuple):
     """By the torques of the steps, (..., rows, functions, steps, nv)."""
     constant: _Array
     """By one standard deviation of each constant parameter, (..., rows, functions, columns)."""
-    margins: dict[str, _Array]
-    """Margins of the contacts, (..., rows), m/s."""
+    margins: _Array
+    """Margins of the contacts, (..., rows, contacts), m/s."""
 
     def of(self, basis: _Array | None) -> _Rows:
         """Derivatives of the state from those of its coordinates in a basis, (..., rows, 2 nv, functions)."""
@@ -185,6 +185,10 @@ class _Propagation:
         #: The solution of the contact law depends on the step before, so that every step is a row there.
         self.every = path.record_every if self.scene.contact_names else 1
         self.whole = self._every_step() if self.every > 1 else path
+        #: Whether margins of contacts are compared with errors: samples and smoothed contacts have no modes.
+        self.has_modes = bool(
+            self.scene.contact_names and uncertainty.check is None and not self.given.get("smoothing")
+        )
         #: Whether states satisfy the connections: their errors are then tangent to them.
         self.rigid = bool(self.scene.constraint_names) and self._is_rigid()
         if self.rigid:
@@ -228,8 +232,9 @@ class _Propagation:
         return np.broadcast_to(tau, np.broadcast_shapes(np.shape(tau), (self.path.steps, self.scene.nv)))
 
     def bands(self) -> Bands:
-        path, nv, names = self.path, self.scene.nv, self.scene.contact_names
+        path, nv = self.path, self.scene.nv
         batch, rows = path.q.shape[:-2], path.q.shape[-2]
+        noisy = bool(np.any(self.noise > 0.0))
         deviation_of_noise = np.sqrt(self.noise / path.dt)
         constant = np.zeros((*batch, 2 * nv, 1))
         root = np.broadcast_to(self.initial, (*batch, *self.initial.shape[-2:]))
@@ -242,7 +247,7 @@ class _Propagation:
             flow = found.state[..., row, :, :]
             # Parameter errors are the same in all steps: keep their columns separate.
             columns = [flow @ constant + found.constant[..., row, :, :], flow @ root]
-            if np.any(self.noise > 0.0):
+            if noisy:
                 pushed = found.torque[..., row, :, :, :] * deviation_of_noise
                 columns[1] = np.concatenate([columns[1], pushed.reshape(*pushed.shape[:-2], -1)], axis=-1)
             return columns[0], columns[1]
@@ -253,18 +258,16 @@ class _Propagation:
             for row in range(found.state.shape[-3]):
                 without = None if free is None else np.concatenate(through(free, row), axis=-1)
                 constant, root = through(found, row)
-                if root.shape[-1] > self.initial.shape[-1]:
+                if noisy:
                     root = lower_root(root)
                 at += 1
                 both = np.concatenate([constant, root], axis=-1)
                 if at % self.every == 0:
                     covariance[..., at // self.every, :, :] = both @ np.swapaxes(both, -1, -2)
-                if names:
-                    velocities = contact_velocities(self.scene, self.whole.q[..., at, :], path.dt) @ both
-                    sizes = (None if x is None else np.linalg.norm(x, axis=-1) for x in (velocities, without))
-                    modes.note(at, np.stack([found.margins[name][..., row] for name in names], axis=-1), *sizes)
+                if self.has_modes:
+                    modes.note(at, found.margins[..., row, :], both, without)
+        modes.warn()
         if self.unsure.check is None:
-            modes.warn()
             if np.any(held & (self.friction > 0.0)):
                 joint = next(name for name in self.scene.joint_names if np.any(held[self.scene.v_index(name)]))
                 warn(
@@ -277,14 +280,12 @@ class _Propagation:
         return Bands(deviation[..., :nv], deviation[..., nv:], covariance, ratio)
 
     def _rows(self) -> Iterator[tuple[_Rows, _Rows | None]]:
-        """Derivatives of the rows after the first, and of the velocities of contacts at the end of the step that they do
-        not affect.
-        """
+        """Derivatives of rows after the first, and of the velocities of contacts in steps that they do not affect."""
         path, scene, every = self.whole, self.scene, self.whole.record_every
         batch, rows = path.q.shape[:-2], (self.path.q.shape[-2] - 1) * self.every
-        functions = max(2 * scene.nv, PER_CONTACT * len(scene.contact_names))
+        most = max(2 * scene.nv, PER_CONTACT * len(scene.contact_names))
         bodies = len(scene.body_names) if len(self.parameters.columns) else 0
-        values = math.prod(batch) * functions * ((5 + every) * scene.nv + 10 * bodies)
+        values = math.prod(batch) * most * ((5 + every) * scene.nv + 10 * bodies)
         size = max(1, VALUES // max(1, values))
         given = {name: value for name, value in path._arguments().items() if name not in ("tau", "tau_steps")}
         for first in range(0, rows, size):
@@ -293,8 +294,8 @@ class _Propagation:
             ends = self._tangent(at + 1) if self.rigid else None
             functions = np.eye(2 * scene.nv) if ends is None else ends.coordinates
             found = self._derivatives(scene, functions, at, given | {"friction_speed": self.speed})
-            free, modes = None, ModeMargins(path)
-            if scene.contact_names and np.any(modes.closed(at[1:] + 1)):
+            free = None
+            if self.has_modes and np.any(ModeMargins(path).closed(at[1:] + 1)):
                 functions = contact_velocities(scene, path.q[..., at, :], path.dt)
                 own = free_arguments(given) | {"friction_speed": self.speed or FRICTION_SPEED}
                 free = self._derivatives(scene.without_contacts(), functions, at, own)
@@ -337,7 +338,9 @@ class _Propagation:
             each = np.stack([found.armature, found.damping, found.friction, offset], axis=-1)
             own = np.stack([each[..., row, :] @ column for row, column in self.joints], axis=-1)
             constant = np.concatenate([constant, np.moveaxis(own, 0, -2)[..., 1:, :, :]], axis=-1)
-        margins = {name: contact.margin[0][..., 1:] for name, contact in found.contacts.items()}
+        margins = np.zeros((*batch, len(at) - 1, len(found.contacts)))
+        for i, contact in enumerate(found.contacts.values()):
+            margins[..., i] = contact.margin[0][..., 1:]
         return _Rows(by_state, by_tau, constant, margins)
 
     # Sampled simulations
@@ -428,7 +431,9 @@ class _Propagation:
             given["friction_speed"] = self.speed
         q, qd = self.scene.integrate(q, start[..., :nv]), qd + start[..., nv:]
         if self.rigid:
-            q, qd, _ = self.scene.project(q, qd)
+            closed = self.scene.project(q, qd)
+            assert closed.qd is not None
+            q, qd = closed.q, closed.qd
         return scene.simulate(
             q,
             qd,
