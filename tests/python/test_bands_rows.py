@@ -13,6 +13,7 @@ import pytest
 import test_loop_gradients as loops
 from phipsi.errors import ArgumentError, UncertaintyWarning
 from phipsi.estimation import MotionUncertainty
+from phipsi.estimation.trajectories import with_bands
 from scipy.stats import chi2
 from tolerances import assert_near, slope_of_order_4
 
@@ -244,6 +245,13 @@ class TestContacts:
         unsure = MotionUncertainty(initial=1e-12 * np.eye(12)[2])
         bands = smooth.simulate(*start, dt=2e-3, steps=40, smoothing=1e-3, covariance=unsure).bands
         assert np.isfinite(bands.covariance).all() and float(bands.q[-1, 2]) > 0.0
+
+    def test_a_step_that_its_start_does_not_determine_is_refused(self) -> None:
+        case = block()
+        path = case.run()
+        path.qd[3] += 1e-3
+        with pytest.raises(ArgumentError, match="covariance: found a step with contacts that its initial state does not determine"):
+            with_bands(path, MotionUncertainty(torque_noise=1e-8))
 
     def test_bands_are_the_same_with_sparse_rows(self) -> None:
         case = block()

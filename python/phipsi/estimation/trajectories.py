@@ -321,12 +321,22 @@ class _Propagation:
         functions = np.broadcast_to(functions, (*(1,) * (len(batch) + 3 - functions.ndim), *functions.shape))
         units = np.moveaxis(functions, -2, 0)
         wanted = np.stack([np.zeros_like(units), units], axis=-2)
-        found = scene.simulate_vjp(
-            *(np.stack([state[..., at, :], state[..., at + 1, :]], axis=-2) for state in (path.q, path.qd)),
-            *np.split(wanted, 2, axis=-1),
-            tau_steps=tau[..., at, :, :],
-            **given,
-        )
+        try:
+            found = scene.simulate_vjp(
+                *(np.stack([state[..., at, :], state[..., at + 1, :]], axis=-2) for state in (path.q, path.qd)),
+                *np.split(wanted, 2, axis=-1),
+                tau_steps=tau[..., at, :, :],
+                **given,
+            )
+        except ArgumentError as error:
+            if not (scene.contact_names and error.argument in ("q", "qd")):
+                raise
+            raise of_argument(
+                ArgumentError,
+                "covariance",
+                "found a step with contacts that its initial state does not determine, because their law has several"
+                " solutions there; expected less friction, or smoothing",
+            ) from error
         by_state = np.moveaxis(np.concatenate([found.q, found.qd], axis=-1), 0, -2)[..., 1:, :, :]
         by_tau = np.moveaxis(found.tau, 0, -3)[..., 1:, :, :, :]
         constant = np.zeros((*by_state.shape[:-1], 1))
