@@ -834,7 +834,7 @@ class Scene:
         covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
             Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
             alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
-            An error for impacts on stops, accuracy, contacts, connections, coupled joints and functions tau.
+            An error for impacts on stops, accuracy and functions tau.
 
         Returns
         -------
@@ -864,6 +864,8 @@ class Scene:
             friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
         LimitWarning
             Joints that start outside of limits that are stops, or stops that connections prevent from acting.
+        UncertaintyWarning
+            With covariance, joints that friction holds, and contacts that errors can bring into another mode.
 
         Notes
         -----

@@ -309,7 +309,9 @@ class DivergenceWarning(UserWarning):
 
 
 class UncertaintyWarning(UserWarning):
-    """Error bands of a simulation that contain joints held by friction, whose first-order error is zero."""
+    """Error bands of a simulation that first order does not describe: of joints held by friction, whose error is zero to
+    first order, and of contacts that errors can bring into another mode (open, sticking, sliding).
+    """
 
 
 class UnitsWarning(UserWarning):

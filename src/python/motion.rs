@@ -99,7 +99,7 @@ impl PyScene {
     /// covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
     ///     Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
     ///     alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
-    ///     An error for impacts on stops, accuracy, contacts, connections, coupled joints and functions tau.
+    ///     An error for impacts on stops, accuracy and functions tau.
     #[doc = section!(Returns)]
     /// trajectory : Trajectory
     ///     Rows t (rows,), q (..., rows, nq) and qd (..., rows, nv), the first at the start, with the integrator,
@@ -120,6 +120,8 @@ impl PyScene {
     ///     friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
     /// LimitWarning
     ///     Joints that start outside of limits that are stops, or stops that connections prevent from acting.
+    /// UncertaintyWarning
+    ///     With covariance, joints that friction holds, and contacts that errors can bring into another mode.
     #[doc = section!(Notes)]
     /// O(N) per stage. docs/motion.md has the equations, the methods and their orders, friction, stops, contacts,
     /// connections, error control and the energy audit.
@@ -171,9 +173,6 @@ impl PyScene {
         refuse_unknown(slf.py(), "Scene.simulate", unknown)?;
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
-        if covariance.is_some() {
-            scene.check_independent()?;
-        }
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let (dt, steps) = length_of_run(dt, steps, duration, accuracy.is_some())?;
         let every = count_or("record_every", record_every, 1, 1)?;

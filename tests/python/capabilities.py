@@ -483,7 +483,10 @@ def bands(c: Case) -> None:
 
     end = np.array([slope(lambda by, d=d: c.end(0.05, 25, by * d)) for d in directions])
     expected = end.T @ end
-    assert_near(c.value(call), expected, 1e-6 * float(np.max(np.abs(expected))))
+    # As for gradients, a contact out of reach changes the rounding errors.
+    found = call(c.scene)
+    assert_near(found, expected, 1e-6 * float(np.max(np.abs(expected))))
+    assert_near(found, call(c.plain), 1e-12 * float(np.max(np.abs(expected))))
 
 
 # Parameters and estimation
@@ -626,17 +629,13 @@ CELLS: dict[str, Callable[[Case], None]] = {
 }
 
 _ACCURACY = "refused: error control"
-_BANDS = "refused: connections or contacts"
+
 
 #: Cells that do not hold, by capability, kind and contact: "refused: " and a part of the message, or "does not hold: "
 #: and the reason.
 EXCEPTIONS: dict[str, dict[tuple[str, bool], str]] = {
     "error control (`accuracy=`)": {(kind, far): _ACCURACY for kind in KINDS for far in (False, True) if (kind, far) != ("tree", False)},
     "joint stops, restitution": {("loop", far): "does not hold: a stop is exceeded by 2e-10 rad" for far in (False, True)},
-    "covariance of a simulation": {
-        **{("mimic", far): "refused: joints that follow others" for far in (False, True)},
-        **{(kind, far): _BANDS for kind in ("tree", "loop") for far in (False, True) if (kind, far) != ("tree", False)},
-    },
 }
 
 

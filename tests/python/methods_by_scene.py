@@ -271,7 +271,7 @@ def page() -> str:
         "## Capabilities",
         "",
         "Each cell is a test against dense algebra that reads nothing of phipsi: a mechanism of four bodies as a tree, with a joint that follows another, and closed by a pin, each without and with a contact 100 m out of reach. "
-        "With the contact, results must have the same bits as without it (gradients of a simulation: the same to rounding). A cell that is refused raises an error with these words.",
+        "With the contact, results must have the same bits as without it (gradients and covariances of a simulation: the same to rounding). A cell that is refused raises an error with these words.",
         "",
         *capabilities.table(),
         "",

@@ -211,15 +211,6 @@ class TestArguments:
         with pytest.raises(ArgumentError, match="accuracy.*expected None"):
             self.run(method="auto", accuracy=1e-6)
 
-    def test_joints_that_follow_others(self) -> None:
-        builder = phipsi.SceneBuilder().link("base")
-        for name in ("left", "right"):
-            builder.link(name, 1.0)
-            builder.joint(f"to_{name}", "prismatic", "base", name, axis=(1, 0, 0), mimic=None if name == "left" else "to_left")
-        scene = builder.build(mimic="couple")
-        with pytest.raises(ArgumentError, match='mimic="free"'):
-            scene.simulate([0.0], [0.0], dt=1e-3, steps=2, covariance=self.unsure)
-
     def test_a_function_for_torques(self) -> None:
         with pytest.raises(ArgumentError, match="tau.*function"):
             self.run(tau=lambda t, q, qd: qd)

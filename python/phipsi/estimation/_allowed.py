@@ -6,7 +6,7 @@ act on them: U* tau, with U orthonormal, and J U = 0.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from .._core import Scene
 
-__all__ = ["allowed_motions", "mobility", "on_connections"]
+__all__ = ["Tangent", "allowed_motions", "mobility", "on_connections", "tangent_of_connections"]
 
 _Array = NDArray[np.float64]
 
@@ -49,3 +49,38 @@ def mobility(scene: Scene) -> int:
     start = np.broadcast_to(scene.neutral(), (8, scene.nq))
     q = on_connections(scene, scene.integrate(start, 0.3 * draw.uniform(-1, 1, (8, scene.nv))), np.zeros((8, scene.nv)))[0]
     return int(np.min(np.sum(allowed_motions(scene, q).any(axis=-2), axis=-1), initial=scene.nv))
+
+
+class Tangent(NamedTuple):
+    """Tangent space of the connections at states (q in its tangent space, qd)."""
+
+    projection: _Array
+    """Derivative of Scene.project, (..., 2 nv, 2 nv)."""
+    basis: _Array
+    """Errors that the connections allow, as columns, (..., 2 nv, 2 m) for m motions; columns can be zero."""
+    coordinates: _Array
+    """Coordinates of such an error in the basis, (..., 2 m, 2 nv)."""
+
+
+def tangent_of_connections(scene: Scene, q: _Array, qd: _Array) -> Tangent:
+    """Errors of states that connections allow.
+
+    A projection with least kinetic energy moves q by P dq and qd by P dqd + K P dq, with P = A M and K = d(A M)/dq qd.
+    A M qd is the acceleration at rest that the torque M qd + g causes, so that K is its derivative, plus A times that
+    of the torque.
+    """
+    rest = np.zeros_like(qd)
+    torque = scene.inverse_dynamics(q, rest, qd)
+    of_torque = scene.inverse_dynamics_derivatives(q, rest, qd)
+    of_motion = scene.forward_dynamics_derivatives(q, rest, torque)
+    inverse = of_motion[2]
+    projector, by_q = inverse @ of_torque[2], of_motion[0] + inverse @ of_torque[0]
+    motions = allowed_motions(scene, q)
+    motions = motions[..., : int(np.max(np.sum(motions.any(axis=-2), axis=-1), initial=0))]
+    back, zero = np.swapaxes(motions, -1, -2), np.zeros_like(motions)
+    turned = by_q @ motions
+    return Tangent(
+        np.block([[projector, np.zeros_like(projector)], [by_q @ projector, projector]]),
+        np.block([[motions, zero], [turned, motions]]),
+        np.block([[back, np.swapaxes(zero, -1, -2)], [-back @ turned @ back, back]]),
+    )

@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers
 from ..errors import ArgumentError, InertiaWarning, ShapeError, UncertaintyWarning, of_argument, warn
+from ._allowed import Tangent, tangent_of_connections
 from ._manifold import lower_root
+from ._modes import PER_CONTACT, ModeMargins, contact_velocities, free_arguments
 from .uncertainty import JOINT_PARAMETERS, ParameterCovariance, _joint_covariance, _per_joint, covariance_root
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Bands", "MotionUncertainty", "with_bands"]
 
 _Array = NDArray[np.float64]
+_Index = NDArray[np.int_]
 
 #: Relative standard deviation below which a value is rounding error.
 ROUNDING = 1e-12
@@ -46,7 +49,8 @@ class MotionUncertainty:
         Variances of "armature", "damping", "friction" and "offset" of the joints, as in
         Scene.forward_dynamics_variance. The errors are constant along a trajectory.
     initial : (2 nv, 2 nv) or (2 nv,), optional
-        Initial covariance, or variances: of q in its tangent space, then of qd.
+        Initial covariance, or variances: of q in its tangent space, then of qd. With connections, errors that leave
+        them are projected onto them as by Scene.project, with least kinetic energy.
     torque_noise : (nv,) or float, optional
         Density of white torque noise, (N m)^2 s.
     check : str, optional
@@ -110,11 +114,7 @@ def with_bands(path: Trajectory, uncertainty: Any) -> Trajectory:
 
 def _check_linear(path: Trajectory) -> None:
     """Raise ArgumentError for simulations that cannot be linearized."""
-    given, scene = path.given or {}, path.scene
-    if scene.constraint_names or scene.contact_names:
-        raise of_argument(
-            ArgumentError, "covariance", "found a scene with connections or contacts; expected a tree without contacts"
-        )
+    given = path.given or {}
     if callable(given.get("tau")) or path.applied is not None:
         raise of_argument(
             ArgumentError,
@@ -138,14 +138,23 @@ def _check_linear(path: Trajectory) -> None:
 
 
 class _Rows(NamedTuple):
-    """Derivatives of the state (q in its tangent space, qd) of a row by the row before and what acts in between."""
+    """Derivatives of linear functions of the state at rows by the row before and what acts in between."""
 
     state: _Array
-    """By the state, (..., rows, 2 nv, 2 nv)."""
+    """By the state (q in its tangent space, qd), (..., rows, functions, 2 nv)."""
     torque: _Array
-    """By the torques of the steps, (..., rows, 2 nv, steps, nv)."""
+    """By the torques of the steps, (..., rows, functions, steps, nv)."""
     constant: _Array
-    """By one standard deviation of each constant parameter, (..., rows, 2 nv, columns)."""
+    """By one standard deviation of each constant parameter, (..., rows, functions, columns)."""
+    margins: _Array
+    """Margins of the contacts, (..., rows, contacts), m/s."""
+
+    def of(self, basis: _Array | None) -> _Rows:
+        """Derivatives of the state from those of its coordinates in a basis, (..., rows, 2 nv, functions)."""
+        if basis is None:
+            return self
+        by_torque = np.einsum("...if,...fsj->...isj", basis, self.torque)
+        return self._replace(state=basis @ self.state, torque=by_torque, constant=basis @ self.constant)
 
 
 class _Propagation:
@@ -171,7 +180,43 @@ class _Propagation:
             self.joints += [(row, column) for column in covariance_root(f"joints[{row}]", joints[row]).T]
         self.damping, self.friction = (self._own(name) for name in ("damping", "friction"))
         # Without friction the speed does not act, except in the derivative by friction.
-        self.speed = path.friction_speed or (0.0 if np.any(self.friction > 0.0) else FRICTION_SPEED)
+        exact = None if np.any(self.friction > 0.0) else FRICTION_SPEED
+        self.speed = self.given.get("friction_speed") or exact
+        #: The solution of the contact law depends on the step before, so that every step is a row there.
+        self.every = path.record_every if self.scene.contact_names else 1
+        self.whole = self._every_step() if self.every > 1 else path
+        #: Whether margins of contacts are compared with errors: samples and smoothed contacts have no modes.
+        self.has_modes = bool(
+            self.scene.contact_names and uncertainty.check is None and not self.given.get("smoothing")
+        )
+        #: Whether states satisfy the connections: their errors are then tangent to them.
+        self.rigid = bool(self.scene.constraint_names) and self._is_rigid()
+        if self.rigid:
+            self.initial = self._tangent(np.array([0])).projection[..., 0, :, :] @ self.initial
+
+    def _is_rigid(self) -> bool:
+        """Return whether no connection has compliance; raises ArgumentError for initial errors if only some have."""
+        compliance = np.asarray(0.0 if self.given.get("compliance") is None else self.given["compliance"], float)
+        if self.initial.size and np.any(compliance > 0.0) and np.any(compliance == 0.0):
+            raise of_argument(
+                ArgumentError,
+                "initial",
+                "found an initial covariance with rigid connections and connections with compliance; expected"
+                " compliance of all rows or of none",
+            )
+        return not np.any(compliance > 0.0)
+
+    def _tangent(self, rows: _Index) -> Tangent:
+        """Tangent space of the connections at rows."""
+        return tangent_of_connections(self.scene, self.whole.q[..., rows, :], self.whole.qd[..., rows, :])
+
+    def _every_step(self) -> Trajectory:
+        """The same simulation with a row for each step."""
+        path, given = self.path, {name: value for name, value in self.path._arguments().items() if value is not None}
+        with warnings.catch_warnings():
+            # The simulation has issued them.
+            warnings.simplefilter("ignore")
+            return self.scene.simulate(path.q[..., 0, :], path.qd[..., 0, :], **(given | {"record_every": 1}))
 
     def _own(self, name: str) -> _Array:
         value = self.given.get(name)
@@ -192,42 +237,77 @@ class _Propagation:
         noisy = bool(np.any(self.noise > 0.0))
         deviation_of_noise = np.sqrt(self.noise / path.dt)
         constant = np.zeros((*batch, 2 * nv, 1))
-        root = np.broadcast_to(self.initial, (*batch, *self.initial.shape))
+        root = np.broadcast_to(self.initial, (*batch, *self.initial.shape[-2:]))
         covariance = np.zeros((*batch, rows, 2 * nv, 2 * nv))
         covariance[..., 0, :, :] = root @ np.swapaxes(root, -1, -2)
-        at, held = 0, self.friction < 0.0
-        for found in self._rows():
+        at, held, modes = 0, self.friction < 0.0, ModeMargins(self.whole)
+
+        def through(found: _Rows, row: int) -> tuple[_Array, _Array]:
+            """Constant columns, and the others, of the functions at a row."""
+            flow = found.state[..., row, :, :]
+            # Parameter errors are the same in all steps: keep their columns separate.
+            columns = [flow @ constant + found.constant[..., row, :, :], flow @ root]
+            if noisy:
+                pushed = found.torque[..., row, :, :, :] * deviation_of_noise
+                columns[1] = np.concatenate([columns[1], pushed.reshape(*pushed.shape[:-2], -1)], axis=-1)
+            return columns[0], columns[1]
+
+        for found, free in self._rows():
             # Errors of the state before a row do not change the velocity of a joint that friction holds.
             held |= np.any(np.all(found.state[..., nv:, :] == 0.0, axis=-1), axis=tuple(range(len(batch) + 1)))
             for row in range(found.state.shape[-3]):
-                flow = found.state[..., row, :, :]
-                # Parameter errors are the same in all steps: keep their columns separate.
-                constant = flow @ constant + found.constant[..., row, :, :]
-                root = flow @ root
+                without = None if free is None else np.concatenate(through(free, row), axis=-1)
+                constant, root = through(found, row)
                 if noisy:
-                    pushed = (found.torque[..., row, :, :, :] * deviation_of_noise).reshape(*batch, 2 * nv, -1)
-                    root = lower_root(np.concatenate([root, pushed], axis=-1))
+                    root = lower_root(root)
                 at += 1
                 both = np.concatenate([constant, root], axis=-1)
-                covariance[..., at, :, :] = both @ np.swapaxes(both, -1, -2)
-        if self.unsure.check is None and np.any(held & (self.friction > 0.0)):
-            joint = next(name for name in self.scene.joint_names if np.any(held[self.scene.v_index(name)]))
-            warn(
-                f"covariance: found joint {joint!r} held by friction in some steps, so that errors of these steps are"
-                ' zero to first order; compare with check="monte-carlo", or use friction_speed=0.01',
-                UncertaintyWarning,
-            )
+                if at % self.every == 0:
+                    covariance[..., at // self.every, :, :] = both @ np.swapaxes(both, -1, -2)
+                if self.has_modes:
+                    modes.note(at, found.margins[..., row, :], both, without)
+        modes.warn()
+        if self.unsure.check is None:
+            if np.any(held & (self.friction > 0.0)):
+                joint = next(name for name in self.scene.joint_names if np.any(held[self.scene.v_index(name)]))
+                warn(
+                    f"covariance: found joint {joint!r} held by friction in some steps, so that errors of these steps"
+                    ' are zero to first order; compare with check="monte-carlo", or use friction_speed=0.01',
+                    UncertaintyWarning,
+                )
         deviation = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         ratio = None if self.unsure.check is None else self._ratio(deviation**2)
         return Bands(deviation[..., :nv], deviation[..., nv:], covariance, ratio)
 
-    def _rows(self) -> Iterator[_Rows]:
-        """Derivatives of the rows after the first, by the adjoint of the steps between two rows."""
-        path, nv, every = self.path, self.scene.nv, self.path.record_every
-        columns = self.parameters.columns
-        batch, rows = path.q.shape[:-2], path.q.shape[-2] - 1
+    def _rows(self) -> Iterator[tuple[_Rows, _Rows | None]]:
+        """Derivatives of rows after the first, and of the velocities of contacts in steps that they do not affect."""
+        path, scene, every = self.whole, self.scene, self.whole.record_every
+        batch, rows = path.q.shape[:-2], (self.path.q.shape[-2] - 1) * self.every
+        most = max(2 * scene.nv, PER_CONTACT * len(scene.contact_names))
+        bodies = len(scene.body_names) if len(self.parameters.columns) else 0
+        values = math.prod(batch) * most * ((5 + every) * scene.nv + 10 * bodies)
+        size = max(1, VALUES // max(1, values))
         given = {name: value for name, value in path._arguments().items() if name not in ("tau", "tau_steps")}
-        given |= {"steps": every, "friction_speed": self.speed}
+        for first in range(0, rows, size):
+            # method="auto" selects an integrator at the first state: put the first row before all others.
+            at = np.concatenate([[0], np.arange(first, min(first + size, rows))])
+            ends = self._tangent(at + 1) if self.rigid else None
+            functions = np.eye(2 * scene.nv) if ends is None else ends.coordinates
+            found = self._derivatives(scene, functions, at, given | {"friction_speed": self.speed})
+            free = None
+            if self.has_modes and np.any(ModeMargins(path).closed(at[1:] + 1)):
+                functions = contact_velocities(scene, path.q[..., at, :], path.dt)
+                own = free_arguments(given) | {"friction_speed": self.speed or FRICTION_SPEED}
+                free = self._derivatives(scene.without_contacts(), functions, at, own)
+            yield found.of(None if ends is None else ends.basis[..., 1:, :, :]), free
+
+    def _derivatives(self, scene: Scene, functions: _Array, at: _Index, given: dict[str, Any]) -> _Rows:
+        """Derivatives of linear functions of the state, (..., rows, functions, 2 nv), by the adjoint of the steps from
+        rows `at` to the next ones; those of the first are omitted.
+        """
+        path, nv, every, columns = self.whole, scene.nv, self.whole.record_every, self.parameters.columns
+        batch, rows = path.q.shape[:-2], (len(path) - 1) * every
+        given = given | {"steps": every, "record_every": every, "parameters": len(columns) > 0}
         if given.get("pd") is not None:
             # The targets are those of a state, not of a row.
             given["pd"] = tuple(
@@ -235,36 +315,43 @@ class _Propagation:
                 for at, part in enumerate(given["pd"])
                 if part is not None
             )
-        tau = self._torques()[..., : rows * every, :]
-        tau = tau.reshape(*tau.shape[:-2], rows, every, nv)
-        units = np.eye(2 * nv).reshape(2 * nv, *(1,) * (len(batch) + 1), 2 * nv)
+        tau = self._torques()[..., :rows, :]
+        tau = tau.reshape(*tau.shape[:-2], -1, every, nv)
+        # The derivative of function i is state i of the leading axis.
+        functions = np.broadcast_to(functions, (*(1,) * (len(batch) + 3 - functions.ndim), *functions.shape))
+        units = np.moveaxis(functions, -2, 0)
         wanted = np.stack([np.zeros_like(units), units], axis=-2)
-        bodies = len(self.scene.body_names) if len(columns) else 0
-        values = math.prod(batch) * 2 * nv * ((5 + every) * nv + 10 * bodies)
-        size = max(1, VALUES // max(1, values))
-        for first in range(0, rows, size):
-            # method="auto" selects an integrator at the first state: put the first row before all others.
-            at = np.concatenate([[0], np.arange(first, min(first + size, rows))])
-            found = self.scene.simulate_vjp(
+        try:
+            found = scene.simulate_vjp(
                 *(np.stack([state[..., at, :], state[..., at + 1, :]], axis=-2) for state in (path.q, path.qd)),
                 *np.split(wanted, 2, axis=-1),
                 tau_steps=tau[..., at, :, :],
-                parameters=bodies > 0,
                 **given,
             )
-            # The derivative of component i is state i of the leading axis.
-            by_state = np.moveaxis(np.concatenate([found.q, found.qd], axis=-1), 0, -2)[..., 1:, :, :]
-            by_tau = np.moveaxis(found.tau, 0, -3)[..., 1:, :, :, :]
-            constant = np.zeros((*by_state.shape[:-1], 1))
-            if found.parameters is not None:
-                constant = np.moveaxis(np.einsum("...bp,sbp->...s", found.parameters, columns), 0, -2)
-                constant = constant[..., 1:, :, :]
-            if self.joints:
-                offset = -np.sum(found.tau, axis=-2)
-                each = np.stack([found.armature, found.damping, found.friction, offset], axis=-1)
-                own = np.stack([each[..., row, :] @ column for row, column in self.joints], axis=-1)
-                constant = np.concatenate([constant, np.moveaxis(own, 0, -2)[..., 1:, :, :]], axis=-1)
-            yield _Rows(by_state, by_tau, constant)
+        except ArgumentError as error:
+            if not (scene.contact_names and error.argument in ("q", "qd")):
+                raise
+            raise of_argument(
+                ArgumentError,
+                "covariance",
+                "found a step with contacts that its initial state does not determine, because their law has several"
+                " solutions there; expected less friction, or smoothing",
+            ) from error
+        by_state = np.moveaxis(np.concatenate([found.q, found.qd], axis=-1), 0, -2)[..., 1:, :, :]
+        by_tau = np.moveaxis(found.tau, 0, -3)[..., 1:, :, :, :]
+        constant = np.zeros((*by_state.shape[:-1], 1))
+        if found.parameters is not None:
+            constant = np.moveaxis(np.einsum("...bp,sbp->...s", found.parameters, columns), 0, -2)
+            constant = constant[..., 1:, :, :]
+        if self.joints:
+            offset = -np.sum(found.tau, axis=-2)
+            each = np.stack([found.armature, found.damping, found.friction, offset], axis=-1)
+            own = np.stack([each[..., row, :] @ column for row, column in self.joints], axis=-1)
+            constant = np.concatenate([constant, np.moveaxis(own, 0, -2)[..., 1:, :, :]], axis=-1)
+        margins = np.zeros((*batch, len(at) - 1, len(found.contacts)))
+        for i, contact in enumerate(found.contacts.values()):
+            margins[..., i] = contact.margin[0][..., 1:]
+        return _Rows(by_state, by_tau, constant, margins)
 
     # Sampled simulations
 
@@ -298,10 +385,13 @@ class _Propagation:
         spread = np.asarray(away)
         # The variance about the mean of the simulations: the shift of the mean is a bias.
         found = np.var(spread, axis=0, ddof=1 if unsure.check == "monte-carlo" else 0)
-        # A variance below this share of the largest variance of its kind is rounding error.
+        # A variance below this share of the largest variance of its kind, or of a unit in the last place of the states,
+        # is rounding error.
         halves = variance.reshape(*variance.shape[:-1], 2, -1)
-        largest = np.max(halves, axis=(-1, -3), keepdims=True)
-        least = np.broadcast_to(largest * ROUNDING**2, halves.shape).reshape(variance.shape)
+        largest = np.max(halves, axis=(-1, -3), keepdims=True) * ROUNDING**2
+        sizes = np.array([max(1.0, float(np.max(np.abs(x), initial=0.0))) for x in (self.path.q, self.path.qd)])
+        least = np.maximum(largest, (np.finfo(float).eps * sizes[:, None]) ** 2)
+        least = np.broadcast_to(least, halves.shape).reshape(variance.shape)
         known, unknown = variance > least, np.where(found > least, np.inf, np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(known, found / variance, unknown)
@@ -349,9 +439,14 @@ class _Propagation:
         }
         if np.any(friction > 0.0):
             given["friction_speed"] = self.speed
+        q, qd = self.scene.integrate(q, start[..., :nv]), qd + start[..., nv:]
+        if self.rigid:
+            closed = self.scene.project(q, qd)
+            assert closed.qd is not None
+            q, qd = closed.q, closed.qd
         return scene.simulate(
-            self.scene.integrate(q, start[:nv]),
-            qd + start[nv:],
+            q,
+            qd,
             dt=path.dt,
             steps=path.steps,
             record_every=path.record_every,
