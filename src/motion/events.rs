@@ -14,8 +14,8 @@ use super::solver::Checked;
 use super::step::{set_friction, stage};
 use super::step_settings::StepSettings;
 use super::stops::{Graph, Hold, Piece, settle};
-use super::totals::{FRICTION, STOPS, TOTALS, UNSETTLED, WORKS};
-use super::works::add_work;
+use super::totals::{TOTALS, UNSETTLED, WORKS};
+use super::works::{add_row_work, add_work};
 use crate::dynamics;
 use crate::workspace::Workspace;
 
@@ -40,6 +40,9 @@ pub struct StopImpact {
     /// Impulse of the stop on the joint, N m s or N s.
     pub impulse: f64,
 }
+
+/// Length of an event, the time of its end, and the destination of its impacts on stops.
+pub(super) type Ending<'a> = (f64, f64, &'a mut Vec<StopImpact>);
 
 /// Scratch for events.
 #[derive(Debug)]
@@ -79,10 +82,9 @@ impl Events {
     pub fn event(
         &mut self,
         settings: &StepSettings,
-        (h, time): (f64, f64),
         s: &mut Scratch<f64>,
         solver: &mut Checked,
-        impacts: &mut Vec<StopImpact>,
+        (h, time, impacts): Ending<'_>,
     ) -> f64 {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (settings, &scheme);
@@ -153,22 +155,13 @@ impl Events {
         }
         for (i, of) in settings.set_valued.iter().enumerate() {
             let (piece, graph, torque) = (self.pieces[i], &self.graphs[i], self.torque[of.row]);
-            let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
             let at_a_stop = graph.velocity(piece).is_some_and(|(_, hold)| hold != Hold::Friction);
-            // Friction opposes the motion; at rest it compensates the other torques up to its bound.
-            let rubbing = if at_a_stop && along != 0.0 {
-                -of.friction * along.signum()
-            } else {
-                torque.clamp(-of.friction, of.friction)
-            };
-            s.totals[FRICTION] += rubbing * along;
-            s.totals[STOPS] += (torque - rubbing) * along;
+            let impulse = add_row_work(of, (h, torque, at_a_stop), s);
             let upper = match graph.velocity(piece) {
                 Some((_, Hold::Lower)) if s.v[of.row] < 0.0 => false,
                 Some((_, Hold::Upper)) if s.v[of.row] > 0.0 => true,
                 _ => continue,
             };
-            let impulse = h * (torque - rubbing);
             impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: s.v[of.row].abs(), impulse });
         }
         add_work(settings, s);

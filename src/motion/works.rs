@@ -2,7 +2,8 @@
 
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
-use super::totals::{CONTROL, DAMPING, FRICTION, TORQUE};
+use super::stops::SetValued;
+use super::totals::{CONTROL, DAMPING, FRICTION, STOPS, TORQUE};
 use crate::scalar::Real;
 
 /// Adds the works of an elementary step from `q`, `v` to `q_next`, `v_next` with displacement `x`. Exact friction is
@@ -24,4 +25,16 @@ pub(super) fn add_work<T: Real>(settings: &StepSettings, s: &mut Scratch<T>) {
     for mode in &s.modes {
         s.totals[FRICTION] = s.dry[mode.row].mul_add(s.x[mode.row], s.totals[FRICTION]);
     }
+}
+
+/// Adds the works of friction and of the stop of a row in an event of length h with this torque of both. Returns the
+/// impulse of the stop.
+pub(super) fn add_row_work(of: &SetValued, (h, torque, at_a_stop): (f64, f64, bool), s: &mut Scratch<f64>) -> f64 {
+    let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
+    // Friction opposes the motion; at rest it compensates the other torques up to its bound.
+    let rubbing =
+        if at_a_stop && along != 0.0 { -of.friction * along.signum() } else { torque.clamp(-of.friction, of.friction) };
+    s.totals[FRICTION] += rubbing * along;
+    s.totals[STOPS] += (torque - rubbing) * along;
+    h * (torque - rubbing)
 }
