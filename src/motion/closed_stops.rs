@@ -193,11 +193,7 @@ impl Constrained<'_> {
             let row = rows[i].row as f64;
             s.totals[DROPPED_ROW] = row;
         }
-        Ok(if is_still && s.v_next == s.v {
-            0.0
-        } else {
-            acting.error(rows, (&reached, &bounced), (settings, h, &free), s)
-        })
+        Ok(acting.error(rows, (&reached, &bounced), (settings, h, &free), s))
     }
 
     /// Adds rows to the acting ones.
