@@ -226,9 +226,8 @@ class Trajectory(TrajectoryFiles):
         Notes
         -----
         A simulation with method="auto" is repeated with error control (accuracy=1e-7), which resolves impacts,
-        sticking, and vibrations that the step damps. With another method, momentum conservation, contacts,
-        connections or coupled joints it is repeated with a third of the step; the estimate is then unreliable
-        when the mode of friction or stops changes. The estimate does not include model errors such as those of
+        sticking, and vibrations that the step damps. With another method or contacts it is repeated with a third of
+        the step; the estimate is then unreliable when the mode of friction or stops changes. The estimate does not include model errors such as those of
         regularized friction. For chaotic motion it grows with the error.
 
         Examples

@@ -5,7 +5,7 @@ use super::choice::closed_rows;
 use super::closed_stops::is_past;
 use super::constrained::{Constrained, ConstrainedScratch, Failure};
 use super::division::Steps;
-use super::events::{Event, StopImpact};
+use super::events::{Ending, Event};
 use super::method::Scheme;
 use super::scratch::{Scratch, clear};
 use super::step::step;
@@ -58,6 +58,8 @@ impl<'a> ClosedSteps<'a> {
 
 impl Steps for ClosedSteps<'_> {
     fn step(&mut self, by: StepArguments<'_>, s: &mut Scratch<f64>) {
+        // That of a step that was too long.
+        self.scratch.rows_of_connections.take_fault().ok();
         step(by, s, &mut self.constrained(by.0));
     }
 
@@ -68,22 +70,18 @@ impl Steps for ClosedSteps<'_> {
         }
     }
 
-    fn event(
-        &mut self,
-        settings: &StepSettings,
-        (h, time): (f64, f64),
-        s: &mut Scratch<f64>,
-        impacts: &mut Vec<StopImpact>,
-    ) -> f64 {
+    fn event(&mut self, settings: &StepSettings, s: &mut Scratch<f64>, ending: Ending<'_>) -> f64 {
         let ClosedScratch { rows_of_connections: scratch, rows, without } = &mut *self.scratch;
         let mut solver = Constrained { scene: self.scene, scratch, compliance: &settings.compliance };
-        let scheme = Scheme::new(settings.method, h);
-        s.adopt(settings, &scheme);
-        clear(&mut s.dry);
-        step((without, &scheme), s, &mut solver);
-        let found = solver.finish(settings, s).and_then(|()| solver.stop(settings, (h, time), rows, s, impacts));
+        let mut found = self.failure.take().map_or(Ok(()), Err);
+        if found.is_ok() && !settings.set_valued.is_empty() {
+            clear(&mut s.dry);
+            step((without, &Scheme::new(settings.method, ending.0)), s, &mut solver);
+            found = solver.finish(settings, s);
+        }
+        let error = found.and_then(|()| solver.stop(settings, rows, s, ending));
         add_work(settings, s);
-        found.unwrap_or_else(|failure| {
+        error.unwrap_or_else(|failure| {
             self.failure = Some(failure);
             f64::NAN
         })

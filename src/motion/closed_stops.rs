@@ -13,14 +13,15 @@
 //! step.
 
 use super::constrained::{Constrained, Failure};
-use super::events::{StopImpact, largest};
+use super::events::{Ending, StopImpact, largest};
 use super::limit_rows::{rebounds, settle_at};
 use super::manifold::advance;
 use super::modes::STUCK_NOISE;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
 use super::stops::{AT_MOST, Graph, Hold, Piece, SetValued, settle};
-use super::totals::{DROPPED, DROPPED_ROW, FRICTION, STOPS};
+use super::totals::{DROPPED, DROPPED_ROW};
+use super::works::RowWork;
 use crate::contact::{Cone, expansion_kept};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::{factorise, solve};
@@ -71,18 +72,17 @@ struct Solution {
 }
 
 impl Constrained<'_> {
-    /// Solves friction and stops of a step of length h, from the end of a step without them. Adds the impacts, with
-    /// the given time. Returns an estimate of the error, as of error control.
+    /// Solves friction and stops of a step, from the end of a step without them. Returns an estimate of the error, as
+    /// of error control.
     pub(super) fn stop(
         &mut self,
         settings: &StepSettings,
-        h_and_time: (f64, f64),
         rows: &[SetValued],
         s: &mut Scratch<f64>,
-        impacts: &mut Vec<StopImpact>,
+        ending: Ending<'_>,
     ) -> Result<f64, Failure> {
         let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-        let outcome = self.stopped(settings, h_and_time, rows, s, impacts);
+        let outcome = self.stopped(settings, rows, s, ending);
         s.model.system.noise = noise;
         outcome
     }
@@ -90,10 +90,9 @@ impl Constrained<'_> {
     fn stopped(
         &mut self,
         settings: &StepSettings,
-        (h, time): (f64, f64),
         rows: &[SetValued],
         s: &mut Scratch<f64>,
-        impacts: &mut Vec<StopImpact>,
+        (h, time, impacts): Ending<'_>,
     ) -> Result<f64, Failure> {
         let mut free = s.v_next.clone();
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
@@ -187,41 +186,14 @@ impl Constrained<'_> {
             s.model.system.noise.copy_from_slice(&held);
             projected?;
         }
-        let hits = acting.finish(rows, (&reached, &last), (h, &resting, elastic), s);
-        impacts.extend(hits.into_iter().map(|impact| StopImpact { time, ..impact }));
+        impacts.extend(acting.finish(rows, (&reached, &last), (h, time, &resting, elastic), s));
         if let Some(i) = acting.reduced.iter().position(|&by| by > 0) {
             s.totals[DROPPED] += 1.0;
             #[allow(clippy::cast_precision_loss)] // index of a joint
             let row = rows[i].row as f64;
             s.totals[DROPPED_ROW] = row;
         }
-        if is_still && s.v_next == s.v {
-            return Ok(0.0);
-        }
-        // Velocities change at an unknown time within the step, by the accelerations too unless the same joints are
-        // held from its start on; rebounds are omitted.
-        let fastest = largest(&s.v, 1.0);
-        let jump = s.v_next.iter().zip(&s.v).fold(0.0_f64, |most, (next, v)| most.max((next - v).abs()));
-        let (mut lasts, mut omitted) = (true, 0.0_f64);
-        for (at, &i) in acting.near.iter().enumerate() {
-            let (of, start) = (&rows[i], s.v[rows[i].row]);
-            lasts &= match reached.holds[at] {
-                Some(Hold::Friction) => start == 0.0,
-                Some(_) => of.beyond(&s.q) >= 0.0,
-                None => start * s.v_next[of.row] >= 0.0,
-            };
-            if reached.holds[at].is_some_and(|hold| hold != Hold::Friction) && !bounced[i] && of.beyond(&s.q) < 0.0 {
-                let (back, slowing) = (settings.restitution * start.abs(), (free[of.row] - start).abs() / h);
-                omitted += (back / fastest).max(back * back / (2.0 * slowing.max(f64::MIN_POSITIVE)));
-            }
-        }
-        let late = |row: usize| {
-            let rubbing =
-                acting.near.iter().zip(&acting.columns).map(|(&i, column)| rows[i].friction * column[row].abs());
-            (free[row] - s.v[row]).abs() + rubbing.sum::<f64>()
-        };
-        let late = if lasts { 0.0 } else { (0..free.len()).map(late).fold(0.0, f64::max) / fastest };
-        Ok((h * jump).max(late) + omitted)
+        Ok(acting.error(rows, (&reached, &bounced), (settings, h, &free), s))
     }
 
     /// Adds rows to the acting ones.
@@ -384,32 +356,57 @@ impl Acting {
         &self,
         rows: &[SetValued],
         (reached, last): (&Solution, &Solution),
-        (h, resting, elastic): (f64, &[[f64; 2]], bool),
+        (h, time, resting, elastic): (f64, f64, &[[f64; 2]], bool),
         s: &mut Scratch<f64>,
     ) -> Vec<StopImpact> {
         let mut impacts = Vec::new();
         for (at, &i) in self.near.iter().enumerate() {
             let (of, torque) = (&rows[i], last.torques[at]);
-            let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
             let hold = reached.holds[at].filter(|&hold| hold != Hold::Friction);
-            // Friction opposes the motion; at rest it compensates the other torques up to its bound.
-            let rubbing = if hold.is_some() && along != 0.0 {
-                -of.friction * along.signum()
-            } else {
-                torque.clamp(-of.friction, of.friction)
-            };
-            s.totals[FRICTION] += rubbing * along;
-            s.totals[STOPS] += (torque - rubbing) * along;
+            let impulse = RowWork::new(of, (h, torque, hold), s).add(s);
             let Some(hold) = hold else { continue };
             let upper = hold == Hold::Upper;
             let bound = if upper { of.upper } else { of.lower };
             let limit = LimitRow { body: 0, row: of.row, coordinate: of.coordinate, upper, bound };
-            let impulse = h * (torque - rubbing) * limit.sign();
+            let impulse = impulse * limit.sign();
             let rests = (!elastic && impulse > 0.0).then(|| limit.sign() * resting[i][usize::from(upper)]);
             let ends = (&mut s.q_next[..], &mut s.v_next[..]);
-            impacts.extend(settle_at(&limit, (h, limit.velocity(&s.v)), (impulse, rests), ends));
+            impacts.extend(settle_at(&limit, (time, limit.velocity(&s.v)), (impulse, rests), ends));
         }
         impacts
+    }
+
+    /// An estimate of the error of a step. Velocities change at an unknown time within it, and so do accelerations,
+    /// unless the same joints are held from its start on; rebounds are omitted.
+    fn error(
+        &self,
+        rows: &[SetValued],
+        (reached, bounced): (&Solution, &[bool]),
+        (settings, h, free): (&StepSettings, f64, &[f64]),
+        s: &Scratch<f64>,
+    ) -> f64 {
+        let fastest = largest(&s.v, 1.0);
+        let jump = s.v_next.iter().zip(&s.v).fold(0.0_f64, |most, (next, v)| most.max((next - v).abs()));
+        let (mut lasts, mut omitted) = (true, 0.0_f64);
+        for (&i, &hold) in self.near.iter().zip(&reached.holds) {
+            let (of, start) = (&rows[i], s.v[rows[i].row]);
+            let is_at_stop = of.beyond(&s.q) >= 0.0;
+            lasts &= match hold {
+                Some(Hold::Friction) => start == 0.0,
+                Some(_) => is_at_stop,
+                None => start * s.v_next[of.row] >= 0.0,
+            };
+            if hold.is_some_and(|hold| hold != Hold::Friction) && !bounced[i] && !is_at_stop {
+                let (back, slowing) = (settings.restitution * start.abs(), (free[of.row] - start).abs() / h);
+                omitted += (back / fastest).max(back * back / (2.0 * slowing.max(f64::MIN_POSITIVE)));
+            }
+        }
+        let late = |row: usize| {
+            let rubbing = self.near.iter().zip(&self.columns).map(|(&i, column)| rows[i].friction * column[row].abs());
+            (free[row] - s.v[row]).abs() + rubbing.sum::<f64>()
+        };
+        let late = if lasts { 0.0 } else { (0..free.len()).map(late).fold(0.0, f64::max) / fastest };
+        (h * jump).max(late) + omitted
     }
 
     /// Locks the joints that friction holds, so that projections do not move them. Returns the noise before.

@@ -5,7 +5,7 @@
 //! [`stops`](super::stops). Without error control the substeps have the largest lengths that the error estimate of the
 //! method accepts; with error control, the estimated error of each substep is within a bound.
 
-use super::events::{Event, Events, StopImpact, conserves, largest};
+use super::events::{Ending, Event, Events, StopImpact, conserves, largest};
 use super::method::{Method, Scheme};
 use super::modes::speeds_and_errors;
 use super::scratch::Scratch;
@@ -38,40 +38,39 @@ const SHORTEST_EVENT: u32 = 1;
 /// Number of substeps of one length before a longer one is tried.
 const ROUNDS_BEFORE_LONGER: u32 = 4;
 
-/// The elementary steps of one state of a kind of scene.
+/// The elementary steps of one state of a kind of scene; the provided methods are those of trees.
 pub(super) trait Steps {
     /// One step from `q`, `v` to `q_next`, `v_next`, with the modes of its start.
     fn step(&mut self, by: StepArguments<'_>, s: &mut Scratch<f64>);
 
     /// Ends a step whose length is accepted.
-    fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>);
+    fn finish(&mut self, _settings: &StepSettings, _s: &mut Scratch<f64>) {}
 
-    /// A step of length h with the set-valued law, whose end has this time; adds its impacts. Returns an estimate of
-    /// its error, as of error control.
-    fn event(
-        &mut self,
-        settings: &StepSettings,
-        h_and_time: (f64, f64),
-        s: &mut Scratch<f64>,
-        impacts: &mut Vec<StopImpact>,
-    ) -> f64;
+    /// Repeats the last finished step with the set-valued law. Returns an estimate of the error, as of error control.
+    fn event(&mut self, settings: &StepSettings, s: &mut Scratch<f64>, ending: Ending<'_>) -> f64;
 
-    /// The solution of the last event.
+    /// The solution of the last event, for its adjoint.
     fn solution(&self) -> Event<'_>;
+
+    fn workspace(&mut self) -> &mut Workspace<f64>;
 
     /// True if a singular pivot or an error ends the step.
     fn has_failed(&self) -> bool;
 
     /// Clears a failure that a shorter step can avoid. Returns false if there is none.
-    fn recovers(&mut self) -> bool;
+    fn recovers(&mut self) -> bool {
+        false
+    }
 
     /// The rows with friction or stops.
-    fn rows<'a>(&'a self, settings: &'a StepSettings) -> &'a [SetValued];
+    fn rows<'a>(&'a self, settings: &'a StepSettings) -> &'a [SetValued] {
+        &settings.set_valued
+    }
 
     /// True if every step from this state is an event, because friction or a stop acts from its start on.
-    fn holds(&self, s: &Scratch<f64>) -> bool;
-
-    fn workspace(&mut self) -> &mut Workspace<f64>;
+    fn holds(&self, _s: &Scratch<f64>) -> bool {
+        false
+    }
 }
 
 /// The elementary steps of a tree, with or without coupled joints.
@@ -85,40 +84,20 @@ impl Steps for TreeSteps<'_> {
         step(by, s, self.solver);
     }
 
-    fn finish(&mut self, _: &StepSettings, _: &mut Scratch<f64>) {}
-
-    fn event(
-        &mut self,
-        settings: &StepSettings,
-        h_and_time: (f64, f64),
-        s: &mut Scratch<f64>,
-        impacts: &mut Vec<StopImpact>,
-    ) -> f64 {
-        self.events.event(settings, h_and_time, s, self.solver, impacts)
+    fn event(&mut self, settings: &StepSettings, s: &mut Scratch<f64>, ending: Ending<'_>) -> f64 {
+        self.events.event(settings, s, self.solver, ending)
     }
 
     fn solution(&self) -> Event<'_> {
         self.events.solution()
     }
 
-    fn has_failed(&self) -> bool {
-        self.solver.lost.is_some()
-    }
-
-    fn recovers(&mut self) -> bool {
-        false
-    }
-
-    fn rows<'a>(&'a self, settings: &'a StepSettings) -> &'a [SetValued] {
-        &settings.set_valued
-    }
-
-    fn holds(&self, _: &Scratch<f64>) -> bool {
-        false
-    }
-
     fn workspace(&mut self) -> &mut Workspace<f64> {
         &mut self.solver.workspace
+    }
+
+    fn has_failed(&self) -> bool {
+        self.solver.lost.is_some()
     }
 }
 
@@ -208,14 +187,17 @@ impl Substeps {
             } else if s.v_next.iter().all(|v| v.is_finite()) {
                 let time = shortest * f64::from(MOST_SUBSTEPS - left + size);
                 let (totals, impacts) = (s.totals, self.impacts.len());
-                steps.event(settings, (scheme.step, time), s, &mut self.impacts);
+                steps.event(settings, s, (scheme.step, time, &mut self.impacts));
                 if steps.has_failed() {
                     s.v.fill(f64::NAN);
                     break;
                 }
-                // The time of a rebound, and the work of the other forces until then, need the shortest substep.
+                // The time of a rebound, and the work of the other forces until then, need the shortest substep. Compliant
+                // connections store energy.
                 let rebounds = settings.restitution > 0.0 && self.impacts.len() > impacts;
-                if settings.divides && size > 1 && (rebounds || !conserves(settings, s, &totals, steps.workspace())) {
+                let judges = settings.is_rigid() && !rebounds;
+                let is_short = if judges { conserves(settings, s, &totals, steps.workspace()) } else { !rebounds };
+                if settings.divides && size > 1 && !is_short {
                     s.totals = totals;
                     self.impacts.truncate(impacts);
                     (size, calm) = (size / 2, 0);
@@ -258,43 +240,7 @@ impl Substeps {
             v.copy_from_slice(&s.v);
             let totals = s.totals;
             let scheme = Scheme::new(settings.method, settings.step * part);
-            s.adopt(settings, &scheme);
-            steps.step((settings, &scheme), s);
-            steps.finish(settings, s);
-            whole_q.copy_from_slice(&s.q_next);
-            whole_v.copy_from_slice(&s.v_next);
-            let holds = |steps: &_, s: &Scratch<f64>, h: f64| {
-                let passes = |of: &SetValued| of.passes((&s.q, &s.v), (&s.q_next, &s.v_next), h);
-                s.consistent > 0.0 && !Steps::rows(steps, settings).iter().any(passes)
-            };
-            let mut consistent = holds(steps, s, scheme.step);
-            let fastest = largest(&v, 1.0);
-            let error = if scheme.embedded {
-                let [of_q, of_v] = [&s.l, &s.m].map(|stages| {
-                    let row = |row: usize| scheme.error.iter().zip(stages).map(|(e, k)| e * k[row]).sum::<f64>().abs();
-                    (0..v.len()).map(row).fold(0.0, f64::max)
-                });
-                add_work(settings, s);
-                std::mem::swap(&mut s.q, &mut s.q_next);
-                std::mem::swap(&mut s.v, &mut s.v_next);
-                of_q.max(of_v / fastest)
-            } else {
-                let half = Scheme::new(settings.method, 0.5 * settings.step * part);
-                s.adopt(settings, &half);
-                for _ in 0..2 {
-                    if consistent {
-                        steps.step((settings, &half), s);
-                        steps.finish(settings, s);
-                        consistent = holds(steps, s, half.step);
-                        add_work(settings, s);
-                        std::mem::swap(&mut s.q, &mut s.q_next);
-                        std::mem::swap(&mut s.v, &mut s.v_next);
-                    }
-                }
-                let size = |x: &[f64], y: &[f64]| x.iter().zip(y).fold(0.0_f64, |most, (x, y)| most.max((x - y).abs()));
-                size(&s.q, &whole_q).max(size(&s.v, &whole_v) / fastest)
-                    / (f64::from(settings.method.order()).exp2() - 1.0)
-            };
+            let (mut consistent, error) = attempt(settings, &scheme, s, steps, (&mut whole_q, &mut whole_v));
             tried += 1;
             let recovers = steps.has_failed() && part > SHORTEST && steps.recovers();
             consistent &= !recovers;
@@ -328,7 +274,10 @@ impl Substeps {
                     error
                 } else {
                     let (impacts, time) = (self.impacts.len(), settings.step * (1.0 - left + part));
-                    let error = steps.event(settings, (scheme.step, time), s, &mut self.impacts);
+                    s.adopt(settings, &scheme);
+                    steps.step((settings, &scheme), s);
+                    steps.finish(settings, s);
+                    let error = steps.event(settings, s, (scheme.step, time, &mut self.impacts));
                     if steps.has_failed() {
                         s.v.fill(f64::NAN);
                         break;
@@ -384,4 +333,52 @@ fn shorter(by: StepArguments<'_>, s: &Scratch<f64>, size: u32) -> u32 {
         reached *= 4.0;
     }
     shorter
+}
+
+/// Tries a substep, in place, and without an embedded method again as two of half the length. Copies the end of the
+/// whole one. Returns whether its modes hold to the end, and the estimated error.
+fn attempt(
+    settings: &StepSettings,
+    scheme: &Scheme,
+    s: &mut Scratch<f64>,
+    steps: &mut impl Steps,
+    (whole_q, whole_v): (&mut [f64], &mut [f64]),
+) -> (bool, f64) {
+    let fastest = largest(&s.v, 1.0);
+    s.adopt(settings, scheme);
+    steps.step((settings, scheme), s);
+    steps.finish(settings, s);
+    whole_q.copy_from_slice(&s.q_next);
+    whole_v.copy_from_slice(&s.v_next);
+    let keeps = |steps: &_, s: &Scratch<f64>, h: f64| {
+        let passes = |of: &SetValued| of.passes((&s.q, &s.v), (&s.q_next, &s.v_next), h);
+        s.consistent > 0.0 && !Steps::rows(steps, settings).iter().any(passes)
+    };
+    let mut consistent = keeps(steps, s, scheme.step);
+    let error = if scheme.embedded {
+        let [of_q, of_v] = [&s.l, &s.m].map(|stages| {
+            let row = |row: usize| scheme.error.iter().zip(stages).map(|(e, k)| e * k[row]).sum::<f64>().abs();
+            (0..s.v.len()).map(row).fold(0.0, f64::max)
+        });
+        add_work(settings, s);
+        std::mem::swap(&mut s.q, &mut s.q_next);
+        std::mem::swap(&mut s.v, &mut s.v_next);
+        of_q.max(of_v / fastest)
+    } else {
+        let half = Scheme::new(settings.method, 0.5 * scheme.step);
+        s.adopt(settings, &half);
+        for _ in 0..2 {
+            if consistent {
+                steps.step((settings, &half), s);
+                steps.finish(settings, s);
+                consistent = keeps(steps, s, half.step);
+                add_work(settings, s);
+                std::mem::swap(&mut s.q, &mut s.q_next);
+                std::mem::swap(&mut s.v, &mut s.v_next);
+            }
+        }
+        let size = |x: &[f64], y: &[f64]| x.iter().zip(y).fold(0.0_f64, |most, (x, y)| most.max((x - y).abs()));
+        size(&s.q, whole_q).max(size(&s.v, whole_v) / fastest) / (f64::from(settings.method.order()).exp2() - 1.0)
+    };
+    (consistent, error)
 }

@@ -14,8 +14,8 @@ use super::solver::Checked;
 use super::step::{set_friction, stage};
 use super::step_settings::StepSettings;
 use super::stops::{Graph, Hold, Piece, SetValued, settle};
-use super::totals::{FRICTION, STOPS, TOTALS, UNSETTLED, WORKS};
-use super::works::add_work;
+use super::totals::{STOPS, TOTALS, UNSETTLED, WORKS};
+use super::works::{RowWork, add_work};
 use crate::dynamics;
 use crate::workspace::Workspace;
 
@@ -40,6 +40,9 @@ pub struct StopImpact {
     /// Impulse of the stop on the joint, N m s or N s.
     pub impulse: f64,
 }
+
+/// Length of an event, the time of its end, and the destination of its impacts on stops.
+pub(super) type Ending<'a> = (f64, f64, &'a mut Vec<StopImpact>);
 
 /// Scratch for events.
 #[derive(Debug)]
@@ -79,10 +82,9 @@ impl Events {
     pub fn event(
         &mut self,
         settings: &StepSettings,
-        (h, time): (f64, f64),
         s: &mut Scratch<f64>,
         solver: &mut Checked,
-        impacts: &mut Vec<StopImpact>,
+        (h, time, impacts): Ending<'_>,
     ) -> f64 {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (settings, &scheme);
@@ -153,15 +155,12 @@ impl Events {
             s.q_next[settings.set_valued[*row].coordinate] = *bound;
         }
         for (i, of) in settings.set_valued.iter().enumerate() {
-            let [rubbing, stopping] = self.works(i, of, h, s);
-            s.totals[FRICTION] += rubbing;
-            s.totals[STOPS] += stopping;
+            let impulse = self.work(i, of, h, s).add(s);
             let upper = match self.graphs[i].velocity(self.pieces[i]) {
                 Some((_, Hold::Lower)) if s.v[of.row] < 0.0 => false,
                 Some((_, Hold::Upper)) if s.v[of.row] > 0.0 => true,
                 _ => continue,
             };
-            let impulse = h * (self.torque[of.row] - self.rubbing(i, of, s));
             impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: s.v[of.row].abs(), impulse });
         }
         add_work(settings, s);
@@ -171,23 +170,10 @@ impl Events {
         h * jump.max(late) + omitted
     }
 
-    /// The torque of friction of a row in the current solution: it opposes the motion; at rest it compensates the other
-    /// torques up to its bound. Stops do not pull.
-    fn rubbing(&self, i: usize, of: &SetValued, s: &Scratch<f64>) -> f64 {
-        let (torque, twice) = (self.torque[of.row], s.v[of.row] + s.v_next[of.row]);
-        let sliding = -of.friction * twice.signum();
-        match self.graphs[i].velocity(self.pieces[i]) {
-            Some((_, Hold::Lower)) if twice != 0.0 => sliding.min(torque),
-            Some((_, Hold::Upper)) if twice != 0.0 => sliding.max(torque),
-            _ => torque.clamp(-of.friction, of.friction),
-        }
-    }
-
-    /// The works of friction and stop of a row in an event.
-    fn works(&self, i: usize, of: &SetValued, h: f64, s: &Scratch<f64>) -> [f64; 2] {
-        let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
-        let rubbing = self.rubbing(i, of, s);
-        [rubbing * along, (self.torque[of.row] - rubbing) * along]
+    /// The works of friction and stop of a row in the current solution.
+    fn work(&self, i: usize, of: &SetValued, h: f64, s: &Scratch<f64>) -> RowWork {
+        let hold = self.graphs[i].velocity(self.pieces[i]).map(|(_, hold)| hold);
+        RowWork::new(of, (h, self.torque[of.row], hold), s)
     }
 
     /// Velocities after impacts on stops, by J. J. Moreau's law: rebound velocities, with restitution halved until the
@@ -216,9 +202,9 @@ impl Events {
             self.solve(settings, h, s, solver);
             let (mut added, mut size) = (0.0, 0.0);
             for (i, of) in settings.set_valued.iter().enumerate() {
-                let [rubbing, stopping] = self.works(i, of, h, s);
-                added += stopping;
-                size += rubbing.abs() + stopping.abs();
+                let work = self.work(i, of, h, s).stop;
+                added += work;
+                size += work.abs();
             }
             if added <= ROUNDING_OF_TORQUES * size {
                 break;

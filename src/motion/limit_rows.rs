@@ -44,10 +44,10 @@ pub(super) fn rebounds(start: f64, free: f64, restitution: f64) -> bool {
 }
 
 /// Ends a step at a limit: removes rounding errors from the coordinate and from the velocity of a joint that `rests`
-/// there, and returns the impact of a joint that reached it.
+/// there, and returns the impact of a joint that reached it, with this time.
 pub(super) fn settle_at(
     limit: &LimitRow,
-    (h, start): (f64, f64),
+    (time, start): (f64, f64),
     (impulse, rests): (f64, Option<f64>),
     (q, v): (&mut [f64], &mut [f64]),
 ) -> Option<StopImpact> {
@@ -65,7 +65,7 @@ pub(super) fn settle_at(
         state: 0,
         row: limit.row,
         upper: limit.upper,
-        time: h,
+        time,
         speed: -start,
         impulse: limit.sign() * impulse,
     })

@@ -102,8 +102,12 @@ impl StepSettings {
 
     /// True if steps are vectorized: those without coupled joints, compliant connections and error control.
     pub fn is_vectorized(&self) -> bool {
-        let is_rigid = self.compliance.iter().all(|&compliance| compliance == 0.0);
-        self.coupling.is_none() && is_rigid && self.accuracy.is_none()
+        self.coupling.is_none() && self.is_rigid() && self.accuracy.is_none()
+    }
+
+    /// True if no connection is compliant.
+    pub fn is_rigid(&self) -> bool {
+        self.compliance.iter().all(|&compliance| compliance == 0.0)
     }
 
     /// True if steps with contacts are vectorized: those of a tree on planes of the base with the exact law, unless its

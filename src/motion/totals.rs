@@ -46,7 +46,8 @@ pub struct Totals {
     pub substeps: f64,
     /// Largest number of substeps of one step.
     pub most_substeps: f64,
-    /// Number of substeps in which a joint stuck, slipped, or reached or left a stop.
+    /// Number of substeps in which a joint stuck, slipped, or reached or left a stop; with connections, also of those in
+    /// which friction or a stop held one.
     pub events: f64,
     /// With error control, the sum of the estimated errors of all substeps: rad, m, and relative to the fastest joint
     /// velocity if that exceeds 1.

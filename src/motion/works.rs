@@ -2,7 +2,8 @@
 
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
-use super::totals::{CONTROL, DAMPING, FRICTION, TORQUE};
+use super::stops::{Hold, SetValued};
+use super::totals::{CONTROL, DAMPING, FRICTION, STOPS, TORQUE};
 use crate::scalar::Real;
 
 /// Adds the works of an elementary step from `q`, `v` to `q_next`, `v_next` with displacement `x`. Exact friction is
@@ -23,5 +24,35 @@ pub(super) fn add_work<T: Real>(settings: &StepSettings, s: &mut Scratch<T>) {
     }
     for mode in &s.modes {
         s.totals[FRICTION] = s.dry[mode.row].mul_add(s.x[mode.row], s.totals[FRICTION]);
+    }
+}
+
+/// The works of friction and of the stop of a row in an event.
+pub(super) struct RowWork {
+    friction: f64,
+    pub stop: f64,
+    /// The impulse of the stop.
+    pub impulse: f64,
+}
+
+impl RowWork {
+    /// In an event of length h with this torque of both. Friction opposes the motion; at rest it compensates the other
+    /// torques up to its bound. Stops do not pull.
+    pub fn new(of: &SetValued, (h, torque, hold): (f64, f64, Option<Hold>), s: &Scratch<f64>) -> Self {
+        let along = 0.5 * h * (s.v[of.row] + s.v_next[of.row]);
+        let sliding = -of.friction * along.signum();
+        let rubbing = match hold {
+            Some(Hold::Lower) if along != 0.0 => sliding.min(torque),
+            Some(Hold::Upper) if along != 0.0 => sliding.max(torque),
+            _ => torque.clamp(-of.friction, of.friction),
+        };
+        Self { friction: rubbing * along, stop: (torque - rubbing) * along, impulse: h * (torque - rubbing) }
+    }
+
+    /// Adds them to the totals. Returns the impulse of the stop.
+    pub fn add(&self, s: &mut Scratch<f64>) -> f64 {
+        s.totals[FRICTION] += self.friction;
+        s.totals[STOPS] += self.stop;
+        self.impulse
     }
 }

@@ -634,8 +634,7 @@ _ACCURACY = "refused: error control"
 #: Cells that do not hold, by capability, kind and contact: "refused: " and a part of the message, or "does not hold: "
 #: and the reason.
 EXCEPTIONS: dict[str, dict[tuple[str, bool], str]] = {
-    "error control (`accuracy=`)": {(kind, far): _ACCURACY for kind in KINDS for far in (False, True) if (kind, far) != ("tree", False)},
-    "joint stops, restitution": {("loop", far): "does not hold: a stop is exceeded by 2e-10 rad" for far in (False, True)},
+    "error control (`accuracy=`)": {(kind, True): _ACCURACY for kind in KINDS},
 }
 
 

@@ -223,6 +223,19 @@ def test_batches_and_steps_between_rows_are_as_singles() -> None:
             assert_near(part[i], of_one, 1e-9 * size(of_one))
 
 
+def test_of_divided_steps_of_a_loop_beside_differences() -> None:
+    scene = four_bar()
+    q, qd, _ = scene.project([0.5, 0.8, 0.2], [12.0, 0.0, 0.0])
+    function = Function(scene, q, qd, dt=5e-3, steps=4, tau=np.zeros(3))
+    assert function.path.substeps > 1
+    for seed in range(2):
+        at = moved(scene, q, qd, seed)
+        by_q, by_qd = (slope_of_order_4(lambda h, i=i: at(h)[i], 1e-4) for i in (0, 1))  # noqa: B023
+        function.check(function.found.q @ by_q + function.found.qd @ by_qd, lambda h: function.value(*at(h)), 1e-5)  # noqa: B023
+    for i, unit in enumerate(np.eye(3)):
+        function.check(function.found.tau[i], lambda h: function.value(tau=h * unit), 1e-3)  # noqa: B023
+
+
 def test_a_joint_at_a_limit_is_refused_by_name() -> None:
     scene = four_bar(limited=True)
     q, qd = start(scene)

@@ -80,6 +80,58 @@ def test_stops_give_a_linkage_no_energy(restitution: float) -> None:
     assert abs(path.energy_audit().remainder) < 0.02 * np.ptp(path.energy().kinetic)
 
 
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_passive_linkage_conserves_energy_as_its_tree(closed: bool) -> None:
+    """Fast bars with long steps, for 10 s."""
+    linkage = four_bar(-1e3, 1e3)
+    scene = linkage if closed else linkage.without_constraints()
+    q, qd, _ = linkage.project([0.5, 0.8, 0.2], [10.0, 0.0, 0.0])
+    path = scene.simulate(q, qd, dt=5e-3, steps=2000, record_every=20, limits="report")
+    energy = path.energy()
+    assert path.substeps > 4 and np.ptp(energy.total) < 1e-5 * np.max(energy.kinetic)
+
+
+def blocks_that_move_together(upper: float, mimic: bool) -> phipsi.Scene:
+    """The blocks of `two_blocks` on a connection or as mimic joints, with friction of 2 and 4 N."""
+    if not mimic:
+        return two_blocks(upper=upper, closed=True).with_properties(friction=np.array([2.0, 4.0]))
+    builder = phipsi.SceneBuilder().link("base").link("left", 2.0).link("right", 3.0)
+    builder.joint("left", "prismatic", "base", "left", axis=(1, 0, 0), lower=-1.0, upper=1.0, friction=2.0)
+    builder.joint("right", "prismatic", "base", "right", axis=(1, 0, 0), lower=-upper, upper=upper, friction=4.0, mimic="left")
+    return builder.build(mimic="couple")
+
+
+@pytest.mark.parametrize("mimic", [True, False])
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-7])
+@pytest.mark.parametrize(("upper", "restitution"), [(1.0, 0.0), (0.2, 0.0), (0.2, 0.5)])
+def test_error_control_with_friction_and_stops_of_joints_that_move_together(upper: float, restitution: float, accuracy: float, mimic: bool) -> None:
+    """Closed form: blocks of 5 kg that friction of 6 N brings to rest, before or after a stop."""
+    scene = blocks_that_move_together(upper, mimic)
+    path = scene.simulate(np.zeros(scene.nq), np.ones(scene.nv), dt=0.1, steps=20, accuracy=accuracy, restitution=restitution)
+    slowing, speed = 6.0 / 5.0, np.sqrt(max(1.0 - 2 * 1.2 * upper, 0.0))
+    time = (1.0 - speed) / slowing
+    rest = 0.5 / slowing if upper == 1.0 else upper - (restitution * speed) ** 2 / (2 * slowing)
+    assert np.abs(path.q[-1] - rest).max() <= 10.0 * path.estimated_error + 1e-13 and path.estimated_error <= 50.0 * accuracy
+    assert not path.qd[-1].any() and path.q.max() <= upper
+    assert [abs(stop.time - time) < 1e-2 * accuracy + 1e-8 for stop in path.stops] == [True] * (upper < 1.0)
+
+
+def test_error_control_of_a_loop_with_a_pendulum_while_a_stop_holds_it() -> None:
+    """A step in which a stop holds a joint is of order 1: the error falls with the root of the bound."""
+    linkage, bound = four_bar(-10.0, 10.0), 0.15
+
+    def run(**given: float) -> phipsi.Trajectory:
+        scene = four_bar(bound, 10.0)
+        q, _, _ = linkage.project([0.5, 0.8, 0.2], np.zeros(3))
+        return scene.simulate(q, np.zeros(3), tau=[-8.0, 0.0, 0.0], dt=0.1, steps=4, damping=0.05, **given)
+
+    coarse, fine = run(accuracy=1e-4), run(accuracy=1e-8)
+    for path in (coarse, fine):
+        assert abs(path.q[-1, 2] - bound) <= 1e-12 and not path.qd[-1].any() and path.q[:, 2].min() >= bound - 1e-12
+        assert len(path.stops) == 1 and path.estimated_error < 1e-2
+    assert abs(coarse.stops[0].time - fine.stops[0].time) <= 10 * coarse.estimated_error
+
+
 def test_a_linkage_that_starts_outside_of_a_limit_returns_slowly() -> None:
     q, _, _ = four_bar(-10.0, 10.0).project([0.5, 0.8, 0.2], np.zeros(3))
     scene = four_bar(q[2] + 0.05, 10.0)
