@@ -88,7 +88,7 @@ impl Steps for ClosedSteps<'_> {
     }
 
     fn solution(&self) -> Event<'_> {
-        Event { solutions: &[], reached: &[] }
+        Event { solutions: &[], reached: &[], rebound: None }
     }
 
     fn has_failed(&self) -> bool {

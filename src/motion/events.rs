@@ -54,6 +54,7 @@ pub(super) struct Events {
     pieces: Vec<Piece>,
     solutions: Vec<EventSolution>,
     reached: Vec<(usize, f64)>,
+    rebound: Option<Rebound>,
 }
 
 impl Events {
@@ -67,12 +68,13 @@ impl Events {
             pieces: Vec::with_capacity(count),
             solutions: Vec::new(),
             reached: Vec::new(),
+            rebound: None,
         }
     }
 
     /// The solution of the last event.
     pub fn solution(&self) -> Event<'_> {
-        Event { solutions: &self.solutions, reached: &self.reached }
+        Event { solutions: &self.solutions, reached: &self.reached, rebound: self.rebound.as_ref() }
     }
 
     /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`. Returns an estimate of its error, as of
@@ -164,10 +166,44 @@ impl Events {
             impacts.push(StopImpact { state: 0, row: of.row, upper, time, speed: s.v[of.row].abs(), impulse });
         }
         add_work(settings, s);
+        let hitting = |&(i, ..): &(usize, usize, f64)| {
+            let row = settings.set_valued[i].row;
+            (s.v[row] * self.torque[row] < 0.0).then_some(row)
+        };
+        let rows: Vec<usize> = hits.iter().filter_map(hitting).collect();
+        self.rebound = None;
+        if settings.restitution > 0.0 && !rows.is_empty() {
+            let after = self.accelerations_at_end(settings, h, s, solver);
+            self.rebound = Some(Rebound { rows, velocities: s.v_next.clone(), accelerations: [free.clone(), after] });
+        }
         let jump = s.v_next.iter().zip(&s.v).fold(0.0_f64, |most, (next, v)| most.max((next - v).abs()));
         let returns = hits.is_empty() && settings.set_valued.iter().any(|of| of.is_outside(&s.q));
         let late = if returns { 0.0 } else { largest(&free, 0.0) / fastest };
         h * jump.max(late) + omitted
+    }
+
+    /// Accelerations at the initial configuration and the final velocities; overwrites the solution.
+    fn accelerations_at_end(
+        &mut self,
+        settings: &StepSettings,
+        h: f64,
+        s: &mut Scratch<f64>,
+        solver: &mut Checked,
+    ) -> Vec<f64> {
+        let (start, end) = (s.v.clone(), s.v_next.clone());
+        s.v.copy_from_slice(&end);
+        clear(&mut s.control);
+        stage((settings, &Scheme::new(Method::ImplicitEuler, h)), s, 0);
+        self.given.copy_from_slice(&s.u);
+        for (i, of) in settings.set_valued.iter().enumerate() {
+            self.graphs[i] = Graph::new(of, (s.q[of.coordinate], s.v[of.row]), h);
+            self.pieces[i] = self.graphs[i].piece(s.v[of.row]);
+        }
+        self.solve(settings, h, s, solver);
+        let change = s.v_next.iter().zip(&end).map(|(next, v)| (next - v) / h).collect();
+        s.v.copy_from_slice(&start);
+        s.v_next.copy_from_slice(&end);
+        change
     }
 
     /// The works of friction and stop of a row in the current solution.
@@ -337,6 +373,19 @@ pub(super) struct Event<'a> {
     pub solutions: &'a [EventSolution],
     /// Rows that end at a stop, as indices in that list, and their final coordinates.
     pub reached: &'a [(usize, f64)],
+    pub rebound: Option<&'a Rebound>,
+}
+
+/// An event in which joints hit their stops and rebound, seen as an instant: with other initial states the impact is
+/// at another time.
+#[derive(Debug, Clone)]
+pub(super) struct Rebound {
+    /// The rows that hit a stop.
+    pub rows: Vec<usize>,
+    /// The velocities of all joints after it.
+    pub velocities: Vec<f64>,
+    /// The accelerations of all joints before and after it.
+    pub accelerations: [Vec<f64>; 2],
 }
 
 /// One solution of the set-valued law.

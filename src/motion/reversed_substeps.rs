@@ -1,7 +1,7 @@
 //! Backpropagation through the substeps of a step of one state.
 
 use super::backward::StepGradients;
-use super::events::{Event, EventSolution};
+use super::events::{Event, EventSolution, Rebound};
 use super::method::Scheme;
 use super::scratch::{Scratch, add_scaled};
 use super::step_settings::StepSettings;
@@ -49,15 +49,22 @@ pub(super) struct Substep {
     q: Vec<f64>,
     v: Vec<f64>,
     pub scheme: Scheme,
-    /// Of an event: its solutions, and the rows that end at a stop.
-    pub event: Option<(Vec<EventSolution>, Vec<usize>)>,
+    pub event: Option<RecordedEvent>,
+}
+
+/// An event, with the rows that end at a stop.
+pub(super) struct RecordedEvent {
+    pub solutions: Vec<EventSolution>,
+    pub reached: Vec<usize>,
+    pub rebound: Option<Rebound>,
 }
 
 impl Substep {
     pub fn new(settings: &StepSettings, scheme: &Scheme, s: &Scratch<f64>, event: Option<&Event<'_>>) -> Self {
-        let event = event.map(|event| {
-            let reached = event.reached.iter().map(|&(i, _)| settings.set_valued[i].row).collect();
-            (event.solutions.to_vec(), reached)
+        let event = event.map(|event| RecordedEvent {
+            solutions: event.solutions.to_vec(),
+            reached: event.reached.iter().map(|&(i, _)| settings.set_valued[i].row).collect(),
+            rebound: event.rebound.cloned(),
         });
         Self { q: s.q.clone(), v: s.v.clone(), scheme: *scheme, event }
     }

@@ -4,12 +4,12 @@ use super::backward::{ACTING, CheckedBackward, EventSolver, StepGradients, TORQU
 use super::closed_reverse::ClosedReverse;
 use super::contact::{ContactReverse, ModeChange};
 use super::division::{Substeps, TreeSteps};
-use super::events::{EventSolution, Events};
+use super::events::{EventSolution, Events, Rebound};
 use super::gradient::{Layout, RecordedRows};
 use super::job::{self, Rows};
 use super::method::{Method, Scheme};
 use super::properties::of_state;
-use super::reversed_substeps::{Parts, Substep, through_substeps};
+use super::reversed_substeps::{Parts, RecordedEvent, Substep, through_substeps};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver;
 use super::step_settings::{StepArguments, StepSettings};
@@ -293,7 +293,7 @@ impl OneState for Checked {
                 None => {
                     backward(by, scratch, gradients, solver, None);
                 }
-                Some((solutions, reached)) => through_event(by, scratch, gradients, solver, (&solutions, &reached)),
+                Some(event) => through_event(by, scratch, gradients, solver, &event),
             }
             Ok(())
         })?;
@@ -309,38 +309,72 @@ impl OneState for Checked {
     }
 }
 
-/// Propagates the gradients through an event; with rebounds, once for the positions and once for the velocities at its
-/// end.
+/// Propagates the gradients through an event.
 fn through_event(
     by: StepArguments<'_>,
     s: &mut Scratch<f64>,
     gradients: &mut StepGradients<f64>,
     solver: &mut CheckedBackward,
-    (solutions, reached): (&[EventSolution], &[usize]),
+    RecordedEvent { solutions, reached, rebound }: &RecordedEvent,
 ) {
-    // A joint that ends the step at a stop also ends there for all perturbed initial states.
-    for &row in reached {
+    // A joint that ends the step at a stop also ends there for all perturbed initial states, but not with a rebound.
+    let rebounds = |row: &usize| rebound.as_ref().is_some_and(|rebound| rebound.rows.contains(row));
+    for &row in reached.iter().filter(|row| !rebounds(row)) {
         gradients.end[0][row] = 0.0;
     }
     let mut through = |gradients: &mut StepGradients<f64>, solutions: &EventSolution| {
         let mut solver = EventSolver { solver: &mut *solver, accelerations: &solutions.accelerations };
         backward(by, s, gradients, &mut solver, Some(&solutions.rows));
     };
-    let [for_positions, for_velocities] = solutions else {
+    let [for_positions, for_velocities] = &solutions[..] else {
         for solutions in solutions {
             through(gradients, solutions);
         }
         return;
     };
-    let by_velocity = gradients.end[1].clone();
+    let [of_q, of_v] = gradients.end.clone();
+    gradients.end[0].fill(0.0);
+    if let Some(rebound) = rebound {
+        through(gradients, for_velocities);
+        through_impact((&s.v, by.1.step), rebound, [&of_q, &of_v], &mut gradients.start);
+        return;
+    }
+    through(gradients, for_velocities);
+    let first: Vec<Vec<f64>> = gradients.results().map(|numbers| numbers.to_vec()).collect();
+    gradients.end[0].copy_from_slice(&of_q);
     gradients.end[1].fill(0.0);
     through(gradients, for_positions);
-    let first: Vec<Vec<f64>> = gradients.results().map(|numbers| numbers.to_vec()).collect();
-    gradients.end[0].fill(0.0);
-    gradients.end[1].copy_from_slice(&by_velocity);
-    through(gradients, for_velocities);
     for (sum, more) in gradients.results().zip(first) {
         add_scaled(sum, 1.0, &more);
+    }
+}
+
+/// Completes `start`, the gradients by the velocities after an impact, propagated to its start: adds those by the
+/// positions, which the impact leaves as they are, and by the time of the impact.
+///
+/// An impact D from (q, v) with accelerations a to (q, v+) with a+, later by dt = -dq_i/v_i, changes the motion after it
+/// by (D (v, a) - (v+, a+)) dt (M. A. Aizerman and F. R. Gantmacher, Quarterly Journal of Mechanics and Applied
+/// Mathematics 11, 1958).
+fn through_impact(
+    (v, h): (&[f64], f64),
+    Rebound { rows, velocities, accelerations: [before, after] }: &Rebound,
+    end: [&[f64]; 2],
+    [of_q, of_v]: &mut [Vec<f64>; 2],
+) {
+    add_scaled(of_q, 1.0, end[0]);
+    add_scaled(of_v, h, end[0]);
+    let times: Vec<(usize, f64)> = rows
+        .iter()
+        .map(|&row| {
+            let of_time =
+                |i: usize| of_q[i] * v[i] + of_v[i] * before[i] - end[0][i] * velocities[i] - end[1][i] * after[i];
+            // Of several joints that hit their stops at once, each changes its own motion.
+            let of_time = if rows.len() == 1 { (0..v.len()).map(of_time).sum() } else { of_time(row) };
+            (row, -of_time / v[row])
+        })
+        .collect();
+    for (row, by_position) in times {
+        of_q[row] += by_position;
     }
 }
 
