@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from motion_scenes import robot, start
-from tolerances import EVENT_STEP, assert_near, assert_same_bits, product, size, through_events
+from motion_scenes import GRAVITY, robot, slide, start
+from tolerances import EVENT_STEP, assert_near, assert_same_bits, of_order, product, size, through_events
 
 import phipsi
 
@@ -19,7 +19,6 @@ CASES: dict[str, tuple[dict[str, float], float, dict[str, object]]] = {
     "stuck": ({"friction": 30.0}, 1.0, {"steps": 40}),
     "impact": ({"friction": 0.0, "range_of_motion": 0.35}, 1.0, {}),
     "impact and friction": ({"range_of_motion": 0.35}, 1.0, {}),
-    "rebound": ({"range_of_motion": 0.35}, 1.0, {"restitution": 0.6}),
     "divided steps": ({"friction": 0.0}, 60.0, {"steps": 5, "limits": "report"}),
     "return to a limit": ({"range_of_motion": 0.2}, 0.1, {"steps": 40}),
     "control law": ({}, 1.0, {"pd": phipsi.PD(100.0, 10.0, np.array([0.2, -0.1, 0.1]), np.array([0.1, 0.0, -0.2]))}),
@@ -29,7 +28,7 @@ CASES: dict[str, tuple[dict[str, float], float, dict[str, object]]] = {
 """For each case: the robot, its initial speed, and arguments of simulate."""
 
 #: Events that must occur in at least one robot of a case, by field of the trajectory.
-HAPPENS = {"sticking": "events", "stuck": "events", "impact": "stops", "impact and friction": "stops", "rebound": "stops", "return to a limit": "events", "order three": "stops"}
+HAPPENS = {"sticking": "events", "stuck": "events", "impact": "stops", "impact and friction": "stops", "return to a limit": "events", "order three": "stops"}
 
 
 def differences(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, seed: int, **given: object) -> phipsi.Trajectory:
@@ -81,6 +80,50 @@ def test_gradients_are_those_of_the_steps_that_were_made(case: str) -> None:
         assert any(bool(getattr(path, HAPPENS[case])) for path in paths)
     if case == "divided steps":
         assert all(path.substeps > 4 for path in paths)
+
+
+@pytest.mark.parametrize("restitution", [0.5, 1.0])
+def test_the_gradient_of_a_bounce_includes_the_time_of_the_impact(restitution: float) -> None:
+    """A mass that falls from a height on the stop of its slide, in closed form."""
+    height, duration, gravity = 1.0, 0.7, GRAVITY
+    scene = slide(2.0, (0, 0, 1), lower=0.0)
+    path = scene.simulate([height], [0.0], dt=1e-3, duration=duration, restitution=restitution)
+    speed, rising = np.sqrt(2 * gravity * height), duration - np.sqrt(2 * height / gravity)
+    assert_near(path.q[-1, 0], restitution * speed * rising - 0.5 * gravity * rising**2, of_order(2, 1e-3, gravity))
+    later = -1.0 / speed
+    by_height = restitution * gravity / speed, restitution * gravity / speed + gravity * -later
+    expected = by_height[0] * rising + restitution * speed * later - gravity * rising * later, by_height[1]
+    assert expected[0] < 1.0
+    for k, weights in enumerate(np.eye(2)):
+        of_rows = np.zeros((2, len(path), 1))
+        of_rows[:, -1, 0] = weights
+        assert_near(path.vjp(*of_rows).q[0], expected[k], 1e-5 * expected[1])
+
+
+@pytest.mark.parametrize("restitution", [0.6, 1.0])
+def test_gradients_through_rebounds_are_those_of_the_motion(restitution: float) -> None:
+    """Compared with differences of simulations with error control, in which times of impacts are exact to 1e-10."""
+    impacts = 0
+    for seed in range(3):
+        scene = robot(seed, range_of_motion=0.35, friction=0.0)
+        q, qd = start(scene, seed)
+        weights = np.random.default_rng(seed).normal(size=(2, scene.nv))
+        given = {"restitution": restitution, "damping": scene.damping}
+        path = scene.simulate(q, qd, dt=1e-3, steps=STEPS, **given)
+        of_rows = np.zeros((2, len(path), scene.nv))
+        of_rows[:, -1] = weights
+        found = path.vjp(*of_rows)
+        impacts += len(path.stops)
+
+        def value(change: np.ndarray, scene: phipsi.Scene = scene, q: np.ndarray = q, qd: np.ndarray = qd, weights: np.ndarray = weights, path: phipsi.Trajectory = path, given: dict[str, object] = given) -> float:
+            other = scene.simulate(scene.integrate(q, change[0]), qd + change[1], dt=1e-3 * STEPS, steps=1, accuracy=1e-10, **given)
+            return float(weights[0] @ scene.difference(path.q[-1], other.q[-1]) + weights[1] @ other.qd[-1])
+
+        for unit in 1e-5 * np.eye(2 * scene.nv):
+            change = unit.reshape(2, scene.nv)
+            slope = (value(change) - value(-change)) / 2e-5
+            assert_near(np.sum(1e5 * change * [found.q, found.qd]), slope, 1e-4 * size(found.q, found.qd))
+    assert impacts >= 4
 
 
 def test_gradients_of_a_floating_robot_that_sticks() -> None:
