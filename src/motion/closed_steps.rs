@@ -70,6 +70,11 @@ impl Steps for ClosedSteps<'_> {
         }
     }
 
+    fn repeat(&mut self, by: StepArguments<'_>, s: &mut Scratch<f64>) {
+        self.step(by, s);
+        self.finish(by.0, s);
+    }
+
     fn event(&mut self, settings: &StepSettings, s: &mut Scratch<f64>, ending: Ending<'_>) -> f64 {
         let ClosedScratch { rows_of_connections: scratch, rows, without } = &mut *self.scratch;
         let mut solver = Constrained { scene: self.scene, scratch, compliance: &settings.compliance };

@@ -46,6 +46,9 @@ pub(super) trait Steps {
     /// Ends a step whose length is accepted.
     fn finish(&mut self, _settings: &StepSettings, _s: &mut Scratch<f64>) {}
 
+    /// Repeats a step whose end [`Steps::event`] starts from.
+    fn repeat(&mut self, _by: StepArguments<'_>, _s: &mut Scratch<f64>) {}
+
     /// Repeats the last finished step with the set-valued law. Returns an estimate of the error, as of error control.
     fn event(&mut self, settings: &StepSettings, s: &mut Scratch<f64>, ending: Ending<'_>) -> f64;
 
@@ -275,8 +278,7 @@ impl Substeps {
                 } else {
                     let (impacts, time) = (self.impacts.len(), settings.step * (1.0 - left + part));
                     s.adopt(settings, &scheme);
-                    steps.step((settings, &scheme), s);
-                    steps.finish(settings, s);
+                    steps.repeat((settings, &scheme), s);
                     let error = steps.event(settings, s, (scheme.step, time, &mut self.impacts));
                     if steps.has_failed() {
                         s.v.fill(f64::NAN);

@@ -281,7 +281,7 @@ def test_a_joint_beyond_its_stop_at_a_dead_center_ends_no_simulation(crank: floa
     with pytest.warns(phipsi.errors.LimitWarning) as caught:
         path = scene.simulate(q, np.zeros(3), dt=1e-3, steps=100)
     assert "joint \"rocker\" at a stop that the connections prevent" in str(caught[-1].message) and len(caught) == 2
-    assert path.drift.max() < 1e-11 and np.ptp(path.energy().total) < 0.1 and np.abs(path.qd).max() < 5.0
+    assert path.drift.max() < 1e-11 and np.ptp(path.energy().total) < 0.15 and np.abs(path.qd).max() < 5.0
     with pytest.warns(phipsi.errors.LimitWarning, match="beyond its upper limit"):
         simulator = scene.simulator(np.stack([q, q]), dt=1e-3)
     with pytest.warns(phipsi.errors.LimitWarning, match="prevent"):
