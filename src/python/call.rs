@@ -4,7 +4,7 @@ use super::bad_states::Errors;
 use super::cost::{Cost, WORTH_RELEASING};
 use super::dtype::Dtype;
 use super::errors::{asked_by, fault};
-use super::fresh::entries;
+use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
 use super::object::Object;
@@ -67,9 +67,7 @@ impl<'a, 'py> BatchCall<'a, 'py> {
     pub fn new(scene: &'a PyScene, inputs: Vec<Input<'py>>, wrenches: Vec<Wrench<'py>>, cost: Cost) -> PyResult<Self> {
         let all = || names_and_axes(&inputs, &wrenches);
         let batch = if all().all(|(_, axes)| axes.is_empty()) { Vec::new() } else { broadcast_axes(all())? };
-        let Some(states) = entries(&batch) else {
-            return Err(Error::argument("batch", "more states than memory can address", "fewer states").into());
-        };
+        let states = states_of(&batch)?;
         Ok(Self { scene, inputs, wrenches, batch, states, cost, errors: Errors::Raise, tolerance: None })
     }
 

@@ -3,10 +3,10 @@
 use super::axis::Axis;
 use super::bad_states::Errors;
 use super::call::BatchCall;
-use super::choice::{names, renamed};
+use super::choice::renamed;
 use super::cost::Cost;
 use super::errors::asked_by;
-use super::input::{Input, in_python, is_bare};
+use super::input::{Input, is_bare};
 use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
@@ -105,7 +105,7 @@ impl PyScene {
         self.scene.check_independent()?;
         let nv = self.scene.nv();
         let dense = self.is_dense(method)?;
-        let measured = measured.map(|measured| self.measured(measured)).transpose()?;
+        let measured = measured.map(|measured| self.joint_mask("measured", measured)).transpose()?;
         let has_prior = prior_acceleration.is_some();
         let errors = Errors::read(errors)?;
         self.scene.check_prior(acceleration_variance)?;
@@ -184,20 +184,6 @@ impl PyScene {
             )),
             _ => Err(Error::argument("method", format!("{method:?}"), "\"sequential\" or \"batch\"")),
         }
-    }
-
-    /// Reads the argument `measured` as one flag per degree of freedom.
-    fn measured(&self, measured: &Object<'_>) -> PyResult<Vec<bool>> {
-        let nv = self.scene.nv();
-        let flags = imported!(measured.py(), "phipsi._arguments", "flags")?;
-        if let Some(mask) = in_python(flags, "measured", measured, self.rates())?.extract()? {
-            return Ok(mask);
-        }
-        let mut mask = vec![false; nv];
-        for joint in names("measured", measured, "names of joints, or a boolean array (nv,)")? {
-            mask[self.scene.joint(&joint).map_err(|error| error.of_argument("measured"))?.v.clone()].fill(true);
-        }
-        Ok(mask)
     }
 }
 
