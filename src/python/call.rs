@@ -141,6 +141,27 @@ impl<'py> BatchCall<'_, 'py> {
         asked_by(py, &self.asking(), Output::new(py, &[entries]))
     }
 
+    /// Arrays of shape batch + one of `shapes` each, from the results of every state one after another.
+    pub fn pieces(
+        &self,
+        py: Python<'py>,
+        results: &[f64],
+        shapes: &[impl AsRef<[usize]>],
+    ) -> PyResult<Vec<Object<'py>>> {
+        let size = |shape: &[usize]| shape.iter().product::<usize>();
+        let width: usize = shapes.iter().map(|shape| size(shape.as_ref())).sum();
+        let mut at = 0;
+        let piece = |shape: &[usize]| {
+            let (own, states) = (at..at + size(shape), results.chunks_exact(width.max(1)));
+            at = own.end;
+            let mut output = Output::unwritten(py, &[&self.batch, shape].concat())?;
+            output.gather(py, own.len(), states.map(|state| &state[own.clone()]))?;
+            output.finish_or_scalar()
+        };
+        let pieces = shapes.iter().map(AsRef::as_ref).map(piece).collect();
+        asked_by(py, &self.asking(), pieces)
+    }
+
     /// Evaluates every state into a new array of shape batch + `shape`.
     pub fn array<K, const N: usize>(&self, py: Python<'py>, shape: &[usize], kernel: K) -> Array<'py>
     where

@@ -25,26 +25,16 @@ pub(super) fn read_form(form: &str) -> Result<Form, Error> {
     choose("form", form, FORMS)
 }
 
-/// Reads form and tolerance for an algorithm of a scene.
+/// Reads the form of an algorithm of a scene, and checks that the tolerance applies to it. Calls that factor M and are
+/// not one of the algorithms are judged as M^-1.
 pub(super) fn read_judged(
     scene: &Scene,
     (form, tolerance): (&str, Option<f64>),
     algorithm: impl Fn(Form) -> Algorithm,
-) -> Result<(Algorithm, Option<f64>), Error> {
-    let algorithm = algorithm(read_form(form)?);
-    scene.check_tolerance(algorithm, tolerance)?;
-    Ok((algorithm, tolerance))
-}
-
-/// The same for a call that factors M and is not one of the algorithms.
-pub(super) fn read_judged_factor(
-    scene: &Scene,
-    form: &str,
-    tolerance: Option<f64>,
-) -> Result<(Form, Option<f64>), Error> {
+) -> Result<Form, Error> {
     let form = read_form(form)?;
-    scene.check_tolerance(Algorithm::MassMatrixInverse(form), tolerance)?;
-    Ok((form, tolerance))
+    scene.check_tolerance(algorithm(form), tolerance)?;
+    Ok(form)
 }
 
 /// Treatments of mimic joints, by name.

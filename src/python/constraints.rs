@@ -1,7 +1,7 @@
 //! Methods of `Scene`: constrained dynamics.
 
 use super::call::BatchCall;
-use super::choice::{read_judged, read_judged_factor};
+use super::choice::read_judged;
 use super::cost::Cost;
 use super::errors::warn_as;
 use super::evaluate::Keywords;
@@ -123,7 +123,8 @@ methods! {
     /// (True, (1,))
     fn constrained_dynamics(q, qd, tau; compliance, form, tolerance, wrenches, errors) |scene, py| {
         scene.scene.check_independent()?;
-        let (algorithm, tolerance) = read_judged(&scene.scene, (form, tolerance), Algorithm::ConstrainedDynamics)?;
+        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::ConstrainedDynamics)?;
+        let algorithm = Algorithm::ConstrainedDynamics(form);
         let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let results = match compliance {
@@ -229,7 +230,7 @@ methods! {
     /// >>> float(dynamics.tau[2])
     /// 0.0
     fn constrained_inverse_dynamics(q, qd, qdd; actuated, form, tolerance, wrenches, errors) |scene, py| {
-        let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
+        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         let nv = scene.scene.nv();
         let motors = actuated.map(|actuated| scene.joint_mask("actuated", actuated)).transpose()?.unwrap_or_default();
         let call = scene.through_connections([("q", q), ("qd", qd), ("qdd", qdd)], wrenches, (form, errors))?;
@@ -264,7 +265,7 @@ methods! {
     /// >>> np.allclose(scene.constraint_jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
     /// True
     fn constrained_mass_matrix_inverse(q; form, tolerance, errors) |scene, py| {
-        let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
+        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         scene.check_dense("constrained_mass_matrix_inverse", "constrained_dynamics, which multiplies by it")?;
         let nv = scene.scene.nv();
         let cost = scene.cost_of_rows().saturating_add(nv.saturating_pow(3));

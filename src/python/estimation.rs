@@ -5,10 +5,8 @@ use super::bad_states::Errors;
 use super::call::BatchCall;
 use super::choice::renamed;
 use super::cost::Cost;
-use super::errors::asked_by;
 use super::input::{Input, is_bare};
 use super::object::{Object, imported};
-use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::{Estimation, Scratch};
 use super::wrenches::Wrench;
@@ -155,8 +153,7 @@ impl PyScene {
             }
             Ok(())
         })?;
-        let gathered = result(py, results.numbers()?, &call.batch, nv, covariance);
-        asked_by(py, &call.asking(), gathered)
+        result(&call, py, results.numbers()?, covariance)
     }
 }
 
@@ -260,36 +257,23 @@ fn write(numbers: impl Iterator<Item = f64>, out: &mut [f64]) {
 }
 
 /// Creates the named tuple of arrays from the results of all states.
-fn result<'py>(
-    py: Python<'py>,
-    results: &[f64],
-    batch: &[usize],
-    nv: usize,
-    covariance: bool,
-) -> PyResult<Object<'py>> {
-    let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
-    let fields = PyDict::new(py);
-    let mut likelihoods = Output::new(py, batch)?;
-    likelihoods.gather(py, 1, results.chunks_exact(width).map(|state| &state[..1]))?;
-    fields.set_item("log_likelihood", likelihoods.finish_or_scalar()?)?;
-    let names: [(&str, &[usize]); 8] = [
-        ("acceleration", &[]),
-        ("torque", &[]),
-        ("force", &[6]),
-        ("process", &[6]),
-        ("acceleration_variance", &[]),
-        ("torque_variance", &[]),
-        ("force_covariance", &[6, 6]),
-        ("process_covariance", &[6, 6]),
+fn result<'py>(call: &BatchCall<'_, 'py>, py: Python<'py>, results: &[f64], covariance: bool) -> PyResult<Object<'py>> {
+    let nv = call.scene.scene.nv();
+    let all: [(&str, &[usize]); 9] = [
+        ("log_likelihood", &[]),
+        ("acceleration", &[nv]),
+        ("torque", &[nv]),
+        ("force", &[nv, 6]),
+        ("process", &[nv, 6]),
+        ("acceleration_variance", &[nv]),
+        ("torque_variance", &[nv]),
+        ("force_covariance", &[nv, 6, 6]),
+        ("process_covariance", &[nv, 6, 6]),
     ];
-    let mut at = 1;
-    for (name, block) in &names[..if covariance { 8 } else { 4 }] {
-        let shape = [batch, &[nv], block].concat();
-        let own = nv * block.iter().product::<usize>();
-        let mut output = Output::new(py, &shape)?;
-        output.gather(py, own, results.chunks_exact(width).map(|state| &state[at..at + own]))?;
-        fields.set_item(*name, output.finish())?;
-        at += own;
+    let (names, shapes): (Vec<_>, Vec<_>) = all[..if covariance { 9 } else { 5 }].iter().copied().unzip();
+    let fields = PyDict::new(py);
+    for (name, array) in names.into_iter().zip(call.pieces(py, results, &shapes)?) {
+        fields.set_item(name, array)?;
     }
     imported!(py, "phipsi._results", "Estimate")?.call((), Some(&fields))
 }

@@ -183,9 +183,7 @@ impl PyScene {
         room.checked()?;
         let states = room.states;
         own.check_scratch(states)?;
-        if let Some(pd) = pd {
-            settings.gains = Some(pd.over(&batch, states)?);
-        }
+        settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
         let of_contacts = OF_CONTACT * scene.contacts().len();
         let outputs = [nq, nv, of_contacts].map(|width| room.output(py, &batch, width));
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
@@ -234,10 +232,7 @@ impl PyScene {
             (Some(stopped), _) => Err(stopped.raise(py, &trajectory, &batch)?),
         }
     }
-}
 
-#[pymethods]
-impl PyScene {
     /// Equations of motion for SciPy's solve_ivp: right-hand side and Jacobian in tangent coordinates, and a solver.
     #[doc = section!(Parameters)]
     /// tau : (nv,) array_like or callable, optional

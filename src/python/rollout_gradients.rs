@@ -119,9 +119,7 @@ impl PyScene {
         let batch = broadcast_axes(axes)?;
         let states = states_of(&batch)?;
         memory::room("q", memory::bytes_of::<f64>(&[states, rows, nq + 3 * nv]))?;
-        if let Some(pd) = pd {
-            settings.gains = Some(pd.over(&batch, states)?);
-        }
+        settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
         let every_row = |i: usize, expand: Expand| -> PyResult<Vec<f64>> {
             let all = everyone(&inputs[i], &batch, states)?;
             let width = if i == 0 { scene.nq() } else { scene.nv() };

@@ -126,9 +126,7 @@ impl PyScene {
         let states = states_of(&batch)?;
         Room { states, rows: 1, numbers }.checked()?;
         own.check_scratch(states)?;
-        if let Some(pd) = pd {
-            settings.gains = Some(pd.over(&batch, states)?);
-        }
+        settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
         let (scene, method) = (slf.clone().unbind(), settings.method);
         let held = Held(scene.clone_ref(py));

@@ -343,12 +343,10 @@ impl PyScene {
     fn roots(&self, roots: &Object<'_>) -> PyResult<ParameterRoots<f64>> {
         let (shape, numbers) = shaped("parameters", roots, 10)?;
         let bodies = self.scene.joints().len();
-        let [found, rank, 10] = shape[..] else {
-            return Err(wrong_shape("parameters", &shape, format!("({bodies}, rank, 10)")));
+        let rank = match shape[..] {
+            [found, rank, 10] if found == bodies => rank,
+            _ => return Err(wrong_shape("parameters", &shape, format!("({bodies}, rank, 10)"))),
         };
-        if found != bodies {
-            return Err(wrong_shape("parameters", &shape, format!("({bodies}, rank, 10)")));
-        }
         let columns: &[Parameters<f64>] = numbers.as_chunks::<10>().0;
         let is_some = |column: &&Parameters<f64>| column.iter().any(|&x| x != 0.0);
         let of_body = |k: usize| columns[k * rank..(k + 1) * rank].iter().filter(is_some).copied().collect();
