@@ -101,9 +101,7 @@ impl<T: Vectorized> Chunk<T> {
             numbers,
         }
     }
-}
 
-impl<T: Vectorized> Chunk<T> {
     /// As [`Chunks::lanes`](crate::algorithm::Chunks::lanes).
     #[must_use]
     pub fn lanes() -> usize {

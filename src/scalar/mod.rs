@@ -155,6 +155,17 @@ pub(crate) fn larger<T: Real>(a: T, b: T) -> T {
     -(-a).worst(-b)
 }
 
+/// The largest absolute value, at least `least`; NaN if any is NaN. A loop, because a closure that is not inlined is
+/// compiled for the baseline.
+#[inline(always)]
+pub(crate) fn largest_of<T: Real>(x: &[T], least: T) -> T {
+    let mut most = least;
+    for x in x {
+        most = larger(most, x.abs());
+    }
+    most
+}
+
 /// For scalars with one lane: the stored type of constants is the scalar itself.
 macro_rules! its_own_parameter {
     () => {
