@@ -148,6 +148,31 @@ macro_rules! within_target {
 }
 pub(crate) use within_target;
 
+/// Functions that are compiled for the widest instructions of this processor; see `within_target!`.
+macro_rules! within_widest {
+    ($($(#[$meta:meta])* $visible:vis fn $name:ident<$life:lifetime>(
+        $($argument:ident: $kind:ty),* $(,)?
+    ) $body:block)*) => { $(
+        $(#[$meta])*
+        $visible fn $name<$life>($($argument: $kind),*) {
+            struct Call<$life>($($kind),*);
+
+            impl<$life> $crate::batch::instruction_set::Work for Call<$life> {
+                type Output = ();
+
+                #[inline(always)]
+                fn call(self) {
+                    let Self($($argument),*) = self;
+                    $body
+                }
+            }
+
+            $crate::batch::instruction_set::with_widest(Call($($argument),*));
+        }
+    )* };
+}
+pub(crate) use within_widest;
+
 /// Runs `work` with the widest instructions of this processor; without the feature `lanes`, with those that the crate
 /// is compiled for.
 #[inline]
