@@ -149,6 +149,7 @@ macro_rules! within_target {
 pub(crate) use within_target;
 
 /// Functions that are compiled for the widest instructions of this processor; see `within_target!`.
+#[cfg(feature = "estimation")]
 macro_rules! within_widest {
     ($($(#[$meta:meta])* $visible:vis fn $name:ident<$life:lifetime>(
         $($argument:ident: $kind:ty),* $(,)?
@@ -171,6 +172,7 @@ macro_rules! within_widest {
         }
     )* };
 }
+#[cfg(feature = "estimation")]
 pub(crate) use within_widest;
 
 /// Runs `work` with the widest instructions of this processor; without the feature `lanes`, with those that the crate
