@@ -97,7 +97,7 @@ impl Accuracy {
     }
 }
 
-/// Largest absolute acceleration of lane 0.
-pub(crate) fn largest<T: Real>(qdd: &[T]) -> f64 {
-    qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.abs().lane(0)))
+/// Largest absolute number of lane 0; NaN does not count.
+pub(crate) fn largest<T: Real>(x: &[T]) -> f64 {
+    x.iter().fold(0.0_f64, |largest, x| largest.max(x.abs().lane(0)))
 }

@@ -403,7 +403,7 @@ impl std::str::FromStr for Algorithm {
     /// The algorithm with the name of a method of the scene, for instance `forward_dynamics`; in form `auto` if it has
     /// a form.
     fn from_str(name: &str) -> Result<Self, Error> {
-        let known: Vec<_> = Self::ALL.iter().map(|&algorithm| (algorithm.entry().name, algorithm)).collect();
+        let known: Vec<_> = Self::all(Form::Auto).map(|algorithm| (algorithm.entry().name, algorithm)).collect();
         choose("algorithm", name, &known)
     }
 }
@@ -416,31 +416,34 @@ impl std::fmt::Display for Algorithm {
 }
 
 impl Algorithm {
-    /// Every name of an algorithm once, in form `auto` and without changes of constants.
-    const ALL: &[Self] = &[
-        Self::ForwardDynamics(Form::Auto),
-        Self::ConstrainedDynamics(Form::Auto),
-        Self::InverseDynamics,
-        Self::BiasTorque,
-        Self::MassMatrix,
-        Self::MassMatrixInverse(Form::Auto),
-        #[cfg(feature = "derivatives")]
-        Self::Derivatives(Derivatives::ForwardDynamics(Form::Auto)),
-        #[cfg(feature = "derivatives")]
-        Self::Derivatives(Derivatives::InverseDynamics),
-        #[cfg(feature = "derivatives")]
-        Self::Derivatives(Derivatives::CoriolisMatrix),
-        #[cfg(feature = "derivatives")]
-        Self::Derivatives(Derivatives::MassMatrix),
-        #[cfg(feature = "derivatives")]
-        Self::Products(Products::ForwardTangent(Form::Auto)),
-        #[cfg(feature = "derivatives")]
-        Self::Products(Products::ForwardGradient(Form::Auto)),
-        #[cfg(feature = "derivatives")]
-        Self::Products(Products::InverseTangent),
-        #[cfg(feature = "derivatives")]
-        Self::Products(Products::InverseGradient),
-    ];
+    /// Every name of an algorithm once, in this form and without changes of constants.
+    pub(crate) fn all(form: Form) -> impl Iterator<Item = Self> {
+        [
+            Self::ForwardDynamics(form),
+            Self::ConstrainedDynamics(form),
+            Self::InverseDynamics,
+            Self::BiasTorque,
+            Self::MassMatrix,
+            Self::MassMatrixInverse(form),
+            #[cfg(feature = "derivatives")]
+            Self::Derivatives(Derivatives::ForwardDynamics(form)),
+            #[cfg(feature = "derivatives")]
+            Self::Derivatives(Derivatives::InverseDynamics),
+            #[cfg(feature = "derivatives")]
+            Self::Derivatives(Derivatives::CoriolisMatrix),
+            #[cfg(feature = "derivatives")]
+            Self::Derivatives(Derivatives::MassMatrix),
+            #[cfg(feature = "derivatives")]
+            Self::Products(Products::ForwardTangent(form)),
+            #[cfg(feature = "derivatives")]
+            Self::Products(Products::ForwardGradient(form)),
+            #[cfg(feature = "derivatives")]
+            Self::Products(Products::InverseTangent),
+            #[cfg(feature = "derivatives")]
+            Self::Products(Products::InverseGradient),
+        ]
+        .into_iter()
+    }
 
     /// Its row of the table.
     #[must_use]

@@ -402,9 +402,10 @@ pub(crate) fn check_finite(argument: &str, values: &[f64]) -> Result<(), Error> 
 /// A short list of existing names for the message about an unknown one, the closest match first.
 pub(crate) fn known_names<'a>(wanted: &str, known: impl Iterator<Item = &'a str>, most: usize) -> String {
     let mut names: Vec<&str> = known.collect();
-    let closest = (0..names.len()).min_by_key(|&at| edits(wanted, names[at]));
-    if let Some(at) = closest
-        && 2 * edits(wanted, names[at]) <= wanted.chars().count().max(names[at].chars().count())
+    let far = |at: usize| edits(&wanted.to_lowercase(), &names[at].to_lowercase());
+    let closest = (0..names.len()).map(|at| (far(at), at)).min();
+    if let Some((far, at)) = closest
+        && 2 * far <= wanted.chars().count().max(names[at].chars().count())
     {
         names[..=at].rotate_right(1);
     }
@@ -413,9 +414,8 @@ pub(crate) fn known_names<'a>(wanted: &str, known: impl Iterator<Item = &'a str>
     format!("{}{more}", listed.join(", "))
 }
 
-/// Levenshtein distance of two names, without regard to case.
-fn edits(one: &str, other: &str) -> usize {
-    let (one, other) = (one.to_lowercase(), other.to_lowercase());
+/// Levenshtein distance of two names.
+pub(crate) fn edits(one: &str, other: &str) -> usize {
     let other: Vec<char> = other.chars().collect();
     let mut row: Vec<usize> = (0..=other.len()).collect();
     for (i, a) in one.chars().enumerate() {

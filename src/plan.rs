@@ -99,16 +99,17 @@ impl Scene {
             [Self::locked_item, Self::factor_item, Self::branch_item, Self::outputs_item, Self::compiled_item];
         let always: [fn(&Self) -> Simplification; 2] = [Self::axes_item, Self::armature_item];
         let all = built.into_iter().chain(called).chain(others).chain(always);
-        let found = all.map_while(|item| interrupt::check().ok().map(|()| item(self)));
+        let found = all.map_while(|item| interrupt::check().ok().map(|()| self.if_switched(item(self))));
         let items = found.filter(|item| item.count > 0).collect();
         Plan { bodies: self.model().bodies.len(), links: self.links().len(), items }
     }
 
     /// An item with its switch; its count is zero if the switch is off.
-    fn switched(&self, switch: &'static str, item: Simplification) -> Simplification {
+    fn if_switched(&self, item: Simplification) -> Simplification {
+        let Some(switch) = item.switch else { return item };
         let mut simplifications = self.source().left_out();
         let on = Simplifications::SWITCHES.iter().any(|&(name, of)| name == switch && *of(&mut simplifications));
-        Simplification { switch: Some(switch), count: if on { item.count } else { 0 }, ..item }
+        Simplification { count: if on { item.count } else { 0 }, ..item }
     }
 
     fn merged_item(&self) -> Simplification {
@@ -124,18 +125,16 @@ impl Scene {
         let moving = self.links().iter().filter(|link| link.body.is_some());
         let bodies = moving.filter(|link| children.contains(link.name.as_str())).count();
         let saved = counted(names.len(), "shift of an inertia and of a force", "shifts of an inertia and of a force");
-        self.switched(
-            "fixed_joints",
-            Simplification {
-                what: "fixed joints, merged into their parents",
-                count: names.len(),
-                names,
-                why: "a fixed joint transmits every force: two links are one body",
-                saved: saved + ", each sweep",
-                operations: bodies * (operations::FIXED_BODY + operations::FORCE),
-                ..NOTHING
-            },
-        )
+        Simplification {
+            switch: Some("fixed_joints"),
+            what: "fixed joints, merged into their parents",
+            count: names.len(),
+            names,
+            why: "a fixed joint transmits every force: two links are one body",
+            saved: saved + ", each sweep",
+            operations: bodies * (operations::FIXED_BODY + operations::FORCE),
+            ..NOTHING
+        }
     }
 
     fn base_item(&self) -> Simplification {
@@ -148,55 +147,49 @@ impl Scene {
         let carried = self.model().system.stages.iter().filter(|stage| stage.parent.is_none()).count();
         // The body of the base propagates nothing to a parent.
         let kept = bodies * (operations::FIXED_BODY + operations::FORCE) + carried * operations::INWARD;
-        self.switched(
-            "base_links",
-            Simplification {
-                what: "links on the base",
-                count: names.len(),
-                names,
-                why: "a link that cannot move adds nothing to M, to the bias or to the energy's changes",
-                saved: counted(bodies, "body that is not visited", "bodies that are not visited"),
-                operations: kept.saturating_sub(operations::INWARD),
-                ..NOTHING
-            },
-        )
+        Simplification {
+            switch: Some("base_links"),
+            what: "links on the base",
+            count: names.len(),
+            names,
+            why: "a link that cannot move adds nothing to M, to the bias or to the energy's changes",
+            saved: counted(bodies, "body that is not visited", "bodies that are not visited"),
+            operations: kept.saturating_sub(operations::INWARD),
+            ..NOTHING
+        }
     }
 
     fn velocity_item(&self) -> Simplification {
         let bodies = &self.model().bodies;
-        self.switched(
-            "zero_velocity",
-            Simplification {
-                what: "velocities, in a call with zero joint velocities",
-                count: bodies.len(),
-                why: "without velocity there is no velocity product",
-                saved: counted(
-                    bodies.len(),
-                    "velocity and its velocity products",
-                    "velocities and their velocity products",
-                ),
-                // The test for zero velocities is one sum per joint velocity.
-                operations: bodies.iter().map(operations::of_velocity).sum::<usize>().saturating_sub(self.nv()),
-                ..NOTHING
-            },
-        )
+        Simplification {
+            switch: Some("zero_velocity"),
+            what: "velocities, in a call with zero joint velocities",
+            count: bodies.len(),
+            why: "without velocity there is no velocity product",
+            saved: counted(
+                bodies.len(),
+                "velocity and its velocity products",
+                "velocities and their velocity products",
+            ),
+            // The test for zero velocities is one sum per joint velocity.
+            operations: bodies.iter().map(operations::of_velocity).sum::<usize>().saturating_sub(self.nv()),
+            ..NOTHING
+        }
     }
 
     fn gravity_item(&self) -> Simplification {
         let model = self.model();
         let weightless = model.simplifications.zero_velocity && model.gravity.iter().all(|&g| g == 0.0);
-        self.switched(
-            "zero_gravity",
-            Simplification {
-                what: "the bias, in a call with zero joint velocities",
-                count: if weightless { model.bodies.len() } else { 0 },
-                why: "without velocity and gravity b = 0",
-                saved: counted(model.bodies.len(), "acceleration and force", "accelerations and forces"),
-                // The test for zero gravity is three sums.
-                operations: (model.bodies.len() * operations::OF_WEIGHT).saturating_sub(3),
-                ..NOTHING
-            },
-        )
+        Simplification {
+            switch: Some("zero_gravity"),
+            what: "the bias, in a call with zero joint velocities",
+            count: if weightless { model.bodies.len() } else { 0 },
+            why: "without velocity and gravity b = 0",
+            saved: counted(model.bodies.len(), "acceleration and force", "accelerations and forces"),
+            // The test for zero gravity is three sums.
+            operations: (model.bodies.len() * operations::OF_WEIGHT).saturating_sub(3),
+            ..NOTHING
+        }
     }
 
     fn axes_item(&self) -> Simplification {

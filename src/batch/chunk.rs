@@ -9,7 +9,7 @@ use super::connected::{self, ConnectedKernel};
 use super::derivatives::{self, DerivativeKernel};
 use super::factor;
 use super::finite::{any_not_finite, not_finite};
-use super::instruction_set::{Entry, Target, Vectorized, Work};
+use super::instruction_set::{Entry, Target, Vectorized, Work, within_target};
 #[cfg(feature = "derivatives")]
 use super::products::{self, ProductKernel};
 use super::quantities::{self, QuantityKernel};
@@ -101,9 +101,7 @@ impl<T: Vectorized> Chunk<T> {
             numbers,
         }
     }
-}
 
-impl<T: Vectorized> Chunk<T> {
     /// As [`Chunks::lanes`](crate::algorithm::Chunks::lanes).
     #[must_use]
     pub fn lanes() -> usize {
@@ -158,7 +156,7 @@ impl<T: Vectorized> Chunk<T> {
         out: &mut [f64],
     ) -> u64 {
         if HAS_ALL_KERNELS {
-            return target.within(QuantityRun { chunk: self, what, states, out });
+            return quantity_in_lanes(target, self, what, states, out);
         }
         u64::MAX
     }
@@ -422,20 +420,16 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
     }
 }
 
-/// A kinematic quantity with its states, to be run on an instruction set.
-struct QuantityRun<'a, T: Vectorized> {
-    chunk: &'a mut Chunk<T>,
-    what: &'a KinematicQuantity<'a>,
-    states: &'a [Arguments<'a>],
-    out: &'a mut [f64],
-}
-
-impl<T: Vectorized> Work for QuantityRun<'_, T> {
-    type Output = u64;
-
+within_target! {
+    /// Results of a kinematic quantity; the lanes that need the fallback.
     #[inline(always)]
-    fn call(self) -> u64 {
-        let Self { chunk: Chunk { numbers: constants, arguments, quantities, .. }, what, states, out } = self;
+    fn quantity_in_lanes<'a, T>(
+        chunk: &'a mut Chunk<T>,
+        what: &'a KinematicQuantity<'a>,
+        states: &'a [Arguments<'a>],
+        out: &'a mut [f64],
+    ) -> u64 {
+        let Chunk { numbers: constants, arguments, quantities, .. } = chunk;
         let Numbers { model, quaternions, .. } = &**constants;
         let [q, qd, qdd] = arguments;
         let mut fault = gather_state([&mut *q, qd, qdd], &in_lanes(states));

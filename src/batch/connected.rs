@@ -2,7 +2,7 @@
 
 use super::factor;
 use super::finite::any_not_finite;
-use super::instruction_set::{Target, Vectorized, Work};
+use super::instruction_set::{Target, Vectorized, within_target};
 use crate::dynamics::constraints::ConstraintKernel;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
@@ -97,33 +97,54 @@ pub(crate) fn factors<T: Vectorized, I: Target>(
     doubt | factor_rows(target, scene, scratch, rows, qd)
 }
 
-/// The rows and the factor of G, with the factor of M in the scratch. Returns the lanes that need the fallback.
-#[inline(never)]
-pub(crate) fn factor_rows<T: Vectorized, I: Target>(
-    target: I,
-    scene: (&Model<T>, &SweepModel<T>),
-    scratch: &SweepScratch<T>,
-    rows: &mut ConstraintKernel<T>,
-    qd: &[T],
-) -> u64 {
-    target.within(FactorRows(scene, scratch, rows, qd))
-}
-
-struct FactorRows<'a, T: Vectorized>(
-    (&'a Model<T>, &'a SweepModel<T>),
-    &'a SweepScratch<T>,
-    &'a mut ConstraintKernel<T>,
-    &'a [T],
-);
-
-impl<T: Vectorized> Work for FactorRows<'_, T> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn call(self) -> u64 {
-        let Self(scene, scratch, rows, qd) = self;
+within_target! {
+    /// The rows and the factor of G, with the factor of M in the scratch. Returns the lanes that need the fallback.
+    #[inline(never)]
+    pub(crate) fn factor_rows<'a, T>(
+        scene: (&'a Model<T>, &'a SweepModel<T>),
+        scratch: &'a SweepScratch<T>,
+        rows: &'a mut ConstraintKernel<T>,
+        qd: &'a [T],
+    ) -> u64 {
         let regular = rows.factor(scene, scratch, qd);
         lanes_but::<T>(|lane| regular.lane(lane) > 0.0)
+    }
+
+    /// The first forces.
+    #[inline(always)]
+    fn first_step<'a, T>(
+        scratch: &'a SweepScratch<T>,
+        rows: &'a mut ConstraintKernel<T>,
+        vectors: (&'a [T], &'a [T]),
+        is_watched: bool,
+    ) -> () {
+        rows.first_step(scratch, vectors.0, vectors.1, is_watched);
+    }
+
+    /// The accelerations due to the forces.
+    #[inline(always)]
+    fn take<'a, T>(rows: &'a mut ConstraintKernel<T>, innovations: &'a mut [T]) -> () {
+        rows.take(innovations);
+    }
+
+    /// The residual of the rows; the allowed lanes in which it exceeds the usual rounding error, and all in which it
+    /// cannot be rounding.
+    #[inline(always)]
+    fn residual<'a, T>(
+        scene: (&'a Model<T>, &'a SweepModel<T>),
+        scratch: &'a SweepScratch<T>,
+        rows: &'a mut ConstraintKernel<T>,
+        qdd: &'a [T],
+        allowed: u64,
+    ) -> [u64; 2] {
+        let [near, far] = rows.look(scene, scratch, qdd);
+        let [is_left, is_open] = [near, far].map(|margin| lanes_but::<T>(|lane| margin.lane(lane) >= 0.0));
+        let is_left = is_left & allowed;
+        if is_left != 0 {
+            // Each lane independently: the needs of other lanes do not change its result.
+            rows.mask(ones_in(is_left, near));
+        }
+        [is_left, is_open]
     }
 }
 
@@ -140,74 +161,22 @@ pub(crate) fn accelerations<T: Vectorized, I: Target>(
     (tau, innovations, qdd): (&[T], &mut [T], &mut [T]),
     (needed, allowed): (u64, u64),
 ) -> (u64, u64) {
-    target.within(FirstStep(scratch, rows, tau, innovations, allowed != 0));
+    first_step(target, scratch, rows, (tau, innovations), allowed != 0);
     let mut corrected = 0;
     for correction in 0..=CORRECTIONS {
-        target.within(Take(rows, innovations));
+        take(target, rows, innovations);
         qdd.copy_from_slice(innovations);
         factor::smooth(target, scene, scratch, qdd);
         if allowed == 0 {
             break;
         }
-        let [is_left, is_open] = target.within(ConnectionResidual(scene, scratch, rows, qdd, allowed));
+        let [is_left, is_open] = residual(target, scene, scratch, rows, qdd, allowed);
         if is_left & needed == 0 || correction == CORRECTIONS {
             return (corrected, is_open & allowed);
         }
         corrected |= is_left;
     }
     (corrected, 0)
-}
-
-/// The first forces.
-struct FirstStep<'a, T: Vectorized>(&'a SweepScratch<T>, &'a mut ConstraintKernel<T>, &'a [T], &'a [T], bool);
-
-impl<T: Vectorized> Work for FirstStep<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self(scratch, rows, tau, innovations, is_watched) = self;
-        rows.first_step(scratch, tau, innovations, is_watched);
-    }
-}
-
-/// The accelerations due to the forces.
-struct Take<'a, T: Vectorized>(&'a mut ConstraintKernel<T>, &'a mut [T]);
-
-impl<T: Vectorized> Work for Take<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        self.0.take(self.1);
-    }
-}
-
-/// The residual of the rows; the allowed lanes in which it exceeds the usual rounding error, and all in which it cannot
-/// be rounding.
-struct ConnectionResidual<'a, T: Vectorized>(
-    (&'a Model<T>, &'a SweepModel<T>),
-    &'a SweepScratch<T>,
-    &'a mut ConstraintKernel<T>,
-    &'a [T],
-    u64,
-);
-
-impl<T: Vectorized> Work for ConnectionResidual<'_, T> {
-    type Output = [u64; 2];
-
-    #[inline(always)]
-    fn call(self) -> [u64; 2] {
-        let Self(scene, scratch, rows, qdd, allowed) = self;
-        let [near, far] = rows.look(scene, scratch, qdd);
-        let [is_left, is_open] = [near, far].map(|margin| lanes_but::<T>(|lane| margin.lane(lane) >= 0.0));
-        let is_left = is_left & allowed;
-        if is_left != 0 {
-            // Each lane independently: the needs of other lanes do not change its result.
-            rows.mask(ones_in(is_left, near));
-        }
-        [is_left, is_open]
-    }
 }
 
 /// One in the lanes given as bits, zero in others; `like` determines only the type.

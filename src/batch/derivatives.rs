@@ -3,7 +3,7 @@
 use super::accelerations;
 use super::factor::{multiplied_out, with_factor};
 use super::finite::entries_not_finite;
-use super::instruction_set::{Entry, Target, Vectorized, Work};
+use super::instruction_set::{Entry, Target, Vectorized, within_target};
 use crate::algorithm::Derivatives;
 use crate::dynamics::derivatives::{DerivativeColumns, Kept, Matrices, Product, in_sweeps};
 use crate::dynamics::forces::Motion;
@@ -138,58 +138,26 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Derivatives, call:
     doubt
 }
 
-/// dtau/dq, dtau/dqd and M, or the Coriolis matrix; compiled once for all callers.
-#[inline(never)]
-fn of_torques<T: Vectorized, I: Target>(
-    target: I,
-    scene: (&Model<T>, &SweepModel<T>),
-    scratch: (&mut SweepScratch<T>, &mut Kept<T>, &mut DerivativeColumns<T, T::Columns>),
-    state: (Motion<'_, T>, Matrices),
-    out: &mut [Entry<T>],
-) {
-    target.within(OfTorques(scene, scratch, state, out));
-}
-
-struct OfTorques<'a, T: Vectorized>(
-    (&'a Model<T>, &'a SweepModel<T>),
-    (&'a mut SweepScratch<T>, &'a mut Kept<T>, &'a mut DerivativeColumns<T, T::Columns>),
-    (Motion<'a, T>, Matrices),
-    &'a mut [Entry<T>],
-);
-
-impl<T: Vectorized> Work for OfTorques<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self(scene, scratch, (state, matrices), out) = self;
-        in_sweeps(scene, scratch, state, matrices, out);
+within_target! {
+    /// dtau/dq, dtau/dqd and M, or the Coriolis matrix; compiled once for all callers.
+    #[inline(never)]
+    fn of_torques<'a, T>(
+        scene: (&'a Model<T>, &'a SweepModel<T>),
+        scratch: (&'a mut SweepScratch<T>, &'a mut Kept<T>, &'a mut DerivativeColumns<T, T::Columns>),
+        state: (Motion<'a, T>, Matrices),
+        out: &'a mut [Entry<T>],
+    ) -> () {
+        in_sweeps(scene, scratch, state.0, state.1, out);
     }
-}
 
-/// -M^-1 times both derivatives, in place. Returns the lanes that lose precision, as bits.
-#[inline(never)]
-fn times_inverse<T: Vectorized, I: Target>(
-    target: I,
-    scene: (&Model<T>, &SweepModel<T>),
-    product: (T::Columns, &mut Product<T, T::Columns>, T),
-    out: &mut [Entry<T>],
-) -> u64 {
-    target.within(TimesInverse(scene, product, out))
-}
-
-struct TimesInverse<'a, T: Vectorized>(
-    (&'a Model<T>, &'a SweepModel<T>),
-    (T::Columns, &'a mut Product<T, T::Columns>, T),
-    &'a mut [Entry<T>],
-);
-
-impl<T: Vectorized> Work for TimesInverse<'_, T> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn call(self) -> u64 {
-        let Self(scene, (like, product, accepted), out) = self;
+    /// -M^-1 times both derivatives, in place. Returns the lanes that lose precision, as bits.
+    #[inline(never)]
+    fn times_inverse<'a, T>(
+        scene: (&'a Model<T>, &'a SweepModel<T>),
+        product: (T::Columns, &'a mut Product<T, T::Columns>, T),
+        out: &'a mut [Entry<T>],
+    ) -> u64 {
+        let (like, product, accepted) = product;
         let margin = product.in_place(scene, (like, accepted), out);
         lanes_but::<T>(|lane| margin.lane(lane) >= 0.0)
     }

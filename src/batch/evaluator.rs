@@ -4,7 +4,7 @@ use super::Fault;
 use super::compiled;
 use super::coupled::CoupledEvaluator;
 use super::instruction_set::InstructionSet;
-use crate::accuracy::Accuracy;
+use crate::accuracy::{Accuracy, largest};
 use crate::algorithm::{Algorithm, Arguments, Chunks, KinematicQuantity};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::{Error, check_length};
@@ -175,11 +175,6 @@ impl Kernels {
         };
         kernels.error(lane)
     }
-}
-
-/// The largest absolute acceleration.
-fn largest(qdd: &[f64]) -> f64 {
-    qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.abs()))
 }
 
 impl Scene {

@@ -117,6 +117,64 @@ pub trait Work {
     fn call(self) -> Self::Output;
 }
 
+/// Functions that are compiled for the instructions of their caller's `target`, which is an additional first argument.
+/// The body is the method of a struct that holds the arguments, because a closure is not always inlined, and is then
+/// compiled for the baseline.
+macro_rules! within_target {
+    ($($(#[$meta:meta])* $visible:vis fn $name:ident<$($life:lifetime),+, $T:ident>(
+        $($argument:ident: $kind:ty),* $(,)?
+    ) -> $result:ty $body:block)*) => { $(
+        $(#[$meta])*
+        $visible fn $name<
+            $($life,)+ $T: $crate::batch::instruction_set::Vectorized, I: $crate::batch::instruction_set::Target
+        >(target: I, $($argument: $kind),*) -> $result {
+            use $crate::batch::instruction_set::{Vectorized, Work};
+
+            struct Call<$($life,)+ $T: Vectorized>($($kind),*);
+
+            impl<$($life,)+ $T: Vectorized> Work for Call<$($life,)+ $T> {
+                type Output = $result;
+
+                #[inline(always)]
+                fn call(self) -> $result {
+                    let Self($($argument),*) = self;
+                    $body
+                }
+            }
+
+            target.within(Call($($argument),*))
+        }
+    )* };
+}
+pub(crate) use within_target;
+
+/// Functions that are compiled for the widest instructions of this processor; see `within_target!`.
+#[cfg(feature = "estimation")]
+macro_rules! within_widest {
+    ($($(#[$meta:meta])* $visible:vis fn $name:ident<$life:lifetime>(
+        $($argument:ident: $kind:ty),* $(,)?
+    ) $body:block)*) => { $(
+        $(#[$meta])*
+        $visible fn $name<$life>($($argument: $kind),*) {
+            struct Call<$life>($($kind),*);
+
+            impl<$life> $crate::batch::instruction_set::Work for Call<$life> {
+                type Output = ();
+
+                #[inline(always)]
+                fn call(self) {
+                    let Self($($argument),*) = self;
+                    $body
+                }
+            }
+
+            $crate::batch::instruction_set::with_widest(Call($($argument),*));
+        }
+    )* };
+}
+#[cfg(feature = "estimation")]
+pub(crate) use within_widest;
+
 /// Runs `work` with the widest instructions of this processor; without the feature `lanes`, with those that the crate
 /// is compiled for.
 #[inline]

@@ -3,7 +3,7 @@
 use super::accelerations;
 use super::factor::with_factor;
 use super::finite::any_not_finite;
-use super::instruction_set::{Target, Vectorized, Work};
+use super::instruction_set::{Target, Vectorized, within_target};
 use crate::algorithm::{Products, constants_width};
 use crate::dynamics::derivatives::{
     Changes, CoStates, ConstantParts, Constants, Directions, GradientParts, gradients_in_sweeps, tangent_in_sweeps,
@@ -81,8 +81,8 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Products, call: Ke
         | Products::InverseTangents
         | Products::ForwardTangent(_)
         | Products::ForwardTangents(_) => {
-            let along = Directions::of_seed([first, second, third], bodies, of_wrenches);
-            let lost = target.within(Along(scene, (scratch, changes), (motion, along), (which, x, results)));
+            let direction = Directions::of_seed([first, second, third], bodies, of_wrenches);
+            let lost = along(target, scene, (scratch, changes), (motion, direction), which.form(), (x, results));
             doubt |= lanes_but::<T>(|lane| lost.lane(lane) <= 0.0);
         }
         Products::InverseGradient | Products::ForwardGradient(_) => {
@@ -110,25 +110,6 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Products, call: Ke
     doubt
 }
 
-/// Along a direction.
-struct Along<'a, T: Vectorized>(
-    (&'a Model<T>, &'a SweepModel<T>),
-    (&'a mut SweepScratch<T>, &'a mut Changes<T>),
-    (Motion<'a, T>, Directions<'a, T>),
-    (Products, &'a mut [T], &'a mut [T]),
-);
-
-impl<T: Vectorized> Work for Along<'_, T> {
-    type Output = T;
-
-    #[inline(always)]
-    fn call(self) -> T {
-        let Self(scene, scratch, state, (which, right, out)) = self;
-        let is_solved = (which.form().is_some(), which.form() == Some(Form::Auto));
-        tangent_in_sweeps::<T, T::Columns>(scene, scratch, state, is_solved, (right, out))
-    }
-}
-
 /// A scene, and the scratch of gradients.
 type Room<'a, T> = ((&'a Model<T>, &'a SweepModel<T>), (&'a mut SweepScratch<T>, &'a mut CoStates<T>));
 
@@ -142,23 +123,31 @@ pub(crate) fn gradients<T: Vectorized, I: Target>(
     state: (Motion<'_, T>, &[T]),
     (constants, x, out): (&mut Constants<'_, T>, &mut [T], &mut [T]),
 ) -> u64 {
-    let off = target.within(Gradients(form.is_some(), room, state, (constants, x, out)));
+    let off = all_gradients(target, form.is_some(), room, state, (constants, x, out));
     if form == Some(Form::Auto) { (0..T::LANES).map(|lane| u64::from(off.lane(lane) > 0.0) << lane).sum() } else { 0 }
 }
 
-struct Gradients<'a, 'c, T: Vectorized>(
-    bool,
-    Room<'a, T>,
-    (Motion<'a, T>, &'a [T]),
-    (&'a mut Constants<'c, T>, &'a mut [T], &'a mut [T]),
-);
-
-impl<T: Vectorized> Work for Gradients<'_, '_, T> {
-    type Output = T;
+within_target! {
+    /// Along a direction.
+    #[inline(always)]
+    fn along<'a, T>(
+        scene: (&'a Model<T>, &'a SweepModel<T>),
+        scratch: (&'a mut SweepScratch<T>, &'a mut Changes<T>),
+        state: (Motion<'a, T>, Directions<'a, T>),
+        form: Option<Form>,
+        results: (&'a mut [T], &'a mut [T]),
+    ) -> T {
+        let is_solved = (form.is_some(), form == Some(Form::Auto));
+        tangent_in_sweeps::<T, T::Columns>(scene, scratch, state, is_solved, results)
+    }
 
     #[inline(always)]
-    fn call(self) -> T {
-        let Self(solves, (scene, scratch), state, results) = self;
-        gradients_in_sweeps::<T, T::Columns>(scene, scratch, state, solves, results)
+    fn all_gradients<'a, 'c, T>(
+        solves: bool,
+        room: Room<'a, T>,
+        state: (Motion<'a, T>, &'a [T]),
+        results: (&'a mut Constants<'c, T>, &'a mut [T], &'a mut [T]),
+    ) -> T {
+        gradients_in_sweeps::<T, T::Columns>(room.0, room.1, state, solves, results)
     }
 }

@@ -4,111 +4,124 @@
 use super::tracing::Place;
 use super::{reference, tracing};
 use crate::algorithm::table::{self, CompiledFor, FunctionEntry};
-use crate::algorithm::{
-    Algorithm, BIAS_TORQUE, CONSTRAINED_DYNAMICS, CONSTRAINED_DYNAMICS_WATCHED, CONTACT_GAPS, CONTACT_GRAM,
-    CONTACT_VELOCITIES, Derivatives, FACTOR_WATCHED, FORWARD_DYNAMICS, FORWARD_DYNAMICS_DERIVATIVES,
-    FORWARD_DYNAMICS_DERIVATIVES_WATCHED, FORWARD_DYNAMICS_JVP, FORWARD_DYNAMICS_JVP_WATCHED, FORWARD_DYNAMICS_VJP,
-    FORWARD_DYNAMICS_VJP_WATCHED, FORWARD_DYNAMICS_WATCHED, INVERSE_DYNAMICS, INVERSE_DYNAMICS_DERIVATIVES,
-    INVERSE_DYNAMICS_JVP, INVERSE_DYNAMICS_VJP, JACOBIAN, MASS_MATRIX, MASS_MATRIX_INVERSE,
-    MASS_MATRIX_INVERSE_WATCHED, PLACEMENT, PLACEMENTS, Products,
-};
+use crate::algorithm::{self, Algorithm};
 use crate::error::{Error, in_language};
 use crate::filter::Form;
 use crate::kinematics::{Frame, ReferenceFrame};
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 
-/// A function of a program, named like the method of scenes.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Function {
-    /// qdd of (q, qd, tau), in covariance form, through the connections of the scene.
-    ForwardDynamics,
-    /// As `ForwardDynamics`, with the margin of its error estimate: negative or NaN for a state that the methods of the
-    /// scene recompute in form auto.
-    ForwardDynamicsWatched,
-    /// qdd, the forces of the connections, the rank of their rows and the largest residual, of (q, qd, tau) and the
-    /// compliance of each row; in covariance form.
-    ConstrainedDynamics,
-    /// As `ConstrainedDynamics`, with a margin: negative or NaN for a state that the method of the scene has to
-    /// compute. For instance its error estimate exceeds the tolerance, the rows are dependent, or the state violates
-    /// the connections.
-    ConstrainedDynamicsWatched,
-    /// tau of (q, qd, qdd).
-    InverseDynamics,
-    /// The torque of the bias, of (q, qd).
-    BiasTorque,
-    /// M of q, row by row.
-    MassMatrix,
-    /// M^-1 of q, row by row, in covariance form.
-    MassMatrixInverse,
-    /// As `MassMatrixInverse`, with the margin of its error estimate.
-    MassMatrixInverseWatched,
-    /// The margin for q only: of the factor of M.
-    FactorWatched,
-    /// As `ForwardDynamicsDerivatives`, with the margin of the factor of M and of the product with M^-1.
-    ForwardDynamicsDerivativesWatched,
-    /// As `ForwardDynamicsJvp`, with the margin of the factor of M and of the solution.
-    ForwardDynamicsJvpWatched,
-    /// As `ForwardDynamicsVjp`, with the margin of the factor of M and of the solution.
-    ForwardDynamicsVjpWatched,
-    /// dqdd/dq, dqdd/dqd and M^-1 of (q, qd, tau), each row by row, by q in its tangent space; in covariance form.
-    ForwardDynamicsDerivatives,
-    /// dtau/dq, dtau/dqd and M of (q, qd, qdd), each row by row, by q in its tangent space.
-    InverseDynamicsDerivatives,
-    /// dqdd of (q, qd, tau) along (dq, dqd, dtau), in covariance form.
-    ForwardDynamicsJvp,
-    /// The gradients of c . qdd by q, qd and tau, of (q, qd, tau) and c; in covariance form.
-    ForwardDynamicsVjp,
-    /// dtau of (q, qd, qdd) along (dq, dqd, dqdd).
-    InverseDynamicsJvp,
-    /// The gradients of x . tau by q, qd and qdd, of (q, qd, qdd) and x.
-    InverseDynamicsVjp,
-    /// The distance of each contact from its plane, of q.
-    ContactGaps,
-    /// The velocity of the point of each contact in the base frame, of (q, qd).
-    ContactVelocities,
-    /// J M^-1 J^T of these points, of q; in covariance form.
-    ContactGram,
-    /// The pose of every link, of q: one homogeneous matrix each, in the order of [`Scene::links`].
-    Placements,
-    /// The pose of the link of this name, of q: a homogeneous matrix.
-    Placement(String),
-    /// The Jacobian of the link of this name, of q, (6 x nv), with the velocity expressed in this frame.
-    Jacobian(String, ReferenceFrame),
+/// The enum of functions with their rows of the table and their traces, and the lists of those that do not depend on a
+/// link. A trace has the results of the scene's method, followed by the margin if the function has one.
+macro_rules! functions {
+    (
+        $(#[$about:meta])* enum $name:ident;
+        $(#[$about_plain:meta])* list $plain_list:ident {
+            $($(#[$of_plain:meta])* $plain:ident: $row_of_plain:ident, $trace_of_plain:ident;)*
+        }
+        $(#[$about_watched:meta])* list $watched_list:ident {
+            $($(#[$of_watched:meta])* $watched:ident: $row_of_watched:ident, $trace_of_watched:ident;)*
+        }
+        links { $($(#[$of_link:meta])* $linked:ident($($field:ty),*): $row_of_link:ident, $trace_of_link:ident;)* }
+    ) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, PartialEq, Eq)]
+        #[non_exhaustive]
+        pub enum $name {
+            $($(#[$of_plain])* $plain,)*
+            $($(#[$of_watched])* $watched,)*
+            $($(#[$of_link])* $linked($($field),*),)*
+        }
+
+        $(#[$about_plain])*
+        pub const $plain_list: &[$name] = &[$($name::$plain),*];
+
+        $(#[$about_watched])*
+        pub const $watched_list: &[$name] = &[$($name::$watched),*];
+
+        impl $name {
+            /// Its row of the table, and its trace.
+            fn line(&self) -> (&'static FunctionEntry, tracing::Trace) {
+                match self {
+                    $(Self::$plain => (&algorithm::$row_of_plain, tracing::$trace_of_plain),)*
+                    $(Self::$watched => (&algorithm::$row_of_watched, tracing::$trace_of_watched),)*
+                    $(Self::$linked(..) => (&algorithm::$row_of_link, tracing::$trace_of_link),)*
+                }
+            }
+        }
+    };
 }
 
-/// All functions that do not depend on a link, without those that return a margin. [`Function::of`] lists those of one
-/// scene.
-pub const FUNCTIONS: &[Function] = &[
-    Function::ForwardDynamics,
-    Function::ConstrainedDynamics,
-    Function::InverseDynamics,
-    Function::BiasTorque,
-    Function::MassMatrix,
-    Function::MassMatrixInverse,
-    Function::ForwardDynamicsDerivatives,
-    Function::InverseDynamicsDerivatives,
-    Function::ForwardDynamicsJvp,
-    Function::ForwardDynamicsVjp,
-    Function::InverseDynamicsJvp,
-    Function::InverseDynamicsVjp,
-    Function::Placements,
-    Function::ContactGaps,
-    Function::ContactVelocities,
-    Function::ContactGram,
-];
+functions! {
+    /// A function of a program, named like the method of scenes.
+    enum Function;
 
-/// The functions that also return the margin of their error estimate.
-pub const WATCHED: &[Function] = &[
-    Function::ForwardDynamicsWatched,
-    Function::ConstrainedDynamicsWatched,
-    Function::MassMatrixInverseWatched,
-    Function::FactorWatched,
-    Function::ForwardDynamicsDerivativesWatched,
-    Function::ForwardDynamicsJvpWatched,
-    Function::ForwardDynamicsVjpWatched,
-];
+    /// All functions that do not depend on a link, without those that return a margin. [`Function::of`] lists those of
+    /// one scene.
+    list FUNCTIONS {
+        /// qdd of (q, qd, tau), in covariance form, through the connections of the scene.
+        ForwardDynamics: FORWARD_DYNAMICS, forward_dynamics;
+        /// qdd, the forces of the connections, the rank of their rows and the largest residual, of (q, qd, tau) and the
+        /// compliance of each row; in covariance form.
+        ConstrainedDynamics: CONSTRAINED_DYNAMICS, constrained_dynamics;
+        /// tau of (q, qd, qdd).
+        InverseDynamics: INVERSE_DYNAMICS, inverse_dynamics;
+        /// The torque of the bias, of (q, qd).
+        BiasTorque: BIAS_TORQUE, inverse_dynamics;
+        /// M of q, row by row.
+        MassMatrix: MASS_MATRIX, mass_matrix;
+        /// M^-1 of q, row by row, in covariance form.
+        MassMatrixInverse: MASS_MATRIX_INVERSE, mass_matrix_inverse;
+        /// dqdd/dq, dqdd/dqd and M^-1 of (q, qd, tau), each row by row, by q in its tangent space; in covariance form.
+        ForwardDynamicsDerivatives: FORWARD_DYNAMICS_DERIVATIVES, forward_dynamics_derivatives;
+        /// dtau/dq, dtau/dqd and M of (q, qd, qdd), each row by row, by q in its tangent space.
+        InverseDynamicsDerivatives: INVERSE_DYNAMICS_DERIVATIVES, inverse_dynamics_derivatives;
+        /// dqdd of (q, qd, tau) along (dq, dqd, dtau), in covariance form.
+        ForwardDynamicsJvp: FORWARD_DYNAMICS_JVP, forward_dynamics_jvp;
+        /// The gradients of c . qdd by q, qd and tau, of (q, qd, tau) and c; in covariance form.
+        ForwardDynamicsVjp: FORWARD_DYNAMICS_VJP, forward_dynamics_vjp;
+        /// dtau of (q, qd, qdd) along (dq, dqd, dqdd).
+        InverseDynamicsJvp: INVERSE_DYNAMICS_JVP, inverse_dynamics_jvp;
+        /// The gradients of x . tau by q, qd and qdd, of (q, qd, qdd) and x.
+        InverseDynamicsVjp: INVERSE_DYNAMICS_VJP, inverse_dynamics_vjp;
+        /// The pose of every link, of q: one homogeneous matrix each, in the order of [`Scene::links`].
+        Placements: PLACEMENTS, placements;
+        /// The distance of each contact from its plane, of q.
+        ContactGaps: CONTACT_GAPS, contact_gaps;
+        /// The velocity of the point of each contact in the base frame, of (q, qd).
+        ContactVelocities: CONTACT_VELOCITIES, contact_velocities;
+        /// J M^-1 J^T of these points, of q; in covariance form.
+        ContactGram: CONTACT_GRAM, contact_gram;
+    }
+
+    /// The functions that also return the margin of their error estimate.
+    list WATCHED {
+        /// As `ForwardDynamics`, with the margin of its error estimate: negative or NaN for a state that the methods of
+        /// the scene recompute in form auto.
+        ForwardDynamicsWatched: FORWARD_DYNAMICS_WATCHED, forward_dynamics;
+        /// As `ConstrainedDynamics`, with a margin: negative or NaN for a state that the method of the scene has to
+        /// compute. For instance its error estimate exceeds the tolerance, the rows are dependent, or the state
+        /// violates the connections.
+        ConstrainedDynamicsWatched: CONSTRAINED_DYNAMICS_WATCHED, constrained_dynamics;
+        /// As `MassMatrixInverse`, with the margin of its error estimate.
+        MassMatrixInverseWatched: MASS_MATRIX_INVERSE_WATCHED, mass_matrix_inverse;
+        /// The margin for q only: of the factor of M.
+        FactorWatched: FACTOR_WATCHED, factor;
+        /// As `ForwardDynamicsDerivatives`, with the margin of the factor of M and of the product with M^-1.
+        ForwardDynamicsDerivativesWatched: FORWARD_DYNAMICS_DERIVATIVES_WATCHED, forward_dynamics_derivatives;
+        /// As `ForwardDynamicsJvp`, with the margin of the factor of M and of the solution.
+        ForwardDynamicsJvpWatched: FORWARD_DYNAMICS_JVP_WATCHED, forward_dynamics_jvp;
+        /// As `ForwardDynamicsVjp`, with the margin of the factor of M and of the solution.
+        ForwardDynamicsVjpWatched: FORWARD_DYNAMICS_VJP_WATCHED, forward_dynamics_vjp;
+    }
+
+    links {
+        /// The pose of the link of this name, of q: a homogeneous matrix.
+        Placement(String): PLACEMENT, placement;
+        /// The Jacobian of the link of this name, of q, (6 x nv), with the velocity expressed in this frame.
+        Jacobian(String, ReferenceFrame): JACOBIAN, jacobian;
+    }
+}
 
 /// An argument or a result of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -133,63 +146,14 @@ impl Array {
 }
 
 impl Function {
-    /// Its row of the table, and its trace.
-    fn line(&self) -> (&'static FunctionEntry, tracing::Trace) {
-        match self {
-            Self::ForwardDynamics => (&FORWARD_DYNAMICS, tracing::forward_dynamics),
-            Self::ForwardDynamicsWatched => (&FORWARD_DYNAMICS_WATCHED, tracing::forward_dynamics_watched),
-            Self::ConstrainedDynamics => (&CONSTRAINED_DYNAMICS, tracing::constrained_dynamics),
-            Self::ConstrainedDynamicsWatched => (&CONSTRAINED_DYNAMICS_WATCHED, tracing::constrained_dynamics_watched),
-            Self::InverseDynamics => (&INVERSE_DYNAMICS, tracing::inverse_dynamics),
-            Self::BiasTorque => (&BIAS_TORQUE, tracing::inverse_dynamics),
-            Self::MassMatrix => (&MASS_MATRIX, tracing::mass_matrix),
-            Self::MassMatrixInverse => (&MASS_MATRIX_INVERSE, tracing::mass_matrix_inverse),
-            Self::MassMatrixInverseWatched => (&MASS_MATRIX_INVERSE_WATCHED, tracing::mass_matrix_inverse_watched),
-            Self::FactorWatched => (&FACTOR_WATCHED, tracing::factor_watched),
-            Self::ForwardDynamicsDerivativesWatched => {
-                (&FORWARD_DYNAMICS_DERIVATIVES_WATCHED, tracing::forward_dynamics_derivatives_watched)
-            }
-            Self::ForwardDynamicsJvpWatched => (&FORWARD_DYNAMICS_JVP_WATCHED, tracing::forward_dynamics_jvp_watched),
-            Self::ForwardDynamicsVjpWatched => (&FORWARD_DYNAMICS_VJP_WATCHED, tracing::forward_dynamics_vjp_watched),
-            Self::ForwardDynamicsDerivatives => (&FORWARD_DYNAMICS_DERIVATIVES, tracing::forward_dynamics_derivatives),
-            Self::InverseDynamicsDerivatives => (&INVERSE_DYNAMICS_DERIVATIVES, tracing::inverse_dynamics_derivatives),
-            Self::ForwardDynamicsJvp => (&FORWARD_DYNAMICS_JVP, tracing::forward_dynamics_jvp),
-            Self::ForwardDynamicsVjp => (&FORWARD_DYNAMICS_VJP, tracing::forward_dynamics_vjp),
-            Self::InverseDynamicsJvp => (&INVERSE_DYNAMICS_JVP, tracing::inverse_dynamics_jvp),
-            Self::InverseDynamicsVjp => (&INVERSE_DYNAMICS_VJP, tracing::inverse_dynamics_vjp),
-            Self::Placements => (&PLACEMENTS, tracing::placements),
-            Self::ContactGaps => (&CONTACT_GAPS, tracing::contact_gaps),
-            Self::ContactVelocities => (&CONTACT_VELOCITIES, tracing::contact_velocities),
-            Self::ContactGram => (&CONTACT_GRAM, tracing::contact_gram),
-            Self::Placement(_) => (&PLACEMENT, tracing::placement),
-            Self::Jacobian(..) => (&JACOBIAN, tracing::jacobian),
-        }
+    /// Its name without the suffix of functions that return a margin.
+    fn name_of_method(&self) -> &'static str {
+        self.name().trim_end_matches("_watched")
     }
 
     /// The algorithm of the scene that computes it, if there is one; in covariance form if the algorithm has forms.
     fn algorithm(&self) -> Option<Algorithm> {
-        let form = Form::default();
-        Some(match self {
-            Self::ForwardDynamics | Self::ForwardDynamicsWatched => Algorithm::ForwardDynamics(form),
-            Self::ConstrainedDynamics | Self::ConstrainedDynamicsWatched => Algorithm::ConstrainedDynamics(form),
-            Self::InverseDynamics => Algorithm::InverseDynamics,
-            Self::BiasTorque => Algorithm::BiasTorque,
-            Self::MassMatrix => Algorithm::MassMatrix,
-            Self::MassMatrixInverse | Self::MassMatrixInverseWatched => Algorithm::MassMatrixInverse(form),
-            Self::ForwardDynamicsDerivatives | Self::ForwardDynamicsDerivativesWatched => {
-                Algorithm::Derivatives(Derivatives::ForwardDynamics(form))
-            }
-            Self::InverseDynamicsDerivatives => Algorithm::Derivatives(Derivatives::InverseDynamics),
-            Self::ForwardDynamicsJvp | Self::ForwardDynamicsJvpWatched => {
-                Algorithm::Products(Products::ForwardTangent(form))
-            }
-            Self::ForwardDynamicsVjp | Self::ForwardDynamicsVjpWatched => {
-                Algorithm::Products(Products::ForwardGradient(form))
-            }
-            Self::InverseDynamicsJvp => Algorithm::Products(Products::InverseTangent),
-            Self::InverseDynamicsVjp => Algorithm::Products(Products::InverseGradient),
-            _ => return None,
-        })
+        Algorithm::all(Form::default()).find(|algorithm| algorithm.entry().name == self.name_of_method())
     }
 
     /// Its name, as that of the scene's method.
@@ -235,13 +199,8 @@ impl Function {
 
     /// An error if there is no code of this function for the connections, contacts or mimic joints of the scene.
     pub(super) fn check(&self, scene: &Scene) -> Result<(), Error> {
-        let scenes = match self {
-            Self::ConstrainedDynamicsWatched => CompiledFor::Loops,
-            Self::ForwardDynamicsDerivativesWatched
-            | Self::ForwardDynamicsJvpWatched
-            | Self::ForwardDynamicsVjpWatched => CompiledFor::Trees,
-            _ => self.line().0.compiled.map_or(CompiledFor::Every, |compiled| compiled.scenes),
-        };
+        let row = algorithm::FUNCTIONS.iter().find(|row| row.name == self.name_of_method());
+        let scenes = row.and_then(|row| row.compiled).map_or(CompiledFor::Every, |compiled| compiled.scenes);
         let names: Vec<String> = scene.constraints().all.iter().take(8).map(|of| format!("{:?}", of.name)).collect();
         let (of, expected) = match scenes {
             CompiledFor::Trees | CompiledFor::TreesWithContacts if !names.is_empty() => (
@@ -264,8 +223,7 @@ impl Function {
             ),
             _ => return Ok(()),
         };
-        let name = self.name().trim_end_matches("_watched");
-        Err(Error::argument("functions", format!("{name} for {of}"), expected))
+        Err(Error::argument("functions", format!("{} for {of}", self.name_of_method()), expected))
     }
 
     /// True if it is computed through the connections of a scene that has some.

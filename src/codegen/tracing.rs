@@ -47,21 +47,17 @@ impl<'a> Tracer<'a> {
 }
 
 pub(super) fn forward_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    if tracer.rows.is_some() {
-        // The margin is dead code.
-        through_connections(tracer, given, out);
-        return;
-    }
-    tracer.traced.forward_dynamics((&given[0], &given[1], &given[2]), &[], out);
-}
-
-pub(super) fn forward_dynamics_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let (qdd, margin) = out.split_at_mut(tracer.traced.model.nv());
     if tracer.rows.is_some() {
-        margin[0] = through_connections(tracer, given, qdd);
+        // Without a margin in the results, it is dead code.
+        margin.fill(through_connections(tracer, given, qdd));
         return;
     }
-    margin[0] = tracer.traced.forward_dynamics_and_margin((&given[0], &given[1], &given[2]), qdd);
+    let state = (&given[0][..], &given[1][..], &given[2][..]);
+    match margin {
+        [margin] => *margin = tracer.traced.forward_dynamics_and_margin(state, qdd),
+        _ => tracer.traced.forward_dynamics(state, &[], qdd),
+    }
 }
 
 /// Joint accelerations, with the connections in the tracer. Returns the margin.
@@ -96,33 +92,17 @@ pub(super) fn solve_mimic_joints(
 }
 
 pub(super) fn constrained_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let nv = tracer.traced.model.nv();
-    through_connections(tracer, given, &mut out[..nv]);
-    results_of_rows(tracer, &mut out[nv..]);
-}
-
-/// Forces, rank and residual of the connections.
-fn results_of_rows(tracer: &Tracer<'_>, out: &mut [Traced]) {
+    let (qdd, rest) = out.split_at_mut(tracer.traced.model.nv());
+    let found = through_connections(tracer, given, qdd);
     let Some(ConstraintKernel { forces_of_rows, rank, residual, .. }) = &tracer.rows else { return };
-    let (forces, others) = out.split_at_mut(forces_of_rows.len());
+    let (forces, rest) = rest.split_at_mut(forces_of_rows.len());
     forces.copy_from_slice(forces_of_rows);
+    let (others, margin) = rest.split_at_mut(2);
     others.copy_from_slice(&[*rank, *residual]);
+    margin.fill(found);
 }
 
-pub(super) fn constrained_dynamics_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Some((margin, out)) = out.split_last_mut() else { return };
-    let nv = tracer.traced.model.nv();
-    *margin = through_connections(tracer, given, &mut out[..nv]);
-    results_of_rows(tracer, &mut out[nv..]);
-}
-
-pub(super) fn mass_matrix_inverse_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let (inverse, margin) = out.split_at_mut(tracer.traced.model.nv().pow(2));
-    factor_watched(tracer, given, margin);
-    tracer.traced.multiplied_out(inverse);
-}
-
-pub(super) fn factor_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+pub(super) fn factor(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let mut estimates = vec![Traced::from_f64(f64::NAN); tracer.traced.model.nv()];
     out[0] = tracer.traced.factor_with_estimate(&given[0], &mut estimates).margin();
 }
@@ -137,19 +117,27 @@ pub(super) fn mass_matrix(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &
 }
 
 pub(super) fn mass_matrix_inverse(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    tracer.traced.factor(&given[0]);
-    tracer.traced.multiplied_out(out);
+    let (inverse, margin) = out.split_at_mut(tracer.traced.model.nv().pow(2));
+    if margin.is_empty() {
+        tracer.traced.factor(&given[0]);
+    } else {
+        factor(tracer, given, margin);
+    }
+    tracer.traced.multiplied_out(inverse);
 }
 
 pub(super) fn forward_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let qdd = accelerations(tracer, given);
-    derivatives_of_accelerations(tracer, given, &qdd, out);
+    let (out, margin) = out.split_at_mut(3 * tracer.traced.model.nv().pow(2));
+    let (qdd, of_factor) = accelerations(tracer, given, !margin.is_empty());
+    let of_product = derivatives_of_accelerations(tracer, given, &qdd, out);
+    with_factor(margin, of_product, of_factor);
 }
 
-pub(super) fn forward_dynamics_derivatives_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Some((margin, out)) = out.split_last_mut() else { return };
-    let (qdd, of_factor) = accelerations_watched(tracer, given);
-    *margin = derivatives_of_accelerations(tracer, given, &qdd, out).worst(of_factor);
+/// Sets the margin, if there is one in the results, to the smaller of two.
+fn with_factor(margin: &mut [Traced], own: Traced, of_factor: Option<Traced>) {
+    if let ([margin], Some(of_factor)) = (margin, of_factor) {
+        *margin = own.worst(of_factor);
+    }
 }
 
 /// dqdd/dq, dqdd/dqd and M^-1, with the factor in the scratch. Returns the margin of the product with M^-1.
@@ -170,20 +158,18 @@ pub(super) fn inverse_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec
     derivatives_of_torques(tracer, (&given[0], &given[1], &given[2]), out);
 }
 
-/// The accelerations of a state; leaves the factor of M in the scratch.
-fn accelerations(tracer: &mut Tracer<'_>, given: &[Vec<Traced>]) -> Vec<Traced> {
+/// The accelerations of a state, which leave the factor of M in the scratch; if they are watched, with the margin of the
+/// factor, whose test vector estimates the errors of solutions.
+fn accelerations(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], are_watched: bool) -> (Vec<Traced>, Option<Traced>) {
     let mut qdd = vec![Traced::from_f64(f64::NAN); tracer.traced.model.nv()];
-    forward_dynamics(tracer, given, &mut qdd);
-    qdd
-}
-
-/// As [`accelerations`], with the margin of the factor, whose test vector estimates the errors of solutions.
-fn accelerations_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>]) -> (Vec<Traced>, Traced) {
-    let mut qdd = vec![Traced::from_f64(f64::NAN); tracer.traced.model.nv()];
+    if !are_watched {
+        forward_dynamics(tracer, given, &mut qdd);
+        return (qdd, None);
+    }
     let margin = tracer.traced.factor_with_estimate(&given[0], &mut qdd).margin();
     tracer.traced.innovations_of_factor((&given[0], &given[1], &given[2]), &[], &mut qdd);
     tracer.traced.smooth(&mut qdd);
-    (qdd, margin)
+    (qdd, Some(margin))
 }
 
 /// dtau/dq, dtau/dqd and M.
@@ -201,14 +187,10 @@ fn derivatives_of_torques(
 }
 
 pub(super) fn forward_dynamics_jvp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let qdd = accelerations(tracer, given);
-    tangent(tracer, given, &qdd, (true, false), out);
-}
-
-pub(super) fn forward_dynamics_jvp_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Some((margin, out)) = out.split_last_mut() else { return };
-    let (qdd, of_factor) = accelerations_watched(tracer, given);
-    *margin = (-tangent(tracer, given, &qdd, (true, true), out)).worst(of_factor);
+    let (out, margin) = out.split_at_mut(tracer.traced.model.nv());
+    let (qdd, of_factor) = accelerations(tracer, given, !margin.is_empty());
+    let excess = tangent(tracer, given, &qdd, (true, !margin.is_empty()), out);
+    with_factor(margin, -excess, of_factor);
 }
 
 pub(super) fn inverse_dynamics_jvp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
@@ -233,14 +215,10 @@ fn tangent(
 }
 
 pub(super) fn forward_dynamics_vjp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let qdd = accelerations(tracer, given);
-    gradients(tracer, given, (&qdd, true), out);
-}
-
-pub(super) fn forward_dynamics_vjp_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Some((margin, out)) = out.split_last_mut() else { return };
-    let (qdd, of_factor) = accelerations_watched(tracer, given);
-    *margin = (-gradients(tracer, given, (&qdd, true), out)).worst(of_factor);
+    let (out, margin) = out.split_at_mut(3 * tracer.traced.model.nv());
+    let (qdd, of_factor) = accelerations(tracer, given, !margin.is_empty());
+    let excess = gradients(tracer, given, (&qdd, true), out);
+    with_factor(margin, -excess, of_factor);
 }
 
 pub(super) fn inverse_dynamics_vjp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {

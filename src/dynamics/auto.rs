@@ -211,14 +211,25 @@ pub(crate) fn forward_dynamics_with_estimate<T: Real>(
 ) -> ErrorEstimate<T> {
     workspace.store.accept(workspace.tolerance);
     let (scene, store) = workspace.passes(model);
-    let terms = general::forward_dynamics_with_estimate(scene, store, state, wrenches, qdd);
-    let first = ErrorEstimate::of_one_vector(terms, store.accepted_square);
+    estimated(scene, store, state, wrenches, qdd)
+}
+
+/// [`forward_dynamics_with_estimate`] on scratch that has its bounds.
+pub(crate) fn estimated<T: Real>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> ErrorEstimate<T> {
+    let terms = general::forward_dynamics_with_estimate(scene, scratch, state, wrenches, qdd);
+    let first = ErrorEstimate::of_one_vector(terms, scratch.accepted_square);
     if first.is_accepted_in_every_lane() {
         return first;
     }
-    store.exchange_test_vectors();
-    let second = general::forward_dynamics_with_estimate(scene, store, state, wrenches, qdd);
-    store.exchange_test_vectors();
+    scratch.exchange_test_vectors();
+    let second = general::forward_dynamics_with_estimate(scene, scratch, state, wrenches, qdd);
+    scratch.exchange_test_vectors();
     first.with_second_vector(&second)
 }
 

@@ -330,22 +330,9 @@ impl ContactScratch {
         near: &[usize],
         impulses: &DVector<f64>,
     ) {
-        self.state.fill(zero());
-        for (at, &i) in near.iter().enumerate() {
-            let Some(point) = points.get(i) else {
-                let limit = &self.limits[i - points.len()];
-                self.torque[limit.row] += limit.sign() * impulses[3 * at + 2];
-                continue;
-            };
-            for (row, unit) in self.units[i].iter().enumerate() {
-                self.state[point.body] -= unit * impulses[3 * at + row];
-            }
-            if let Some(k) = point.other_body() {
-                for (row, unit) in self.opposite[i].iter().enumerate() {
-                    self.state[k] -= unit * impulses[3 * at + row];
-                }
-            }
-        }
+        let mut torque = std::mem::take(&mut self.torque);
+        self.spread(points, (near, impulses), -1.0, &mut torque);
+        self.torque = torque;
         if let Some(closed) = &mut self.closed {
             closed.add_forces(impulses, (&mut self.state, &mut self.torque));
         }
@@ -353,6 +340,30 @@ impl ContactScratch {
         store.set_forces(self.state.iter().copied());
         general::solve::<f64, true>(scene, store, &self.torque, &mut self.response);
         self.torque.fill(0.0);
+    }
+
+    /// Sets `state` to the forces of impulses on the bodies, times `sign`, and adds those of joint limits to `torque`.
+    fn spread(
+        &mut self,
+        points: &[ContactPoint],
+        (near, impulses): (&[usize], &DVector<f64>),
+        sign: f64,
+        torque: &mut [f64],
+    ) {
+        self.state.fill(zero());
+        for (at, &i) in near.iter().enumerate() {
+            let Some(point) = points.get(i) else {
+                let limit = &self.limits[i - points.len()];
+                torque[limit.row] += limit.sign() * impulses[3 * at + 2];
+                continue;
+            };
+            let sides = [Some((point.body, &self.units[i])), point.other_body().map(|k| (k, &self.opposite[i]))];
+            for (k, units) in sides.into_iter().flatten() {
+                for (row, unit) in units.iter().enumerate() {
+                    self.state[k] += unit * (sign * impulses[3 * at + row]);
+                }
+            }
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::auto::{self, ErrorEstimate};
 use super::forces::Motion;
-use super::sweeps::{self, ErrorTerms, InverseColumns, MassColumns, SweepModel, SweepScratch, general};
+use super::sweeps::{self, InverseColumns, MassColumns, SweepModel, SweepScratch, general};
 use crate::model::Model;
 use crate::scalar::Traced;
 use nalgebra::Vector6;
@@ -39,17 +39,14 @@ impl TracedSweeps {
         general::forward_dynamics(scene, scratch, state, wrenches, qdd);
     }
 
-    fn estimate(&mut self, state: State<'_>, wrenches: &[Vector6<Traced>], qdd: &mut [Traced]) -> ErrorTerms<Traced> {
-        let (scene, scratch) = self.passes();
-        general::forward_dynamics_with_estimate(scene, scratch, state, wrenches, qdd)
-    }
-
     /// Forward dynamics, and [`ErrorEstimate::margin`] of the first test vector.
     pub fn forward_dynamics_and_margin(&mut self, state: State<'_>, qdd: &mut [Traced]) -> Traced {
-        ErrorEstimate::of_one_vector(self.estimate(state, &[], qdd), self.scratch.accepted_square).margin()
+        let (scene, scratch) = self.passes();
+        let terms = general::forward_dynamics_with_estimate(scene, scratch, state, &[], qdd);
+        ErrorEstimate::of_one_vector(terms, scratch.accepted_square).margin()
     }
 
-    /// As [`auto::estimated_in_lanes`](super::auto::estimated_in_lanes). Returns whether the error estimate meets the
+    /// As [`auto::estimated`]. Returns whether the error estimate meets the
     /// tolerance.
     pub fn forward_dynamics_with_estimate(
         &mut self,
@@ -57,14 +54,8 @@ impl TracedSweeps {
         wrenches: &[Vector6<Traced>],
         qdd: &mut [Traced],
     ) -> bool {
-        let first = ErrorEstimate::of_one_vector(self.estimate(state, wrenches, qdd), self.scratch.accepted_square);
-        if first.is_accepted(0) {
-            return true;
-        }
-        self.scratch.exchange_test_vectors();
-        let second = self.estimate(state, wrenches, qdd);
-        self.scratch.exchange_test_vectors();
-        first.with_second_vector(&second).is_accepted(0)
+        let (scene, scratch) = self.passes();
+        auto::estimated(scene, scratch, state, wrenches, qdd).is_accepted(0)
     }
 
     /// As [`general::forward_dynamics_by_roots`]. Returns whether its pivots are clear of rounding.

@@ -9,7 +9,7 @@ use super::variance::{
     BodyMotions, Factored, JointCovariance, TorqueVariance, VarianceScratch, Variances, base_to_tip, tip_to_base,
     torques_tip_to_base,
 };
-use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
+use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, take_states, within_target};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch, refactor};
 use crate::filter::riccati::Measured;
 use crate::kinematics::Frame;
@@ -138,23 +138,19 @@ impl<T: Vectorized + Send, I: Target> VarianceLanes for Kernel<T, I> {
         if states.is_empty() || out.is_empty() {
             return 0;
         }
-        self.target.within(Run { numbers: &self.numbers, scratch: &mut self.scratch, states, out })
+        in_lanes(self.target, &self.numbers, &mut self.scratch, states, out)
     }
 }
 
-struct Run<'a, T: Vectorized> {
-    numbers: &'a Numbers<T>,
-    scratch: &'a mut Scratch<T>,
-    states: &'a [Accelerated<'a>],
-    out: &'a mut [f64],
-}
-
-impl<T: Vectorized> Work for Run<'_, T> {
-    type Output = u64;
-
+within_target! {
+    /// The variances of states in lanes; the lanes that need the fallback.
     #[inline(always)]
-    fn call(self) -> u64 {
-        let Self { numbers, scratch, states, out } = self;
+    fn in_lanes<'a, T>(
+        numbers: &'a Numbers<T>,
+        scratch: &'a mut Scratch<T>,
+        states: &'a [Accelerated<'a>],
+        out: &'a mut [f64],
+    ) -> u64 {
         let count = states.len();
         take_states(&mut scratch.q, count, |i| states[i][0]);
         take_states(&mut scratch.qd, count, |i| states[i][1]);

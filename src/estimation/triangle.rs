@@ -1,7 +1,7 @@
 //! The information form of linear least squares: the triangle R of a QR factorization of the rows read so far. R* R is
 //! the information matrix, which is never formed.
 
-use crate::batch::instruction_set::{Work, with_widest};
+use crate::batch::instruction_set::within_widest;
 
 /// Rows that are rotated into a triangle at once: a column of them stays in the first cache. Not a power of two, for
 /// which the entries of a row would be in few sets of the cache.
@@ -63,23 +63,14 @@ fn rotate<R: Iterator<Item = f64>>(triangle: &mut [f64], (width, height): (usize
             }
         }
         let columns = &mut columns[..padded * width];
-        with_widest(Reflections { triangle: &mut *triangle, columns, size: (width, padded) });
+        reflections(triangle, columns, (width, padded));
     }
 }
 
-/// The reflections of one block. A closure would not be inlined, and would not use the instructions of the processor.
-struct Reflections<'a> {
-    triangle: &'a mut [f64],
-    columns: &'a mut [f64],
-    size: (usize, usize),
-}
-
-impl Work for Reflections<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        reflect(self.triangle, self.columns, self.size);
+within_widest! {
+    /// The reflections of one block.
+    fn reflections<'a>(triangle: &'a mut [f64], columns: &'a mut [f64], size: (usize, usize)) {
+        reflect(triangle, columns, size);
     }
 }
 

@@ -57,7 +57,7 @@ impl<'a, T: Real> PathToBase<'a, T> {
 
 /// a - b, entry by entry.
 #[inline(always)]
-fn less<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
+pub(super) fn less<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
     Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 }
 

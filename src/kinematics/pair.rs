@@ -13,7 +13,7 @@
 //! Each rate is a row `E_i` times V, exactly and in every configuration, so that the force of row i on C is `E_i`. The
 //! time derivative of the rate is `E_i` V' + `E_i`' V, with V' = A - X `A_D` + V x X `V_D`.
 
-use super::inward::FrameMotion;
+use super::inward::{FrameMotion, less};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, angular, cross, cross_motion, linear, scaled_add, spatial, sum};
 use nalgebra::{Matrix3, Vector3, Vector6};
@@ -125,11 +125,6 @@ fn axes<T: Real>(like: T) -> [Vector3<T>; 3] {
 #[inline(always)]
 fn none<T: Real>(like: T) -> Vector3<T> {
     Vector3::from_element(like.constant(0.0))
-}
-
-#[inline(always)]
-fn less<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
-    Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 }
 
 #[inline(always)]

@@ -44,19 +44,17 @@ impl Scene {
             |simplifications| simplifications.oblique_axes = false,
             |simplifications| simplifications.permuted_axes = false,
         );
-        self.switched(
-            "permuted_axes",
-            Simplification {
-                what: "rotations to the parent that permute axes, or rotate about the joint axis",
-                count,
-                why: "a rotation about z by the joint angle, a constant angle, or their sum suffices, \
+        Simplification {
+            switch: Some("permuted_axes"),
+            what: "rotations to the parent that permute axes, or rotate about the joint axis",
+            count,
+            why: "a rotation about z by the joint angle, a constant angle, or their sum suffices, \
                       with a permutation and signs of the entries",
-                saved: counted(count, "rotation matrix", "rotation matrices")
-                    + ", and P rotated by an angle instead of by it",
-                operations: saved,
-                ..NOTHING
-            },
-        )
+            saved: counted(count, "rotation matrix", "rotation matrices")
+                + ", and P rotated by an angle instead of by it",
+            operations: saved,
+            ..NOTHING
+        }
     }
 
     /// Joints with axes in any other direction.
@@ -64,18 +62,16 @@ impl Scene {
         let permuted = self.model().simplifications.permuted_axes;
         let count = if permuted { self.bodies_on(rotates_about_an_oblique_axis).count() } else { 0 };
         let saved = self.saved_in_sweeps(count, |simplifications| simplifications.oblique_axes = false);
-        self.switched(
-            "oblique_axes",
-            Simplification {
-                what: "rotations to the parent of the other revolute and prismatic joints",
-                count,
-                why: "one or two constant angles rotate the joint axis onto an axis of the parent frame",
-                saved: counted(count, "rotation matrix", "rotation matrices")
-                    + ", and P rotated by angles instead of by it",
-                operations: saved,
-                ..NOTHING
-            },
-        )
+        Simplification {
+            switch: Some("oblique_axes"),
+            what: "rotations to the parent of the other revolute and prismatic joints",
+            count,
+            why: "one or two constant angles rotate the joint axis onto an axis of the parent frame",
+            saved: counted(count, "rotation matrix", "rotation matrices")
+                + ", and P rotated by angles instead of by it",
+            operations: saved,
+            ..NOTHING
+        }
     }
 
     /// Bodies on revolute or prismatic joints whose constant rotation to the parent satisfies `is_like`.

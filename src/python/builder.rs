@@ -2,7 +2,7 @@
 
 use super::choice::{choose, read_mimic, refuse_unknown};
 use super::cost::WORTH_DETACHING;
-use super::description::{Description, joint_kind, left_out};
+use super::description::{Description, counted, joint_kind, left_out};
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
 use super::scene::PyScene;
@@ -316,11 +316,9 @@ impl PySceneBuilder {
     }
 
     fn __repr__(&self) -> String {
-        let (links, joints, connections) =
-            (self.builder.links().len(), self.builder.joints().len(), self.builder.connections().len());
-        let closed = if connections > 0 { format!(", {connections} connections") } else { String::new() };
-        let contacts = self.builder.contacts().len();
-        let touching = if contacts > 0 { format!(", {contacts} contacts") } else { String::new() };
+        let (links, joints) = (self.builder.links().len(), self.builder.joints().len());
+        let closed = counted(self.builder.connections().len(), "connections");
+        let touching = counted(self.builder.contacts().len(), "contacts");
         format!("<phipsi.SceneBuilder: {links} links, {joints} joints{closed}{touching}>")
     }
 }

@@ -4,7 +4,7 @@ use super::bad_states::Errors;
 use super::cost::{Cost, WORTH_RELEASING};
 use super::dtype::Dtype;
 use super::errors::{asked_by, fault};
-use super::fresh::entries;
+use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
 use super::object::Object;
@@ -67,9 +67,7 @@ impl<'a, 'py> BatchCall<'a, 'py> {
     pub fn new(scene: &'a PyScene, inputs: Vec<Input<'py>>, wrenches: Vec<Wrench<'py>>, cost: Cost) -> PyResult<Self> {
         let all = || names_and_axes(&inputs, &wrenches);
         let batch = if all().all(|(_, axes)| axes.is_empty()) { Vec::new() } else { broadcast_axes(all())? };
-        let Some(states) = entries(&batch) else {
-            return Err(Error::argument("batch", "more states than memory can address", "fewer states").into());
-        };
+        let states = states_of(&batch)?;
         Ok(Self { scene, inputs, wrenches, batch, states, cost, errors: Errors::Raise, tolerance: None })
     }
 
@@ -141,6 +139,27 @@ impl<'py> BatchCall<'_, 'py> {
             return Err(Error::argument(self.asking(), "more numbers than memory can address", "fewer states").into());
         };
         asked_by(py, &self.asking(), Output::new(py, &[entries]))
+    }
+
+    /// Arrays of shape batch + one of `shapes` each, from the results of every state one after another.
+    pub fn pieces(
+        &self,
+        py: Python<'py>,
+        results: &[f64],
+        shapes: &[impl AsRef<[usize]>],
+    ) -> PyResult<Vec<Object<'py>>> {
+        let size = |shape: &[usize]| shape.iter().product::<usize>();
+        let width: usize = shapes.iter().map(|shape| size(shape.as_ref())).sum();
+        let mut at = 0;
+        let piece = |shape: &[usize]| {
+            let (own, states) = (at..at + size(shape), results.chunks_exact(width.max(1)));
+            at = own.end;
+            let mut output = Output::unwritten(py, &[&self.batch, shape].concat())?;
+            output.gather(py, own.len(), states.map(|state| &state[own.clone()]))?;
+            output.finish_or_scalar()
+        };
+        let pieces = shapes.iter().map(AsRef::as_ref).map(piece).collect();
+        asked_by(py, &self.asking(), pieces)
     }
 
     /// Evaluates every state into a new array of shape batch + `shape`.

@@ -2,7 +2,9 @@
 
 pub(super) use crate::error::choose;
 
+use super::input::in_python;
 use super::object::{Object, imported};
+use super::scene::PyScene;
 use crate::algorithm::Algorithm;
 use crate::error::{Error, name_in};
 use crate::filter::{FORMS, Form};
@@ -23,26 +25,16 @@ pub(super) fn read_form(form: &str) -> Result<Form, Error> {
     choose("form", form, FORMS)
 }
 
-/// Reads form and tolerance for an algorithm of a scene.
+/// Reads the form of an algorithm of a scene, and checks that the tolerance applies to it. Calls that factor M and are
+/// not one of the algorithms are judged as M^-1.
 pub(super) fn read_judged(
     scene: &Scene,
     (form, tolerance): (&str, Option<f64>),
     algorithm: impl Fn(Form) -> Algorithm,
-) -> Result<(Algorithm, Option<f64>), Error> {
-    let algorithm = algorithm(read_form(form)?);
-    scene.check_tolerance(algorithm, tolerance)?;
-    Ok((algorithm, tolerance))
-}
-
-/// The same for a call that factors M and is not one of the algorithms.
-pub(super) fn read_judged_factor(
-    scene: &Scene,
-    form: &str,
-    tolerance: Option<f64>,
-) -> Result<(Form, Option<f64>), Error> {
+) -> Result<Form, Error> {
     let form = read_form(form)?;
-    scene.check_tolerance(Algorithm::MassMatrixInverse(form), tolerance)?;
-    Ok((form, tolerance))
+    scene.check_tolerance(algorithm(form), tolerance)?;
+    Ok(form)
 }
 
 /// Treatments of mimic joints, by name.
@@ -101,4 +93,19 @@ pub(super) fn items<'py>(
         items.push((key, value));
     }
     Ok(items)
+}
+
+impl PyScene {
+    /// Degrees of freedom from names of joints or a boolean array (nv,): true for those that are named.
+    pub(super) fn joint_mask(&self, argument: &str, given: &Object<'_>) -> PyResult<Vec<bool>> {
+        let flags = imported!(given.py(), "phipsi._arguments", "flags")?;
+        if let Some(mask) = in_python(flags, argument, given, self.rates())?.extract()? {
+            return Ok(mask);
+        }
+        let mut mask = vec![false; self.scene.nv()];
+        for joint in names(argument, given, "names of joints, or a boolean array (nv,)")? {
+            mask[self.scene.joint(&joint).map_err(|error| error.of_argument(argument))?.v.clone()].fill(true);
+        }
+        Ok(mask)
+    }
 }

@@ -183,18 +183,15 @@ fn read_functions(scene: &Scene, given: Option<&Object<'_>>) -> PyResult<Vec<Fun
     let Some(given) = given else {
         return Ok(Function::of(scene));
     };
-    let expected = "names of functions";
     if given.is_instance_of::<PyString>() {
         return Ok(vec![read_function(given)?]);
     }
-    if given.is_instance_of::<PyMapping>() {
-        return Err(Error::argument("functions", given.repr()?.to_string(), expected).into());
-    }
-    let mut functions = Vec::new();
-    let Ok(all) = given.try_iter() else {
-        return Err(Error::argument("functions", given.repr()?.to_string(), expected).into());
+    let items = if given.is_instance_of::<PyMapping>() { None } else { given.try_iter().ok() };
+    let Some(items) = items else {
+        return Err(Error::argument("functions", given.repr()?.to_string(), "names of functions").into());
     };
-    for item in all {
+    let mut functions = Vec::new();
+    for item in items {
         let function = read_function(&item?)?;
         if !functions.contains(&function) {
             functions.push(function);

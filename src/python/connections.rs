@@ -5,7 +5,7 @@ use super::connection_tuple::kind_of;
 use super::cost::WORTH_DETACHING;
 use super::interrupts::detached_checked;
 use super::object::Object;
-use super::scene::PyScene;
+use super::scene::{PyScene, slice};
 use crate::error::Error;
 use crate::scene::{Connection, ConnectionKind};
 use pyo3::prelude::*;
@@ -154,7 +154,7 @@ impl PyScene {
             };
             return Err(Error::argument("connection", format!("{connection:?}"), expected).into());
         };
-        Ok(PySlice::new(py, isize::try_from(rows.start)?, isize::try_from(rows.end)?, 1))
+        slice(py, &rows)
     }
 
     /// Create the scene of the same kinematic tree without the connections, for methods that support trees only.

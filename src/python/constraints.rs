@@ -1,20 +1,20 @@
 //! Methods of `Scene`: constrained dynamics.
 
 use super::call::BatchCall;
-use super::choice::{names, read_judged, read_judged_factor};
+use super::choice::read_judged;
 use super::cost::Cost;
 use super::errors::warn_as;
 use super::evaluate::Keywords;
-use super::input::{Input, in_python};
+use super::input::Input;
 use super::object::{Object, imported};
 use super::output::Output;
-use super::scene::PyScene;
+use super::scene::{PyScene, slice};
 use super::wrenches::Wrench;
 use crate::algorithm::Algorithm;
 use crate::error::Error;
 use crate::filter::Form;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PySlice};
+use pyo3::types::PyDict;
 
 /// Approximate times per state, ns (see `BatchCall::new`).
 mod cost {
@@ -123,7 +123,8 @@ methods! {
     /// (True, (1,))
     fn constrained_dynamics(q, qd, tau; compliance, form, tolerance, wrenches, errors) |scene, py| {
         scene.scene.check_independent()?;
-        let (algorithm, tolerance) = read_judged(&scene.scene, (form, tolerance), Algorithm::ConstrainedDynamics)?;
+        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::ConstrainedDynamics)?;
+        let algorithm = Algorithm::ConstrainedDynamics(form);
         let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let results = match compliance {
@@ -229,9 +230,9 @@ methods! {
     /// >>> float(dynamics.tau[2])
     /// 0.0
     fn constrained_inverse_dynamics(q, qd, qdd; actuated, form, tolerance, wrenches, errors) |scene, py| {
-        let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
+        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         let nv = scene.scene.nv();
-        let motors = actuated.map(|actuated| scene.motors(actuated)).transpose()?.unwrap_or_default();
+        let motors = actuated.map(|actuated| scene.joint_mask("actuated", actuated)).transpose()?.unwrap_or_default();
         let call = scene.through_connections([("q", q), ("qd", qd), ("qdd", qdd)], wrenches, (form, errors))?;
         let call = call.accepting(tolerance);
         let results =
@@ -264,7 +265,7 @@ methods! {
     /// >>> np.allclose(scene.constraint_jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
     /// True
     fn constrained_mass_matrix_inverse(q; form, tolerance, errors) |scene, py| {
-        let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
+        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         scene.check_dense("constrained_mass_matrix_inverse", "constrained_dynamics, which multiplies by it")?;
         let nv = scene.scene.nv();
         let cost = scene.cost_of_rows().saturating_add(nv.saturating_pow(3));
@@ -352,21 +353,8 @@ impl PyScene {
     fn rows_by_name<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let all = PyDict::new(py);
         for (name, rows) in self.scene.rows_of_connections() {
-            all.set_item(name, PySlice::new(py, isize::try_from(rows.start)?, isize::try_from(rows.end)?, 1))?;
+            all.set_item(name, slice(py, &rows)?)?;
         }
         Ok(all)
-    }
-
-    /// Reads which degrees of freedom are actuated.
-    fn motors(&self, actuated: &Object<'_>) -> PyResult<Vec<bool>> {
-        let flags = imported!(actuated.py(), "phipsi._arguments", "flags")?;
-        if let Some(mask) = in_python(flags, "actuated", actuated, self.rates())?.extract()? {
-            return Ok(mask);
-        }
-        let mut mask = vec![false; self.scene.nv()];
-        for joint in names("actuated", actuated, "names of joints, or a boolean array (nv,)")? {
-            mask[self.scene.joint(&joint).map_err(|error| error.of_argument("actuated"))?.v.clone()].fill(true);
-        }
-        Ok(mask)
     }
 }

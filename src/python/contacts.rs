@@ -1,12 +1,13 @@
 //! Contacts: the method of `SceneBuilder` that adds them, and the methods of `Scene` that evaluate them.
 
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
-use super::choice::read_judged_factor;
+use super::choice::read_judged;
 use super::cost::WORTH_DETACHING;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
 use super::output::{Array, from_numbers};
 use super::scene::PyScene;
+use crate::algorithm::Algorithm;
 use crate::error::Error;
 use crate::memory;
 use crate::motion::ContactReport;
@@ -207,7 +208,7 @@ impl PyScene {
         tolerance: Option<f64>,
         errors: &str,
     ) -> Array<'py> {
-        let (form, tolerance) = read_judged_factor(&self.scene, form, tolerance)?;
+        let form = read_judged(&self.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         let contacts = self.scene.contacts().len();
         memory::room("q", memory::bytes_of::<f64>(&[3 * contacts, 3 * contacts]))?;
         let cost = self.cost_of_contacts().saturating_add(self.size().saturating_mul(contacts).saturating_mul(200));

@@ -1,7 +1,7 @@
 //! A scene as plain tuples of numbers and names, for pickling, and as one line, for `repr`.
 
 use super::choice::{choose, name_of_mimic, names, read_mimic};
-use super::connection_tuple::{ConnectionTuple, connection_of, connection_tuple};
+use super::connection_tuple::{ConnectionTuple, FrameTuple, connection_of, connection_tuple, frame_from, frame_tuple};
 use super::contact_tuple::{ContactTuple, contact_of, contact_tuple};
 use super::object::Object;
 use crate::error::{Error, number};
@@ -10,8 +10,7 @@ use crate::scene::properties::Properties;
 use crate::scene::{
     Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Simplifications, Spring,
 };
-use crate::spatial::{RigidShift, Symmetric3};
-use nalgebra::Matrix3;
+use crate::spatial::Symmetric3;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -36,7 +35,7 @@ pub(super) type JointTuple = (
     Option<f64>,
     String,
     String,
-    ([f64; 9], [f64; 3]),
+    FrameTuple,
     [f64; 3],
     [f64; 3],
     [f64; 7],
@@ -182,15 +181,13 @@ pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
         mimic,
     } = joint;
     let Limits { lower, upper, velocity, effort, acceleration, deceleration, jerk } = *limits;
-    let mut rotation = [0.0; 9];
-    rotation.copy_from_slice(origin.rotation.transpose().as_slice());
     (
         name.clone(),
         kind.name().to_owned(),
         pitch_of(*kind),
         parent.clone(),
         child.clone(),
-        (rotation, origin.lever.into()),
+        frame_tuple(origin),
         (*axis).into(),
         [*armature, *damping, *friction],
         [lower, upper, velocity, effort, acceleration, deceleration, jerk],
@@ -205,19 +202,7 @@ fn pitch_of(kind: JointKind) -> Option<f64> {
 }
 
 fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
-    let (
-        name,
-        kind,
-        pitch,
-        parent,
-        child,
-        (rotation, lever),
-        axis,
-        [armature, damping, friction],
-        limits,
-        mimic,
-        spring,
-    ) = tuple;
+    let (name, kind, pitch, parent, child, origin, axis, [armature, damping, friction], limits, mimic, spring) = tuple;
     let (stiffness, rest) = spring;
     let [lower, upper, velocity, effort, acceleration, deceleration, jerk] = limits;
     let kind = joint_kind(&name, &kind, pitch)?;
@@ -226,7 +211,7 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
         kind,
         parent,
         child,
-        origin: RigidShift { rotation: Matrix3::from_row_slice(&rotation), lever: lever.into() },
+        origin: frame_from(origin),
         axis: axis.into(),
         armature,
         damping,
@@ -275,6 +260,11 @@ fn simplifications(argument: &str, names: &[String]) -> Result<Simplifications, 
     Ok(simplifications)
 }
 
+/// The end of a list of numbers: empty for zero.
+pub(super) fn counted(count: usize, what: &str) -> String {
+    if count == 0 { String::new() } else { format!(", {count} {what}") }
+}
+
 /// Summary of a scene in one line.
 pub(super) fn summary(scene: &Scene) -> String {
     let mut kinds: Vec<(&str, usize)> = Vec::new();
@@ -287,14 +277,8 @@ pub(super) fn summary(scene: &Scene) -> String {
     }
     let kinds = kinds.iter().map(|(name, count)| format!("{count} {name}")).collect::<Vec<_>>().join(", ");
     let kinds = if kinds.is_empty() { String::new() } else { format!(" ({kinds})") };
-    let closed = match scene.connections().len() {
-        0 => String::new(),
-        count => format!(", {count} connections"),
-    };
-    let touching = match scene.contacts().len() {
-        0 => String::new(),
-        count => format!(", {count} contacts"),
-    };
+    let closed = counted(scene.connections().len(), "connections");
+    let touching = counted(scene.contacts().len(), "contacts");
     let [x, y, z]: [f64; 3] = scene.model().gravity.into();
     let followers = scene.tree().joints().len() - scene.joints().len();
     let followers = if followers == 0 { String::new() } else { format!(" and {followers} that follow") };

@@ -55,9 +55,9 @@ methods! {
     /// >>> np.allclose(scene.inverse_dynamics(q, qd, qdd), tau)
     /// True
     fn forward_dynamics(q, qd, tau; form, tolerance, wrenches, out, dtype, errors, return_info) |scene, py| {
-        let (algorithm, tolerance) = read_judged(&scene.scene, (form, tolerance), Algorithm::ForwardDynamics)?;
+        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::ForwardDynamics)?;
         let keywords = Keywords { wrenches, out, dtype, errors, tolerance, info: return_info };
-        scene.evaluate(py, algorithm, [q, qd, tau], &keywords)
+        scene.evaluate(py, Algorithm::ForwardDynamics(form), [q, qd, tau], &keywords)
     }
 
     /// Joint torques from joint accelerations, in O(N): tau = M qdd + bias - J^T w, including gravity and armature.
@@ -145,9 +145,10 @@ methods! {
     /// >>> np.allclose(scene.mass_matrix_inverse(q) @ scene.mass_matrix(q), np.eye(3))
     /// True
     fn mass_matrix_inverse(q; form, tolerance, out, dtype, errors) |scene, py| {
-        let (algorithm, tolerance) = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
+        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         scene.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
-        scene.evaluate(py, algorithm, [q], &Keywords { out, dtype, tolerance, ..Keywords::of(errors) })
+        let keywords = Keywords { out, dtype, tolerance, ..Keywords::of(errors) };
+        scene.evaluate(py, Algorithm::MassMatrixInverse(form), [q], &keywords)
     }
 }
 

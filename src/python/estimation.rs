@@ -3,12 +3,10 @@
 use super::axis::Axis;
 use super::bad_states::Errors;
 use super::call::BatchCall;
-use super::choice::{names, renamed};
+use super::choice::renamed;
 use super::cost::Cost;
-use super::errors::asked_by;
-use super::input::{Input, in_python, is_bare};
+use super::input::{Input, is_bare};
 use super::object::{Object, imported};
-use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::{Estimation, Scratch};
 use super::wrenches::Wrench;
@@ -105,7 +103,7 @@ impl PyScene {
         self.scene.check_independent()?;
         let nv = self.scene.nv();
         let dense = self.is_dense(method)?;
-        let measured = measured.map(|measured| self.measured(measured)).transpose()?;
+        let measured = measured.map(|measured| self.joint_mask("measured", measured)).transpose()?;
         let has_prior = prior_acceleration.is_some();
         let errors = Errors::read(errors)?;
         self.scene.check_prior(acceleration_variance)?;
@@ -155,8 +153,7 @@ impl PyScene {
             }
             Ok(())
         })?;
-        let gathered = result(py, results.numbers()?, &call.batch, nv, covariance);
-        asked_by(py, &call.asking(), gathered)
+        result(&call, py, results.numbers()?, covariance)
     }
 }
 
@@ -184,20 +181,6 @@ impl PyScene {
             )),
             _ => Err(Error::argument("method", format!("{method:?}"), "\"sequential\" or \"batch\"")),
         }
-    }
-
-    /// Reads the argument `measured` as one flag per degree of freedom.
-    fn measured(&self, measured: &Object<'_>) -> PyResult<Vec<bool>> {
-        let nv = self.scene.nv();
-        let flags = imported!(measured.py(), "phipsi._arguments", "flags")?;
-        if let Some(mask) = in_python(flags, "measured", measured, self.rates())?.extract()? {
-            return Ok(mask);
-        }
-        let mut mask = vec![false; nv];
-        for joint in names("measured", measured, "names of joints, or a boolean array (nv,)")? {
-            mask[self.scene.joint(&joint).map_err(|error| error.of_argument("measured"))?.v.clone()].fill(true);
-        }
-        Ok(mask)
     }
 }
 
@@ -274,36 +257,23 @@ fn write(numbers: impl Iterator<Item = f64>, out: &mut [f64]) {
 }
 
 /// Creates the named tuple of arrays from the results of all states.
-fn result<'py>(
-    py: Python<'py>,
-    results: &[f64],
-    batch: &[usize],
-    nv: usize,
-    covariance: bool,
-) -> PyResult<Object<'py>> {
-    let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
-    let fields = PyDict::new(py);
-    let mut likelihoods = Output::new(py, batch)?;
-    likelihoods.gather(py, 1, results.chunks_exact(width).map(|state| &state[..1]))?;
-    fields.set_item("log_likelihood", likelihoods.finish_or_scalar()?)?;
-    let names: [(&str, &[usize]); 8] = [
-        ("acceleration", &[]),
-        ("torque", &[]),
-        ("force", &[6]),
-        ("process", &[6]),
-        ("acceleration_variance", &[]),
-        ("torque_variance", &[]),
-        ("force_covariance", &[6, 6]),
-        ("process_covariance", &[6, 6]),
+fn result<'py>(call: &BatchCall<'_, 'py>, py: Python<'py>, results: &[f64], covariance: bool) -> PyResult<Object<'py>> {
+    let nv = call.scene.scene.nv();
+    let all: [(&str, &[usize]); 9] = [
+        ("log_likelihood", &[]),
+        ("acceleration", &[nv]),
+        ("torque", &[nv]),
+        ("force", &[nv, 6]),
+        ("process", &[nv, 6]),
+        ("acceleration_variance", &[nv]),
+        ("torque_variance", &[nv]),
+        ("force_covariance", &[nv, 6, 6]),
+        ("process_covariance", &[nv, 6, 6]),
     ];
-    let mut at = 1;
-    for (name, block) in &names[..if covariance { 8 } else { 4 }] {
-        let shape = [batch, &[nv], block].concat();
-        let own = nv * block.iter().product::<usize>();
-        let mut output = Output::new(py, &shape)?;
-        output.gather(py, own, results.chunks_exact(width).map(|state| &state[at..at + own]))?;
-        fields.set_item(*name, output.finish())?;
-        at += own;
+    let (names, shapes): (Vec<_>, Vec<_>) = all[..if covariance { 9 } else { 5 }].iter().copied().unzip();
+    let fields = PyDict::new(py);
+    for (name, array) in names.into_iter().zip(call.pieces(py, results, &shapes)?) {
+        fields.set_item(name, array)?;
     }
     imported!(py, "phipsi._results", "Estimate")?.call((), Some(&fields))
 }

@@ -1,7 +1,7 @@
 //! The class `Factor`: K, L and D at one configuration or a batch of them, and the operators of the paper.
 
 use super::call::run;
-use super::choice::{name_of, read_judged_factor};
+use super::choice::{name_of, read_judged};
 use super::errors::{asked_by, fault};
 use super::input::{self, Input};
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
@@ -9,6 +9,7 @@ use super::object::{Object, imported};
 use super::output::{Array, Output, from_numbers};
 use super::scene::PyScene;
 use super::scratch::Scratch;
+use crate::algorithm::Algorithm;
 use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes, shape_text};
 use crate::error::{Error, check_finite};
 use crate::filter::Form;
@@ -60,7 +61,7 @@ impl PyFactor {
     /// Factors every configuration of q.
     fn new(scene: &Bound<'_, PyScene>, q: &Object<'_>, (form, tolerance): (&str, Option<f64>)) -> PyResult<Self> {
         let (py, own) = (scene.py(), scene.get());
-        let (form, tolerance) = read_judged_factor(&own.scene, form, tolerance)?;
+        let form = read_judged(&own.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         let input = own.configuration("q", q)?;
         let factors = own.factors(py, &input, (form, tolerance))?;
         let state = State { factors, configurations: memory::copied("q", input.data()?)? };

@@ -4,6 +4,7 @@ use super::dtype::Dtype;
 use super::errors::no_room;
 use super::input::MANY;
 use super::object::{Object, imported};
+use crate::error::Error;
 use crate::memory;
 use numpy::{IxDyn, PyArray, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -53,6 +54,11 @@ pub(super) fn unwritten_numbers(py: Python<'_>, count: usize) -> PyResult<Bound<
 /// Number of entries of an array of this shape; None if it overflows.
 pub(super) fn entries(shape: &[usize]) -> Option<usize> {
     shape.iter().try_fold(1, |product: usize, &length| product.checked_mul(length))
+}
+
+/// The number of states of a batch with these axes.
+pub(super) fn states_of(batch: &[usize]) -> Result<usize, Error> {
+    entries(batch).ok_or_else(|| Error::argument("batch", "more states than memory can address", "fewer states"))
 }
 
 fn empty<'py, P: Dtype>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>> {

@@ -6,7 +6,7 @@ use super::output::Output;
 use super::scene::PyScene;
 use crate::algorithm::{KinematicQuantity, PLACEMENTS};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 
 #[pymethods]
 impl PyScene {
@@ -65,12 +65,8 @@ methods! {
         let call = scene.call(inputs, scene.cost_of(&KinematicQuantity::Energy), errors)?;
         let mut both = call.scratch_results(py, 2)?;
         call.quantity_in_chunks(py, &KinematicQuantity::Energy, both.numbers()?)?;
-        let mut part = |which: usize| {
-            let mut output = asked_by(py, &call.asking(), Output::new(py, &call.batch))?;
-            output.gather(py, 1, both.numbers()?.chunks_exact(2).map(|state| &state[which..=which]))?;
-            output.finish_or_scalar()
-        };
-        imported!(py, "phipsi._results", "Energy")?.call1((part(0)?, part(1)?))
+        let parts = call.pieces(py, both.numbers()?, &[[0; 0]; 2])?;
+        imported!(py, "phipsi._results", "Energy")?.call1(PyTuple::new(py, parts)?)
     }
 
     /// Kinetic energy qd^T M qd / 2, including armature, in O(N).

@@ -71,7 +71,9 @@ impl PyScene {
             },
         )
     }
+}
 
+methods_in_python! {
     /// Most probable inertial and joint parameters from measured motion and torques, with confidence intervals.
     #[doc = section!(Parameters)]
     /// q : (k, nq) array_like
@@ -149,21 +151,11 @@ impl PyScene {
     /// >>> found = scene.identify(q, qd, qdd, tau, noise=0.01)
     /// >>> bool((found.after < 1e-3).all())     # N m
     /// True
-    #[pyo3(signature = (q, qd, qdd, tau, **how),
-           text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), \
-                             friction_speed=0.01, \
-                             stribeck_speed=0.1, time=None, transmission=None, tau_delay=0.0, \
-                             acceleration_noise=None, instruments=None, blocks=20)")]
-    fn identify<'py>(
-        slf: &Bound<'py, Self>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        tau: &Object<'py>,
-        how: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi.estimation._identify", "identify")?.call((slf, q, qd, qdd, tau), how)
-    }
+    #[pyo3(text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), \
+                  friction_speed=0.01, \
+                  stribeck_speed=0.1, time=None, transmission=None, tau_delay=0.0, \
+                  acceleration_noise=None, instruments=None, blocks=20)")]
+    fn identify(q, qd, qdd, tau) = "phipsi.estimation._identify", "identify";
 
     /// Periodic joint trajectory within limits that excites the parameters: a D-optimal Fourier series.
     #[doc = section!(Parameters)]
@@ -196,16 +188,9 @@ impl PyScene {
     /// >>> found = scene.excitation(4.0, iterations=5, rate=25.0)
     /// >>> found.q.shape
     /// (100, 6)
-    #[pyo3(signature = (duration, **how),
-           text_signature = "($self, duration, *, limits=None, harmonics=5, fit=(), noise=None, \
-                             rate=100.0, iterations=300, seed=0)")]
-    fn excitation<'py>(
-        slf: &Bound<'py, Self>,
-        duration: &Object<'py>,
-        how: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi.estimation._excitation", "excitation")?.call((slf, duration), how)
-    }
+    #[pyo3(text_signature = "($self, duration, *, limits=None, harmonics=5, fit=(), noise=None, \
+                  rate=100.0, iterations=300, seed=0)")]
+    fn excitation(duration) = "phipsi.estimation._excitation", "excitation";
 }
 
 /// Rotates rows (m, width) into the upper triangle of (width, width), in place.

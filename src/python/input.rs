@@ -57,9 +57,7 @@ impl<'py> Input<'py> {
         let numbers = memory::filled(name, width, number)?;
         Self::of(name.into(), numbers.into_pyarray(py).to_dyn().clone(), width)
     }
-}
 
-impl<'py> Input<'py> {
     /// Maps the values of each state to others, of equal number for all states.
     pub fn mapped(self, py: Python<'py>, map: impl Fn(&[f64]) -> Vec<f64>) -> PyResult<Self> {
         let width = map(&vec![0.0; self.width]).len();
@@ -71,9 +69,7 @@ impl<'py> Input<'py> {
         let array = numbers.into_pyarray(py).reshape(shape)?;
         Self::of(self.name, array, width)
     }
-}
 
-impl<'py> Input<'py> {
     /// Reads an argument of shape (..., entries of the axis).
     pub fn new<'a>(
         name: impl Into<Cow<'static, str>>,
@@ -180,18 +176,16 @@ pub(super) fn shaped<'a>(
 
 /// Reads an argument of exactly the given shape, in row-major order.
 pub(super) fn fixed(name: &str, value: &Object<'_>, shape: &[usize]) -> PyResult<Vec<f64>> {
-    match shaped(name, value, shape.last().copied().unwrap_or(1))? {
-        (found, numbers) if found == shape => Ok(numbers),
-        (found, _) => Err(wrong_shape(name, &found, shape_text(shape))),
-    }
+    exactly(name, shaped(name, value, shape.last().copied().unwrap_or(1))?, shape)
+}
+
+fn exactly(name: &str, (found, numbers): (Vec<usize>, Vec<f64>), shape: &[usize]) -> PyResult<Vec<f64>> {
+    if found == shape { Ok(numbers) } else { Err(wrong_shape(name, &found, shape_text(shape))) }
 }
 
 /// Reads one state, an argument of shape (entries of the axis,).
 pub(super) fn state(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
-    match shaped(name, value, axis)? {
-        (found, numbers) if found == [axis.width()] => Ok(numbers),
-        (found, _) => Err(wrong_shape(name, &found, shape_text(&[axis.width()]))),
-    }
+    exactly(name, shaped(name, value, axis)?, &[axis.width()])
 }
 
 /// True for a number without axes.

@@ -156,10 +156,7 @@ impl PyScene {
         far.map_or(Ok(()), |text| warn_as(py, "UnitsWarning", &text))?;
         imported!(py, "phipsi.tasks", "gathered")?.call1((results.finish(), nq, nv, covariance))
     }
-}
 
-#[pymethods]
-impl PyScene {
     /// Joint velocities that reduce the errors of tasks within joint limits: one step of a control loop.
     #[doc = section!(Parameters)]
     /// tasks : task or list of tasks

@@ -51,3 +51,27 @@ macro_rules! methods {
         }
     };
 }
+
+/// Methods of `Scene` that are functions of a module of Python: `fn name(arguments) = module, function;`. The function
+/// receives the scene, the positional arguments, and the keywords, which it checks.
+macro_rules! methods_in_python {
+    ($(
+        $(#[$meta:meta])*
+        fn $name:ident($($argument:ident $(= $default:tt)?),*) = $module:literal, $function:literal;
+    )*) => {
+        #[pymethods]
+        impl PyScene {
+            $(
+                $(#[$meta])*
+                #[pyo3(signature = ($($argument $(= $default)?,)* **how))]
+                fn $name<'py>(
+                    slf: &Bound<'py, Self>,
+                    $($argument: Option<&Object<'py>>,)*
+                    how: Option<&Bound<'py, PyDict>>,
+                ) -> PyResult<Object<'py>> {
+                    imported!(slf.py(), $module, $function)?.call((slf, $($argument,)*), how)
+                }
+            )*
+        }
+    };
+}

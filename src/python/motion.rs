@@ -1,11 +1,10 @@
 //! Methods of `Scene`: simulation.
 
-use super::choice::refuse_unknown;
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
 use super::errors::{asked_by, of_batch};
-use super::fresh::entries;
+use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
@@ -130,11 +129,8 @@ impl PyScene {
     /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=1000, record_every=100)
     /// >>> path.q.shape, path.integrator
     /// ((11, 3), 'rk4')
-    #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method=None, record_every=None,
-                        pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None,
-                        friction_speed=None, form="auto", tolerance=None, progress=None, compliance=None,
-                        limits=None, restitution=0.0, accuracy=None, smoothing=0.0, duration=None, covariance=None,
-                        **unknown),
+    #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, record_every=None, progress=None,
+                        duration=None, covariance=None, **given),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
@@ -149,53 +145,20 @@ impl PyScene {
         steps: Option<&Object<'py>>,
         tau: Option<&Object<'py>>,
         tau_steps: Option<&Object<'py>>,
-        method: Option<&str>,
         record_every: Option<&Object<'py>>,
-        pd: Option<&Object<'py>>,
-        armature: Option<&Object<'py>>,
-        damping: Option<&Object<'py>>,
-        stiffness: Option<&Object<'py>>,
-        rest: Option<&Object<'py>>,
-        friction: Option<&Object<'py>>,
-        friction_speed: Option<f64>,
-        form: &str,
-        tolerance: Option<f64>,
         progress: Option<&Object<'py>>,
-        compliance: Option<&Object<'py>>,
-        limits: Option<&str>,
-        restitution: f64,
-        accuracy: Option<f64>,
-        smoothing: f64,
         duration: Option<f64>,
         covariance: Option<&Object<'py>>,
-        unknown: Option<&Bound<'py, PyDict>>,
+        given: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
-        refuse_unknown(slf.py(), "Scene.simulate", unknown)?;
         let (py, own) = (slf.py(), slf.get());
+        let keywords = Keywords::take(py, "Scene.simulate", given, true)?;
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
-        let (dt, steps) = length_of_run(dt, steps, duration, accuracy.is_some())?;
+        let (dt, steps) = length_of_run(dt, steps, duration, keywords.accuracy.is_some())?;
         let every = count_or("record_every", record_every, 1, 1)?;
-        let keywords = Keywords {
-            dt,
-            method,
-            pd,
-            armature,
-            damping,
-            stiffness,
-            rest,
-            friction,
-            friction_speed,
-            form,
-            tolerance,
-            compliance,
-            limits,
-            restitution,
-            accuracy,
-            smoothing,
-        };
-        let (mut settings, pd) = keywords.read(own)?;
-        keywords.warn_of_units(py)?;
+        let (mut settings, pd) = keywords.read(own, dt)?;
+        keywords.warn_of_units(py, dt)?;
         keywords.warn_of_friction(py, own, &settings)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;
         let qd = own.on_tree(py, own.rate("qd", qd)?, Coupling::rates)?;
@@ -212,15 +175,14 @@ impl PyScene {
         axes.extend(given.leading());
         let batch = broadcast_axes(axes)?;
         let room = Room {
-            states: entries(&batch),
+            states: states_of(&batch)?,
             rows: steps / every + 1,
             numbers: nq + nv + OF_CONTACT * scene.contacts().len(),
         };
-        let states = room.checked()?;
+        room.checked()?;
+        let states = room.states;
         own.check_scratch(states)?;
-        if let Some(pd) = pd {
-            settings.gains = Some(pd.over(&batch, states)?);
-        }
+        settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
         let of_contacts = OF_CONTACT * scene.contacts().len();
         let outputs = [nq, nv, of_contacts].map(|width| room.output(py, &batch, width));
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
@@ -242,7 +204,7 @@ impl PyScene {
         fields.set_item("steps", rollout.steps())?;
         let (impacts, made) = (
             rollout.take_impacts(),
-            (rollout.chosen_method(), rollout.friction_speed(), [rollout.has_stops(), accuracy.is_some()]),
+            (rollout.chosen_method(), rollout.friction_speed(), [rollout.has_stops(), keywords.accuracy.is_some()]),
         );
         set_outcome(&fields, &batch, own, made, |state| rollout.totals(state), &impacts)?;
         if of_contacts > 0 {
@@ -269,10 +231,7 @@ impl PyScene {
             (Some(stopped), _) => Err(stopped.raise(py, &trajectory, &batch)?),
         }
     }
-}
 
-#[pymethods]
-impl PyScene {
     /// Equations of motion for SciPy's solve_ivp: right-hand side and Jacobian in tangent coordinates, and a solver.
     #[doc = section!(Parameters)]
     /// tau : (nv,) array_like or callable, optional
@@ -344,28 +303,24 @@ fn length_of_run(
 
 /// Amount of data to record.
 pub(super) struct Room {
-    pub states: Option<usize>,
+    pub states: usize,
     pub rows: usize,
     pub numbers: usize,
 }
 
 impl Room {
     /// Number of states, if their records, current states and initial states fit in memory.
-    pub fn checked(&self) -> Result<usize, Error> {
-        let Some(states) = self.states else {
-            return Err(Error::argument("batch", "more states than memory can address", "fewer states"));
-        };
+    pub fn checked(&self) -> Result<(), Error> {
         let numbers = self.numbers.max(1);
-        let rows = memory::bytes_of::<f64>(&[states, self.rows, numbers]);
-        let at_once = memory::bytes_of::<f64>(&[states, numbers, 3]);
+        let rows = memory::bytes_of::<f64>(&[self.states, self.rows, numbers]);
+        let at_once = memory::bytes_of::<f64>(&[self.states, numbers, 3]);
         let asking = if self.rows > 3 { "steps" } else { "q, qd" };
         memory::room(asking, rows.saturating_add(at_once)).map_err(|mut error| {
             if let Error::Memory { request, .. } = &mut error {
-                request.what = format!("{} rows of {} numbers for {states} states", self.rows, self.numbers);
+                request.what = format!("{} rows of {} numbers for {} states", self.rows, self.numbers, self.states);
             }
             error
-        })?;
-        Ok(states)
+        })
     }
 
     fn output<'py>(&self, py: Python<'py>, batch: &[usize], width: usize) -> PyResult<Output<'py>> {

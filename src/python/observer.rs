@@ -7,6 +7,7 @@ use super::object::Object;
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use super::simulator::Held;
+use super::threads::free;
 use crate::error::Error;
 use crate::estimation::observer::{SensorRows, WINDOW};
 use crate::estimation::{ExternalWrench, Mount, Observer, ObserverSettings, Quantity, Sensor};
@@ -14,7 +15,7 @@ use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::sync::{Mutex, MutexGuard};
 
 /// A sensor: kind, name, joints, link with position and axes, standard deviations, delay, and bias with its growth.
 type SensorTuple =
@@ -241,14 +242,7 @@ impl PyObserver {
 impl PyObserver {
     /// Locks the filter for one call. The lock never blocks: another thread may hold it while it waits for the GIL.
     fn filter(&self) -> Result<MutexGuard<'_, Observer<Held>>, Error> {
-        match self.filter.try_lock() {
-            Ok(filter) => Ok(filter),
-            Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
-            Err(TryLockError::WouldBlock) => {
-                let expected = "one call at a time; create an observer for each thread";
-                Err(Error::argument("observer", "a call during another call on the same observer", expected))
-            }
-        }
+        free(&self.filter, "observer", "one call at a time; create an observer for each thread")
     }
 }
 

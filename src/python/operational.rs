@@ -1,10 +1,11 @@
 //! Methods of `Scene`: operational space.
 
-use super::choice::{names, read_judged_factor, renamed};
+use super::choice::{names, read_judged, renamed};
 use super::input::{one_or_each, rows};
 use super::object::Object;
 use super::scene::PyScene;
 use super::scratch::Scratch;
+use crate::algorithm::Algorithm;
 use crate::api::TaskFrame;
 use crate::error::{Error, check_finite};
 use crate::memory;
@@ -48,7 +49,7 @@ methods! {
                              errors='raise')")]
     fn operational_inverse_inertia(q, links; at, rotation, form, tolerance, errors, xyz) |scene, py| {
         renamed("xyz", xyz, "at")?;
-        let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
+        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         scene.errors(errors, Some(form))?;
         let task = Task::read(&scene.scene, links, at, rotation)?;
         let frames = task.frames();
@@ -90,7 +91,7 @@ methods! {
                              tolerance=None, errors='raise')")]
     fn operational_inertia(q, links; at, rotation, directions, form, tolerance, errors, xyz) |scene, py| {
         renamed("xyz", xyz, "at")?;
-        let (form, tolerance) = read_judged_factor(&scene.scene, form, tolerance)?;
+        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         scene.errors(errors, Some(form))?;
         let task = Task::read(&scene.scene, links, at, rotation)?;
         let frames = task.frames();

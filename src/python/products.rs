@@ -5,7 +5,6 @@ use super::call::BatchCall;
 use super::choice::{items, read_form};
 use super::cost::Cost;
 use super::description::body_names;
-use super::errors::asked_by;
 use super::evaluate::Keywords;
 use super::input::Input;
 use super::object::{Object, imported};
@@ -437,18 +436,7 @@ impl<'py> BatchCall<'_, 'py> {
         shapes: &[Vec<usize>],
         wrenches: &[String],
     ) -> PyResult<Object<'py>> {
-        let width: usize = shapes.iter().map(|shape| shape.iter().product::<usize>()).sum();
-        let (mut at, mut made) = (0, Vec::with_capacity(shapes.len()));
-        for shape in shapes {
-            let size: usize = shape.iter().product();
-            let gathered = Output::unwritten(py, &[&self.batch[..], shape].concat()).and_then(|mut output| {
-                let states = results.chunks_exact(width.max(1));
-                output.gather(py, size, states.map(|state| &state[at..at + size]))?;
-                Ok(output.finish().into_any())
-            });
-            made.push(asked_by(py, &self.asking(), gathered)?);
-            at += size;
-        }
+        let mut made = self.pieces(py, results, shapes)?;
         let mut rest = made.split_off(3);
         let last = rest.split_off(wrenches.len());
         if !wrenches.is_empty() {

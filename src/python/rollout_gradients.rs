@@ -4,7 +4,7 @@ use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
 use super::coupling::Expand;
 use super::errors::{asked_by, batch_index, fault, of_batch};
-use super::fresh::entries;
+use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
@@ -67,10 +67,8 @@ impl PyScene {
     /// >>> gradients = scene.simulate_vjp(path.q, path.qd, last, np.zeros_like(last), **keywords)
     /// >>> np.allclose(gradients.q[0], 1.0)     # the first joint is vertical
     /// True
-    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method=None,
-                        record_every=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
-                        friction=None, friction_speed=None, form="auto", tolerance=None, parameters=false,
-                        limits=None, restitution=0.0, compliance=None, smoothing=0.0),
+    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, record_every=None,
+                        parameters=false, **given),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
@@ -87,48 +85,18 @@ impl PyScene {
         steps: &Object<'py>,
         tau: Option<&Object<'py>>,
         tau_steps: Option<&Object<'py>>,
-        method: Option<&str>,
         record_every: Option<&Object<'py>>,
-        pd: Option<&Object<'py>>,
-        armature: Option<&Object<'py>>,
-        damping: Option<&Object<'py>>,
-        stiffness: Option<&Object<'py>>,
-        rest: Option<&Object<'py>>,
-        friction: Option<&Object<'py>>,
-        friction_speed: Option<f64>,
-        form: &str,
-        tolerance: Option<f64>,
         parameters: bool,
-        limits: Option<&str>,
-        restitution: f64,
-        compliance: Option<&Object<'py>>,
-        smoothing: f64,
+        given: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
+        let keywords = Keywords::take(py, "Scene.simulate_vjp", given, false)?;
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let rows = steps / every + 1;
-        let keywords = Keywords {
-            dt,
-            method,
-            pd,
-            armature,
-            damping,
-            stiffness,
-            rest,
-            friction,
-            friction_speed,
-            form,
-            tolerance,
-            compliance,
-            limits,
-            restitution,
-            accuracy: None,
-            smoothing,
-        };
-        let (mut settings, pd) = keywords.read(own)?;
+        let (mut settings, pd) = keywords.read(own, dt)?;
         let given = Given::read(tau, tau_steps, steps, own)?;
         if matches!(given, Given::Function(_)) {
             let expected = "an array; the torques of a function can be given as tau_steps";
@@ -149,13 +117,9 @@ impl PyScene {
             axes.push(of_pd);
         }
         let batch = broadcast_axes(axes)?;
-        let Some(states) = entries(&batch) else {
-            return Err(Error::argument("batch", "more states than memory can address", "fewer states").into());
-        };
+        let states = states_of(&batch)?;
         memory::room("q", memory::bytes_of::<f64>(&[states, rows, nq + 3 * nv]))?;
-        if let Some(pd) = pd {
-            settings.gains = Some(pd.over(&batch, states)?);
-        }
+        settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
         let every_row = |i: usize, expand: Expand| -> PyResult<Vec<f64>> {
             let all = everyone(&inputs[i], &batch, states)?;
             let width = if i == 0 { scene.nq() } else { scene.nv() };

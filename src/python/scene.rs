@@ -425,6 +425,39 @@ impl PyScene {
         imported!(slf.py(), "phipsi._random", "configuration")?.call1((slf, rng, size))
     }
 
+    fn __repr__(&self) -> String {
+        description::summary(&self.scene)
+    }
+
+    /// The error of an unknown attribute, with the name of what was probably meant.
+    fn __getattr__<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Object<'py>> {
+        let hint: String = imported!(slf.py(), "phipsi._glossary", "of_attribute")?.call1((name,))?.extract()?;
+        let error = PyAttributeError::new_err(format!("'Scene' object has no attribute '{name}'{hint}"));
+        let value = error.value(slf.py());
+        value.setattr("name", name)?;
+        value.setattr("obj", slf)?;
+        Err(error)
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
+        let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_scene")?;
+        Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
+    }
+
+    /// The scene itself, because it is immutable.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// The scene itself, because it is immutable.
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
+        let _ = memo;
+        slf
+    }
+}
+
+methods_in_python! {
     /// Show a configuration or a motion of the robot in a browser; needs the extra phipsi[view].
     #[doc = section!(Parameters)]
     /// motion : (nq,) or (k, nq) array_like, or Trajectory, optional
@@ -465,47 +498,9 @@ impl PyScene {
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> viewer = scene.show(scene.neutral(), browser=False)
     /// >>> viewer.close()
-    #[pyo3(signature = (motion=None, **how),
-           text_signature = "($self, motion=None, *, t=None, forces=None, urdf=None, to=None, port=0, \
-                             host=\"127.0.0.1\", title=None, browser=None)")]
-    fn show<'py>(
-        slf: &Bound<'py, Self>,
-        motion: Option<&Object<'py>>,
-        how: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi.view", "show")?.call((slf, motion), how)
-    }
-
-    fn __repr__(&self) -> String {
-        description::summary(&self.scene)
-    }
-
-    /// The error of an unknown attribute, with the name of what was probably meant.
-    fn __getattr__<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Object<'py>> {
-        let hint: String = imported!(slf.py(), "phipsi._glossary", "of_attribute")?.call1((name,))?.extract()?;
-        let error = PyAttributeError::new_err(format!("'Scene' object has no attribute '{name}'{hint}"));
-        let value = error.value(slf.py());
-        value.setattr("name", name)?;
-        value.setattr("obj", slf)?;
-        Err(error)
-    }
-
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
-        let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_scene")?;
-        Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
-    }
-
-    /// The scene itself, because it is immutable.
-    fn __copy__(slf: Py<Self>) -> Py<Self> {
-        slf
-    }
-
-    /// The scene itself, because it is immutable.
-    #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
-        let _ = memo;
-        slf
-    }
+    #[pyo3(text_signature = "($self, motion=None, *, t=None, forces=None, urdf=None, to=None, port=0, \
+                  host=\"127.0.0.1\", title=None, browser=None)")]
+    fn show(motion = None) = "phipsi.view", "show";
 }
 
 /// Source of a scene.

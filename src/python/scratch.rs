@@ -52,9 +52,7 @@ impl Scratch {
             placements: Vec::new(),
         }
     }
-}
 
-impl Scratch {
     /// Workspaces for a call with connections, in this form.
     pub fn through_connections(
         &mut self,

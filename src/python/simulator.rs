@@ -1,12 +1,11 @@
 //! The class `Simulator`: states that are advanced call by call, with their own workspaces.
 
-use super::choice::refuse_unknown;
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Pd, everyone};
 use super::cost::WORTH_RELEASING;
 use super::counts::count;
 use super::errors::{fault, of_batch};
-use super::fresh::entries;
+use super::fresh::states_of;
 use super::input::{Input, plain};
 use super::interrupts::detached;
 use super::motion::Room;
@@ -14,6 +13,7 @@ use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use super::stepping::{Blocks, Keywords, Stopped, about, set_outcome, stop_impacts, warn_of_limits};
+use super::threads::free;
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
@@ -23,7 +23,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::borrow::Borrow;
-use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
 /// Number of steps, as given.
@@ -100,70 +100,33 @@ impl PyScene {
     /// >>> simulator.step(steps=10)
     /// >>> simulator.steps
     /// 10
-    #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None,
-                        rest=None, friction=None, friction_speed=None, form="auto", tolerance=None,
-                        compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, **unknown),
+    #[pyo3(signature = (q, qd=None, *, dt, **given),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
                              tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
                              smoothing=0.0)")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
         qd: Option<&Object<'py>>,
         dt: Option<f64>,
-        method: Option<&str>,
-        pd: Option<&Object<'py>>,
-        armature: Option<&Object<'py>>,
-        damping: Option<&Object<'py>>,
-        stiffness: Option<&Object<'py>>,
-        rest: Option<&Object<'py>>,
-        friction: Option<&Object<'py>>,
-        friction_speed: Option<f64>,
-        form: &str,
-        tolerance: Option<f64>,
-        compliance: Option<&Object<'py>>,
-        limits: Option<&str>,
-        restitution: f64,
-        accuracy: Option<f64>,
-        smoothing: f64,
-        unknown: Option<&Bound<'py, PyDict>>,
+        given: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<PySimulator> {
-        refuse_unknown(slf.py(), "Scene.simulator", unknown)?;
         let (py, own) = (slf.py(), slf.get());
+        let keywords = Keywords::take(py, "Scene.simulator", given, true)?;
         let dt = dt.ok_or_else(|| Error::argument("dt", "None", "a step in s, finite and positive"))?;
-        let keywords = Keywords {
-            dt,
-            method,
-            pd,
-            armature,
-            damping,
-            stiffness,
-            rest,
-            friction,
-            friction_speed,
-            form,
-            tolerance,
-            compliance,
-            limits,
-            restitution,
-            accuracy,
-            smoothing,
-        };
-        let (mut settings, pd) = keywords.read(own)?;
-        keywords.warn_of_units(py)?;
+        let (mut settings, pd) = keywords.read(own, dt)?;
+        keywords.warn_of_units(py, dt)?;
         keywords.warn_of_friction(py, own, &settings)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(pd.iter().flat_map(Pd::leading));
         let batch = broadcast_axes(axes)?;
         let numbers = own.scene.tree().nq() + own.scene.tree().nv();
-        let states = Room { states: entries(&batch), rows: 1, numbers }.checked()?;
+        let states = states_of(&batch)?;
+        Room { states, rows: 1, numbers }.checked()?;
         own.check_scratch(states)?;
-        if let Some(pd) = pd {
-            settings.gains = Some(pd.over(&batch, states)?);
-        }
+        settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
         let (scene, method) = (slf.clone().unbind(), settings.method);
         let held = Held(scene.clone_ref(py));
@@ -197,14 +160,8 @@ impl PyScene {
 impl PySimulator {
     /// Locks the states for one call.
     pub(super) fn moving(&self) -> Result<MutexGuard<'_, Simulator<Held>>, Error> {
-        match self.moving.try_lock() {
-            Ok(moving) => Ok(moving),
-            Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
-            Err(TryLockError::WouldBlock) => {
-                let expected = "one call at a time; copy.copy(simulator) creates an independent one";
-                Err(Error::argument("simulator", "a call during another call on the same simulator", expected))
-            }
-        }
+        let expected = "one call at a time; copy.copy(simulator) creates an independent one";
+        free(&self.moving, "simulator", expected)
     }
 
     /// Array of one part of every state, with the given axes between batch and width.

@@ -1,6 +1,6 @@
 //! Common parts of `simulate` and `simulator`: keywords, number of steps between two checks for signals, early end.
 
-use super::choice::read_form;
+use super::choice::{read_form, refuse_unknown};
 use super::control::Pd;
 use super::errors::{batch_index, fault, warn_as};
 use super::input;
@@ -12,6 +12,7 @@ use crate::error::Error;
 use crate::motion::properties::joint_of_row;
 use crate::motion::{FRICTION_SPEED, Limits, Method, Properties, Settings, StepFault, StopImpact, Totals};
 use crate::scene::Coupling;
+use pyo3::conversion::FromPyObjectOwned;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 use std::time::{Duration, Instant};
@@ -23,35 +24,77 @@ pub(super) const BLOCK: Duration = Duration::from_millis(50);
 const LONG_STEP: f64 = 1.0;
 
 /// Keywords of a simulation, as given.
-pub(super) struct Keywords<'a, 'py> {
-    pub dt: f64,
-    pub method: Option<&'a str>,
-    pub pd: Option<&'a Object<'py>>,
-    pub armature: Option<&'a Object<'py>>,
-    pub damping: Option<&'a Object<'py>>,
-    pub stiffness: Option<&'a Object<'py>>,
-    pub rest: Option<&'a Object<'py>>,
-    pub friction: Option<&'a Object<'py>>,
-    pub friction_speed: Option<f64>,
-    pub form: &'a str,
-    pub tolerance: Option<f64>,
-    pub compliance: Option<&'a Object<'py>>,
-    pub limits: Option<&'a str>,
-    pub restitution: f64,
+pub(super) struct Keywords<'py> {
+    method: Option<String>,
+    pd: Option<Object<'py>>,
+    armature: Option<Object<'py>>,
+    damping: Option<Object<'py>>,
+    stiffness: Option<Object<'py>>,
+    rest: Option<Object<'py>>,
+    friction: Option<Object<'py>>,
+    friction_speed: Option<f64>,
+    form: String,
+    tolerance: Option<f64>,
+    compliance: Option<Object<'py>>,
+    limits: Option<String>,
+    restitution: f64,
     pub accuracy: Option<f64>,
-    pub smoothing: f64,
+    smoothing: f64,
 }
 
-impl<'py> Keywords<'_, 'py> {
+/// Removes a keyword from those given; without it, `usual`.
+fn taken<'py, T: FromPyObjectOwned<'py>>(given: &Bound<'py, PyDict>, name: &str, usual: T) -> PyResult<T> {
+    let Some(value) = given.get_item(name)? else { return Ok(usual) };
+    given.del_item(name)?;
+    value.extract::<T>().map_err(|error| {
+        let error: PyErr = error.into();
+        // As PyO3 does for arguments; notes exist from Python 3.11.
+        let _ = error.value(given.py()).call_method1("add_note", (format!("while processing '{name}'"),));
+        error
+    })
+}
+
+impl<'py> Keywords<'py> {
+    /// The keywords of a call of this method, which are removed from those given; others are refused, `accuracy` too if
+    /// the method does not control the error.
+    pub fn take(
+        py: Python<'py>,
+        method: &str,
+        given: Option<&Bound<'py, PyDict>>,
+        controls_error: bool,
+    ) -> PyResult<Self> {
+        let none = PyDict::new(py);
+        let given = given.unwrap_or(&none);
+        let keywords = Self {
+            method: taken(given, "method", None)?,
+            pd: taken(given, "pd", None)?,
+            armature: taken(given, "armature", None)?,
+            damping: taken(given, "damping", None)?,
+            stiffness: taken(given, "stiffness", None)?,
+            rest: taken(given, "rest", None)?,
+            friction: taken(given, "friction", None)?,
+            friction_speed: taken(given, "friction_speed", None)?,
+            form: taken(given, "form", "auto".to_owned())?,
+            tolerance: taken(given, "tolerance", None)?,
+            compliance: taken(given, "compliance", None)?,
+            limits: taken(given, "limits", None)?,
+            restitution: taken(given, "restitution", 0.0)?,
+            accuracy: if controls_error { taken(given, "accuracy", None)? } else { None },
+            smoothing: taken(given, "smoothing", 0.0)?,
+        };
+        refuse_unknown(py, method, Some(given))?;
+        Ok(keywords)
+    }
+
     /// Reads the settings, and the control law, whose targets can be a batch.
-    pub fn read(&self, own: &PyScene) -> PyResult<(Settings, Option<Pd<'py>>)> {
-        let mut settings = Settings::new(&own.scene, self.dt);
-        match self.method.map(Method::named).transpose()? {
+    pub fn read(&self, own: &PyScene, dt: f64) -> PyResult<(Settings, Option<Pd<'py>>)> {
+        let mut settings = Settings::new(&own.scene, dt);
+        match self.method.as_deref().map(Method::named).transpose()? {
             // Scenes with contacts have one method, which is their default.
             None | Some(Method::Auto) => {}
             Some(method) => settings.method = method,
         }
-        settings.limits = match self.limits {
+        settings.limits = match self.limits.as_deref() {
             None | Some("stop") => Limits::Stop,
             Some("report") => Limits::Report,
             Some(other) => return Err(Error::argument("limits", format!("{other:?}"), "\"stop\" or \"report\"").into()),
@@ -59,39 +102,38 @@ impl<'py> Keywords<'_, 'py> {
         settings.restitution = self.restitution;
         settings.accuracy = self.accuracy;
         settings.smoothing = self.smoothing;
-        if let Some(compliance) = self.compliance {
+        if let Some(compliance) = &self.compliance {
             settings.compliance = input::spread("compliance", compliance, own.compliant_rows()?.into())?;
         }
-        settings.form = read_form(self.form)?;
+        settings.form = read_form(&self.form)?;
         settings.tolerance = self.tolerance;
         let properties = &mut settings.properties;
         for (name, given, place) in [
-            ("armature", self.armature, &mut properties.armature),
-            ("damping", self.damping, &mut properties.damping),
-            ("stiffness", self.stiffness, &mut properties.stiffness),
-            ("friction", self.friction, &mut properties.friction),
+            ("armature", &self.armature, &mut properties.armature),
+            ("damping", &self.damping, &mut properties.damping),
+            ("stiffness", &self.stiffness, &mut properties.stiffness),
+            ("friction", &self.friction, &mut properties.friction),
         ] {
             if let Some(given) = given {
                 *place = own.expanded(input::spread(name, given, own.rates())?, Coupling::torques);
             }
         }
-        if let Some(rest) = self.rest {
+        if let Some(rest) = &self.rest {
             properties.rest = own.expanded(input::state("rest", rest, own.coordinates())?, Coupling::configuration);
         }
         properties.friction_speed = self.friction_speed.unwrap_or(0.0);
-        let pd = self.pd.map(|pd| Pd::read(pd, own)).transpose()?;
+        let pd = self.pd.as_ref().map(|pd| Pd::read(pd, own)).transpose()?;
         Ok((settings, pd))
     }
 
     /// Warns about a step that does not resolve the motion of any robot, for instance one in milliseconds.
-    pub fn warn_of_units(&self, py: Python<'py>) -> PyResult<()> {
-        if self.accuracy.is_some() || self.dt.is_nan() || self.dt < LONG_STEP {
+    pub fn warn_of_units(&self, py: Python<'py>, dt: f64) -> PyResult<()> {
+        if self.accuracy.is_some() || dt.is_nan() || dt < LONG_STEP {
             return Ok(());
         }
         let text = format!(
-            "dt: found steps of {} s, which do not resolve the motion of a robot; expected a step in s, for instance \
-             1e-3, or error control with accuracy",
-            self.dt
+            "dt: found steps of {dt} s, which do not resolve the motion of a robot; expected a step in s, for instance \
+             1e-3, or error control with accuracy"
         );
         warn_as(py, "UnitsWarning", &text)
     }
@@ -121,21 +163,21 @@ impl<'py> Keywords<'_, 'py> {
         for (name, value) in [
             ("tau", tau),
             ("tau_steps", tau_steps),
-            ("pd", self.pd),
-            ("damping", self.damping),
-            ("friction", self.friction),
-            ("compliance", self.compliance),
+            ("pd", self.pd.as_ref()),
+            ("damping", self.damping.as_ref()),
+            ("friction", self.friction.as_ref()),
+            ("compliance", self.compliance.as_ref()),
         ] {
             if let Some(value) = value {
                 given.set_item(name, value)?;
             }
         }
         given.set_item("friction_speed", self.friction_speed)?;
-        given.set_item("limits", self.limits)?;
+        given.set_item("limits", self.limits.as_deref())?;
         given.set_item("restitution", self.restitution)?;
         given.set_item("accuracy", self.accuracy)?;
         given.set_item("smoothing", self.smoothing)?;
-        given.set_item("form", self.form)?;
+        given.set_item("form", &self.form)?;
         given.set_item("tolerance", self.tolerance)?;
         Ok(given)
     }

@@ -5,6 +5,7 @@ use crate::batch;
 use crate::error::Error;
 use pyo3::prelude::*;
 use pyo3::types::PyBool;
+use std::sync::{Mutex, MutexGuard, TryLockError};
 
 /// Set the number of threads for batches in this process and its forks; running calls keep theirs.
 #[doc = section!(Parameters)]
@@ -46,4 +47,15 @@ pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> P
 #[pyo3(signature = ())]
 pub(super) fn get_num_threads(py: Python<'_>) -> usize {
     py.detach(batch::threads)
+}
+
+/// Locks what one call at a time can use; an error during another call.
+pub(super) fn free<'a, T>(mutex: &'a Mutex<T>, what: &str, expected: &str) -> Result<MutexGuard<'a, T>, Error> {
+    match mutex.try_lock() {
+        Ok(guard) => Ok(guard),
+        Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
+        Err(TryLockError::WouldBlock) => {
+            Err(Error::argument(what, format!("a call during another call on the same {what}"), expected))
+        }
+    }
 }

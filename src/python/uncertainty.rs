@@ -35,8 +35,7 @@ mod cost {
     pub const LINK: usize = 300;
 }
 
-#[pymethods]
-impl PyScene {
+methods_in_python! {
     /// Variances of the joint accelerations for uncertain inertial parameters, joint parameters and torques, O(N).
     ///
     /// At the true acceleration an error of the parameters pi is a force on the bodies: M d(qdd) = dtau - H phi Y
@@ -94,17 +93,8 @@ impl PyScene {
     /// >>> variance = scene.forward_dynamics_variance([0.3, 0.2, 0.1], [0.0] * 3, [1.0, 0.0, 0.0], parameters=parameters, torque=0.01)
     /// >>> variance.shape, bool((variance > 0).all())
     /// ((3,), True)
-    #[pyo3(signature = (q, qd, tau, **how),
-           text_signature = "($self, q, qd, tau, *, parameters=None, joints=None, torque=None, links=None, wrenches=None, friction_speed=0.01, errors='raise')")]
-    fn forward_dynamics_variance<'py>(
-        slf: &Bound<'py, Self>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        tau: &Object<'py>,
-        how: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi.estimation.uncertainty", "forward_dynamics_variance")?.call((slf, q, qd, tau), how)
-    }
+    #[pyo3(text_signature = "($self, q, qd, tau, *, parameters=None, joints=None, torque=None, links=None, wrenches=None, friction_speed=0.01, errors='raise')")]
+    fn forward_dynamics_variance(q, qd, tau) = "phipsi.estimation.uncertainty", "forward_dynamics_variance";
 
     /// Variances of the joint torques of inverse dynamics for uncertain parameters, in O(N): H phi C phi* H* + t.
     ///
@@ -140,17 +130,8 @@ impl PyScene {
     /// >>> variance = scene.inverse_dynamics_variance([0.3, 0.2, 0.1], [0.0] * 3, [1.0, 0.0, 0.0], parameters=parameters)
     /// >>> variance.shape
     /// (3,)
-    #[pyo3(signature = (q, qd, qdd, **how),
-           text_signature = "($self, q, qd, qdd, *, parameters=None, joints=None, torque=None, friction_speed=0.01, errors='raise')")]
-    fn inverse_dynamics_variance<'py>(
-        slf: &Bound<'py, Self>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        how: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi.estimation.uncertainty", "inverse_dynamics_variance")?.call((slf, q, qd, qdd), how)
-    }
+    #[pyo3(text_signature = "($self, q, qd, qdd, *, parameters=None, joints=None, torque=None, friction_speed=0.01, errors='raise')")]
+    fn inverse_dynamics_variance(q, qd, qdd) = "phipsi.estimation.uncertainty", "inverse_dynamics_variance";
 
     /// Momentum observer of external joint torques that raises alarms at a stated rate.
     ///
@@ -185,15 +166,8 @@ impl PyScene {
     /// >>> torque, alarm = observer.step([0.3, 0.2, 0.1], [0.0] * 3, scene.gravity_torque([0.3, 0.2, 0.1]))
     /// >>> torque.shape, bool(alarm)
     /// ((3,), False)
-    #[pyo3(signature = (dt, **how),
-           text_signature = "($self, dt, *, torque_noise, bandwidth, false_alarms_per_hour=1.0, parameters=None, load=None)")]
-    fn momentum_observer<'py>(
-        slf: &Bound<'py, Self>,
-        dt: &Object<'py>,
-        how: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi.estimation.momentum", "MomentumObserver")?.call((slf, dt), how)
-    }
+    #[pyo3(text_signature = "($self, dt, *, torque_noise, bandwidth, false_alarms_per_hour=1.0, parameters=None, load=None)")]
+    fn momentum_observer(dt) = "phipsi.estimation.momentum", "MomentumObserver";
 
     /// Error-state Kalman filter of joint motion, external wrenches and sensor biases.
     ///
@@ -235,17 +209,12 @@ impl PyScene {
     /// >>> estimate = observer.step(scene.gravity_torque([0.3, 0.2, 0.1]), {"encoder": [0.3, 0.2, 0.1]})
     /// >>> estimate.q.shape, estimate.covariance.shape
     /// ((3,), (6, 6))
-    #[pyo3(signature = (dt, sensors, **how),
-           text_signature = "($self, dt, sensors, *, q, qd=None, torque_noise, wrenches=(), initial=(0.1, 0.1), history=1000)")]
-    fn observer<'py>(
-        slf: &Bound<'py, Self>,
-        dt: &Object<'py>,
-        sensors: &Object<'py>,
-        how: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi.estimation.observer", "Observer")?.call((slf, dt, sensors), how)
-    }
+    #[pyo3(text_signature = "($self, dt, sensors, *, q, qd=None, torque_noise, wrenches=(), initial=(0.1, 0.1), history=1000)")]
+    fn observer(dt, sensors) = "phipsi.estimation.observer", "Observer";
+}
 
+#[pymethods]
+impl PyScene {
     /// Variances of accelerations (forward) or torques, (..., nv), then the covariance (6, 6) of each of the links;
     /// `roots` is (bodies, rank, 10).
     #[pyo3(name = "_variance")]
@@ -374,12 +343,10 @@ impl PyScene {
     fn roots(&self, roots: &Object<'_>) -> PyResult<ParameterRoots<f64>> {
         let (shape, numbers) = shaped("parameters", roots, 10)?;
         let bodies = self.scene.joints().len();
-        let [found, rank, 10] = shape[..] else {
-            return Err(wrong_shape("parameters", &shape, format!("({bodies}, rank, 10)")));
+        let rank = match shape[..] {
+            [found, rank, 10] if found == bodies => rank,
+            _ => return Err(wrong_shape("parameters", &shape, format!("({bodies}, rank, 10)"))),
         };
-        if found != bodies {
-            return Err(wrong_shape("parameters", &shape, format!("({bodies}, rank, 10)")));
-        }
         let columns: &[Parameters<f64>] = numbers.as_chunks::<10>().0;
         let is_some = |column: &&Parameters<f64>| column.iter().any(|&x| x != 0.0);
         let of_body = |k: usize| columns[k * rank..(k + 1) * rank].iter().filter(is_some).copied().collect();

@@ -11,7 +11,6 @@
 use super::Real;
 use num_traits::{One, Zero};
 use std::fmt;
-use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// pi/2 in three parts, whose sum is exact to about 2^-161. With mpmath at `mp.prec = 400`: `a = float(pi/2)`,
 /// `b = float(pi/2 - a)`, `float(pi/2 - a - b)`.
@@ -142,99 +141,32 @@ fn two_prod(a: f64, b: f64) -> (f64, f64) {
 // Sums, products and quotients are not inlined: the recursions are inlined as a whole, and with about ten operations
 // for each they would grow to half a megabyte of rarely executed code.
 
-impl Add for DoubleDouble {
-    type Output = Self;
-
+super::operators! {
+    impl [] for DoubleDouble, ;
     /// Accurate addition: relative error below 3 u^2, also if the high parts cancel.
-    #[inline(never)]
-    fn add(self, other: Self) -> Self {
-        let (high, high_error) = two_sum(self.high, other.high);
-        let (low, low_error) = two_sum(self.low, other.low);
+    #[inline(never)] a + b => {
+        let (high, high_error) = two_sum(a.high, b.high);
+        let (low, low_error) = two_sum(a.low, b.low);
         let partial = Self::renormalized(high, high_error + low);
         Self::renormalized(partial.high, partial.low + low_error)
     }
-}
-
-impl Neg for DoubleDouble {
-    type Output = Self;
-
-    fn neg(self) -> Self {
-        Self { high: -self.high, low: -self.low }
-    }
-}
-
-impl Sub for DoubleDouble {
-    type Output = Self;
-
-    fn sub(self, other: Self) -> Self {
-        self + (-other)
-    }
-}
-
-impl Mul for DoubleDouble {
-    type Output = Self;
-
-    #[inline(never)]
-    fn mul(self, other: Self) -> Self {
-        let (high, error) = two_prod(self.high, other.high);
-        let cross = self.low.mul_add(other.high, self.high.mul_add(other.low, self.low * other.low));
+    a - b => { a + (-b) }
+    #[inline(never)] a * b => {
+        let (high, error) = two_prod(a.high, b.high);
+        let cross = a.low.mul_add(b.high, a.high.mul_add(b.low, a.low * b.low));
         Self::renormalized(high, error + cross)
     }
-}
-
-impl Div for DoubleDouble {
-    type Output = Self;
-
     /// Long division with three quotient digits of 53 bits each.
-    #[inline(never)]
-    fn div(self, other: Self) -> Self {
-        let first = self.high / other.high;
-        let rest = self - other * Self::exact(first);
-        let second = rest.high / other.high;
-        let rest = rest - other * Self::exact(second);
-        let third = rest.high / other.high;
+    #[inline(never)] a / b => {
+        let first = a.high / b.high;
+        let rest = a - b * Self::exact(first);
+        let second = rest.high / b.high;
+        let rest = rest - b * Self::exact(second);
+        let third = rest.high / b.high;
         Self::renormalized(first, second) + Self::exact(third)
     }
-}
-
-impl AddAssign for DoubleDouble {
-    fn add_assign(&mut self, other: Self) {
-        *self = *self + other;
-    }
-}
-
-impl SubAssign for DoubleDouble {
-    fn sub_assign(&mut self, other: Self) {
-        *self = *self - other;
-    }
-}
-
-impl MulAssign for DoubleDouble {
-    fn mul_assign(&mut self, other: Self) {
-        *self = *self * other;
-    }
-}
-
-impl DivAssign for DoubleDouble {
-    fn div_assign(&mut self, other: Self) {
-        *self = *self / other;
-    }
-}
-
-impl Zero for DoubleDouble {
-    fn zero() -> Self {
-        Self::exact(0.0)
-    }
-
-    fn is_zero(&self) -> bool {
-        self.high == 0.0 && self.low == 0.0
-    }
-}
-
-impl One for DoubleDouble {
-    fn one() -> Self {
-        Self::exact(1.0)
-    }
+    -a => { Self { high: -a.high, low: -a.low } }
+    0 => Self::exact(0.0); a == 0 => a.high == 0.0 && a.low == 0.0; 1 => Self::exact(1.0)
 }
 
 impl Real for DoubleDouble {

@@ -1,8 +1,6 @@
 //! Dual numbers: a value with its derivative along one direction.
 
 use super::Real;
-use num_traits::{One, Zero};
-use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// value + tangent e with e^2 = 0. Code that runs on dual numbers computes its derivative along the tangents of its
 /// inputs.
@@ -24,95 +22,19 @@ impl<T: Real> Dual<T> {
     }
 }
 
-impl<T: Real> Add for Dual<T> {
-    type Output = Self;
-
-    #[inline]
-    fn add(self, other: Self) -> Self {
-        Self { value: self.value + other.value, tangent: self.tangent + other.tangent }
+super::operators! {
+    impl [T: Real] for Dual<T>, #[inline];
+    #[inline] a + b => { Self { value: a.value + b.value, tangent: a.tangent + b.tangent } }
+    #[inline] a - b => { Self { value: a.value - b.value, tangent: a.tangent - b.tangent } }
+    #[inline] a * b => {
+        Self { value: a.value * b.value, tangent: a.value.mul_add(b.tangent, a.tangent * b.value) }
     }
-}
-
-impl<T: Real> Sub for Dual<T> {
-    type Output = Self;
-
-    #[inline]
-    fn sub(self, other: Self) -> Self {
-        Self { value: self.value - other.value, tangent: self.tangent - other.tangent }
+    #[inline] a / b => {
+        let value = a.value / b.value;
+        Self { value, tangent: a.tangent.minus_product(value, b.tangent) / b.value }
     }
-}
-
-impl<T: Real> Mul for Dual<T> {
-    type Output = Self;
-
-    #[inline]
-    fn mul(self, other: Self) -> Self {
-        let tangent = self.value.mul_add(other.tangent, self.tangent * other.value);
-        Self { value: self.value * other.value, tangent }
-    }
-}
-
-impl<T: Real> Div for Dual<T> {
-    type Output = Self;
-
-    #[inline]
-    fn div(self, other: Self) -> Self {
-        let value = self.value / other.value;
-        Self { value, tangent: self.tangent.minus_product(value, other.tangent) / other.value }
-    }
-}
-
-impl<T: Real> Neg for Dual<T> {
-    type Output = Self;
-
-    #[inline]
-    fn neg(self) -> Self {
-        Self { value: -self.value, tangent: -self.tangent }
-    }
-}
-
-impl<T: Real> AddAssign for Dual<T> {
-    #[inline]
-    fn add_assign(&mut self, other: Self) {
-        *self = *self + other;
-    }
-}
-
-impl<T: Real> SubAssign for Dual<T> {
-    #[inline]
-    fn sub_assign(&mut self, other: Self) {
-        *self = *self - other;
-    }
-}
-
-impl<T: Real> MulAssign for Dual<T> {
-    #[inline]
-    fn mul_assign(&mut self, other: Self) {
-        *self = *self * other;
-    }
-}
-
-impl<T: Real> DivAssign for Dual<T> {
-    #[inline]
-    fn div_assign(&mut self, other: Self) {
-        *self = *self / other;
-    }
-}
-
-impl<T: Real> Zero for Dual<T> {
-    fn zero() -> Self {
-        Self::constant_of(T::zero())
-    }
-
-    fn is_zero(&self) -> bool {
-        self.value.is_zero() && self.tangent.is_zero()
-    }
-}
-
-impl<T: Real> One for Dual<T> {
-    fn one() -> Self {
-        Self::constant_of(T::one())
-    }
+    #[inline] -a => { Self { value: -a.value, tangent: -a.tangent } }
+    0 => Self::constant_of(T::zero()); a == 0 => a.value.is_zero() && a.tangent.is_zero(); 1 => Self::constant_of(T::one())
 }
 
 impl<T: Real<Parameter = T>> Real for Dual<T> {

@@ -10,7 +10,15 @@ use std::slice::from_mut;
 #[repr(transparent)]
 pub struct Fused(pub f64);
 
-super::wrapped_operators!(Fused);
+super::operators! {
+    impl [] for Fused, #[inline(always)];
+    #[inline(always)] a + b => { Self(a.0 + b.0) }
+    #[inline(always)] a - b => { Self(a.0 - b.0) }
+    #[inline(always)] a * b => { Self(a.0 * b.0) }
+    #[inline(always)] a / b => { Self(a.0 / b.0) }
+    #[inline(always)] -a => { Self(-a.0) }
+    #[inline(always)] 0 => Self(0.0); a == 0 => a.0 == 0.0; 1 => Self(1.0)
+}
 
 impl Real for Fused {
     const LANES: usize = 1;

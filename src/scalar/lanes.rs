@@ -6,10 +6,8 @@
 
 use super::trigonometry as t;
 use super::{Instructions, Real};
-use num_traits::{One, Zero};
 use pulp::Simd;
 use pulp::bytemuck::{cast_slice, cast_slice_mut};
-use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use std::slice::{from_mut, from_ref};
 
 /// One value per state in a register of `S`.
@@ -92,57 +90,14 @@ impl<S: Instructions> PartialEq for Lanes<S> {
     }
 }
 
-macro_rules! operator {
-    ($operator:ident, $function:ident, $assigning:ident, $assign:ident, $instruction:ident) => {
-        impl<S: Instructions> $operator for Lanes<S> {
-            type Output = Self;
-
-            #[inline(always)]
-            fn $function(self, other: Self) -> Self {
-                Self::new(self.simd, self.simd.$instruction(self.value, other.value))
-            }
-        }
-
-        impl<S: Instructions> $assigning for Lanes<S> {
-            #[inline(always)]
-            fn $assign(&mut self, other: Self) {
-                self.value = self.simd.$instruction(self.value, other.value);
-            }
-        }
-    };
-}
-
-operator!(Add, add, AddAssign, add_assign, add_f64s);
-operator!(Sub, sub, SubAssign, sub_assign, sub_f64s);
-operator!(Mul, mul, MulAssign, mul_assign, mul_f64s);
-operator!(Div, div, DivAssign, div_assign, div_f64s);
-
-impl<S: Instructions> Neg for Lanes<S> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self::new(self.simd, negated(self.simd, self.value))
-    }
-}
-
-impl<S: Instructions> Zero for Lanes<S> {
-    #[inline(always)]
-    fn zero() -> Self {
-        Self::filled(0.0)
-    }
-
-    #[inline(always)]
-    fn is_zero(&self) -> bool {
-        self.lanes().iter().all(|&x| x == 0.0)
-    }
-}
-
-impl<S: Instructions> One for Lanes<S> {
-    #[inline(always)]
-    fn one() -> Self {
-        Self::filled(1.0)
-    }
+super::operators! {
+    impl [S: Instructions] for Lanes<S>, #[inline(always)];
+    #[inline(always)] a + b => { Self::new(a.simd, a.simd.add_f64s(a.value, b.value)) }
+    #[inline(always)] a - b => { Self::new(a.simd, a.simd.sub_f64s(a.value, b.value)) }
+    #[inline(always)] a * b => { Self::new(a.simd, a.simd.mul_f64s(a.value, b.value)) }
+    #[inline(always)] a / b => { Self::new(a.simd, a.simd.div_f64s(a.value, b.value)) }
+    #[inline(always)] -a => { Self::new(a.simd, negated(a.simd, a.value)) }
+    #[inline(always)] 0 => Self::filled(0.0); a == 0 => a.lanes().iter().all(|&x| x == 0.0); 1 => Self::filled(1.0)
 }
 
 impl<S: Instructions> Real for Lanes<S> {

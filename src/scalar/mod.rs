@@ -25,6 +25,7 @@ mod fused;
 mod instructions;
 #[cfg(feature = "lanes")]
 mod lanes;
+mod operators;
 #[cfg(feature = "lanes")]
 mod register_columns;
 mod traced;
@@ -154,6 +155,17 @@ pub(crate) fn larger<T: Real>(a: T, b: T) -> T {
     -(-a).worst(-b)
 }
 
+/// The largest absolute value, at least `least`; NaN if any is NaN. A loop, because a closure that is not inlined is
+/// compiled for the baseline.
+#[inline(always)]
+pub(crate) fn largest_of<T: Real>(x: &[T], least: T) -> T {
+    let mut most = least;
+    for x in x {
+        most = larger(most, x.abs());
+    }
+    most
+}
+
 /// For scalars with one lane: the stored type of constants is the scalar itself.
 macro_rules! its_own_parameter {
     () => {
@@ -176,62 +188,7 @@ macro_rules! its_own_parameter {
     };
 }
 use its_own_parameter;
-
-/// The operators of a scalar that wraps another.
-macro_rules! wrapped_operators {
-    ($scalar:ident) => {
-        super::wrapped_operators!($scalar, Add, add, AddAssign, add_assign);
-        super::wrapped_operators!($scalar, Sub, sub, SubAssign, sub_assign);
-        super::wrapped_operators!($scalar, Mul, mul, MulAssign, mul_assign);
-        super::wrapped_operators!($scalar, Div, div, DivAssign, div_assign);
-
-        impl std::ops::Neg for $scalar {
-            type Output = Self;
-
-            #[inline(always)]
-            fn neg(self) -> Self {
-                Self(-self.0)
-            }
-        }
-
-        impl num_traits::Zero for $scalar {
-            #[inline(always)]
-            fn zero() -> Self {
-                Self(num_traits::Zero::zero())
-            }
-
-            #[inline(always)]
-            fn is_zero(&self) -> bool {
-                num_traits::Zero::is_zero(&self.0)
-            }
-        }
-
-        impl num_traits::One for $scalar {
-            #[inline(always)]
-            fn one() -> Self {
-                Self(num_traits::One::one())
-            }
-        }
-    };
-    ($scalar:ident, $operator:ident, $function:ident, $assigning:ident, $assign:ident) => {
-        impl std::ops::$operator for $scalar {
-            type Output = Self;
-
-            #[inline(always)]
-            fn $function(self, other: Self) -> Self {
-                Self(std::ops::$operator::$function(self.0, other.0))
-            }
-        }
-
-        impl std::ops::$assigning for $scalar {
-            #[inline(always)]
-            fn $assign(&mut self, other: Self) {
-                std::ops::$assigning::$assign(&mut self.0, other.0);
-            }
-        }
-    };
-}
-use wrapped_operators;
+use operators::operators;
 
 /// The lanes of `T` for which `holds` is false, as bits.
 #[inline(always)]

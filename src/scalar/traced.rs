@@ -3,10 +3,8 @@
 use super::Real;
 use super::counting::{self, Operations};
 use super::folding::{difference, minus_product, product, product_sum, quotient, sorted, sum};
-use num_traits::{One, Zero};
 use std::cell::RefCell;
 use std::collections::HashMap;
-use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// An operation of a program; operands are indices of preceding operations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -155,67 +153,32 @@ pub(super) fn push(operation: Operation) -> Traced {
     })
 }
 
-macro_rules! operator {
-    ($operator:ident, $function:ident, $of:ident, $count:ident) => {
-        impl $operator for Traced {
-            type Output = Self;
-
-            #[inline(never)]
-            fn $function(self, other: Self) -> Self {
-                counting::note(|asked| asked.$count += 1);
-                $of(self, other)
-            }
-        }
-    };
-}
-
-operator!(Add, add, sum, additions);
-operator!(Sub, sub, difference, additions);
-operator!(Mul, mul, product, multiplications);
-operator!(Div, div, quotient, divisions);
-
-impl Neg for Traced {
-    type Output = Self;
-
-    #[inline(never)]
-    fn neg(self) -> Self {
-        match (self.value(), self.negated()) {
+super::operators! {
+    impl [] for Traced, ;
+    #[inline(never)] a + b => {
+        counting::note(|asked| asked.additions += 1);
+        sum(a, b)
+    }
+    #[inline(never)] a - b => {
+        counting::note(|asked| asked.additions += 1);
+        difference(a, b)
+    }
+    #[inline(never)] a * b => {
+        counting::note(|asked| asked.multiplications += 1);
+        product(a, b)
+    }
+    #[inline(never)] a / b => {
+        counting::note(|asked| asked.divisions += 1);
+        quotient(a, b)
+    }
+    #[inline(never)] -a => {
+        match (a.value(), a.negated()) {
             (Some(a), _) => Self(-a),
             (_, Some(a)) => a,
-            _ => push(O::Negative(self.place())),
+            _ => push(O::Negative(a.place())),
         }
     }
-}
-
-macro_rules! assigning {
-    ($assigning:ident, $assign:ident, $operator:tt) => {
-        impl $assigning for Traced {
-            fn $assign(&mut self, other: Self) {
-                *self = *self $operator other;
-            }
-        }
-    };
-}
-
-assigning!(AddAssign, add_assign, +);
-assigning!(SubAssign, sub_assign, -);
-assigning!(MulAssign, mul_assign, *);
-assigning!(DivAssign, div_assign, /);
-
-impl Zero for Traced {
-    fn zero() -> Self {
-        Self(0.0)
-    }
-
-    fn is_zero(&self) -> bool {
-        self.is(0.0)
-    }
-}
-
-impl One for Traced {
-    fn one() -> Self {
-        Self(1.0)
-    }
+    0 => Self(0.0); a == 0 => a.is(0.0); 1 => Self(1.0)
 }
 
 impl Real for Traced {

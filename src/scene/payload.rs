@@ -18,12 +18,7 @@ impl Scene {
     /// other values (`com`, `inertia`); for a strict scene [`Error::Scene`] for a nonphysical inertia.
     pub fn with_payload(&self, link: &str, payload: &Inertial) -> Result<Self, Error> {
         self.link(link)?;
-        let Inertial { mass, center, central } = payload;
-        if !(mass.is_finite() && *mass >= 0.0) {
-            return Err(Error::argument("mass", mass.to_string(), "a finite mass, zero or positive"));
-        }
-        check_finite("com", center.as_slice())?;
-        check_finite("inertia", &central.entries)?;
+        check("", payload)?;
         let mut source = self.source().clone();
         if let Some(carrier) = source.links.iter_mut().find(|carrier| carrier.name == link) {
             carrier.inertial = Some(carrier.inertial.as_ref().map_or(*payload, |own| together(own, payload)));
@@ -43,28 +38,25 @@ impl Scene {
         for (link, inertial) in inertias {
             let Some(&at) = places.get(*link) else {
                 self.link(link)?;
-                return Err(Error::argument(
-                    "links",
-                    format!("{link:?}"),
-                    "the name of a link that the scene was built with",
-                ));
+                let expected = "the name of a link that the scene was built with";
+                return Err(Error::argument("links", format!("{link:?}"), expected));
             };
-            let Inertial { mass, center, central } = inertial;
-            if !(mass.is_finite() && *mass >= 0.0) {
-                return Err(Error::argument(
-                    format!("mass of link {link:?}"),
-                    mass.to_string(),
-                    "a finite mass, zero or positive",
-                ));
-            }
-            check_finite(&format!("com of link {link:?}"), center.as_slice())?;
-            check_finite(&format!("inertia of link {link:?}"), &central.entries)?;
+            check(&format!(" of link {link:?}"), inertial)?;
             // A link without mass and inertia is a massless frame.
-            let is_frame = *mass == 0.0 && central.entries.iter().all(|&entry| entry == 0.0);
+            let is_frame = inertial.mass == 0.0 && inertial.central.entries.iter().all(|&entry| entry == 0.0);
             source.links[at].inertial = (!is_frame).then_some(*inertial);
         }
         source.build()
     }
+}
+
+/// Checks the numbers of a body; `of` is the end of their names in messages.
+fn check(of: &str, Inertial { mass, center, central }: &Inertial) -> Result<(), Error> {
+    if !(mass.is_finite() && *mass >= 0.0) {
+        return Err(Error::argument(format!("mass{of}"), mass.to_string(), "a finite mass, zero or positive"));
+    }
+    check_finite(&format!("com{of}"), center.as_slice())?;
+    check_finite(&format!("inertia{of}"), &central.entries)
 }
 
 /// Combines two rigid bodies. Uses the reduced mass at the distance of the two centers of mass, so that no terms cancel

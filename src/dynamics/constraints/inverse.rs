@@ -3,6 +3,7 @@
 use super::RowFault;
 use super::rows::{accelerations_of_rows, jacobian_of_rows};
 use super::scratch::ConstraintScratch;
+use crate::accuracy::largest;
 use crate::decompositions::singular_values;
 use crate::dynamics::forward::factorise;
 use crate::dynamics::inverse::inverse_dynamics;
@@ -54,15 +55,13 @@ pub(crate) fn constrained_inverse_dynamics(
     scratch.factorise((model, constraints), workspace, q, &[])?;
     let ConstraintScratch { residual, terms, .. } = &mut *scratch;
     accelerations_of_rows(model, constraints, (q, qd), Some(qdd), (residual, terms))?;
-    let residual = residual.iter().fold(0.0, |largest: f64, left| largest.max(left.abs()));
+    let residual = largest(residual);
 
     let white = whitened(model, workspace, tau);
     let w = DMatrix::from_fn(nv, m, |row, i| scratch.whitened_row(i, nv)[row]);
     if actuated.iter().all(|&a| a) {
         let against = w.tr_mul(&white);
-        let mut forces = std::mem::take(&mut scratch.forces);
-        scratch.inverse.apply(against.as_slice(), &mut forces);
-        scratch.forces = forces;
+        scratch.inverse.apply(against.as_slice(), &mut scratch.forces);
     } else {
         let mut jacobian = vec![0.0; m * nv];
         jacobian_of_rows(model, constraints, scratch, &workspace.store.shifts, (q, &workspace.rest), &mut jacobian)?;
@@ -97,10 +96,6 @@ pub(crate) fn constrained_inverse_dynamics(
         }
     }
     Ok(InverseOutcome { pivots, rank: scratch.inverse.rank, residual, unmet })
-}
-
-fn largest(x: &[f64]) -> f64 {
-    x.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()))
 }
 
 /// D^-1/2 (1 - L) tau, with the factor of M in the workspace.

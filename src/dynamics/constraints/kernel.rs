@@ -27,7 +27,7 @@ use crate::dynamics::sweeps::{
 use crate::kinematics::Frame;
 use crate::kinematics::pair::{Pair, PairRows, RelativeMotion};
 use crate::model::Model;
-use crate::scalar::{Real, larger};
+use crate::scalar::{Real, larger, largest_of};
 use crate::scene::constraint::{Constraint, Constraints, Tie};
 use crate::spatial::{RigidShift, angular, cross, dot, linear, scaled};
 use ends::{axis_of, less, relative_motion, set_anchored};
@@ -434,17 +434,6 @@ fn joints_rate<T: Real>(torques: &[Option<(usize, T)>; 2], qd: &[T], zero: T) ->
         rate = torque.mul_add(qd[row], rate);
     }
     rate
-}
-
-/// The largest absolute value, at least `least`. A loop, because a closure that is not inlined is compiled for the
-/// baseline.
-#[inline(always)]
-pub(crate) fn largest_of<T: Real>(x: &[T], least: T) -> T {
-    let mut most = least;
-    for x in x {
-        most = larger(most, x.abs());
-    }
-    most
 }
 
 #[inline(always)]

@@ -9,6 +9,7 @@
 use super::RowFault;
 use super::rows::{begin, errors_of_rows, units_of_rows};
 use super::scratch::ConstraintScratch;
+use crate::accuracy::largest;
 use crate::decompositions::singular_values;
 use crate::filter::HingeMap;
 use crate::kinematics::placements_base_to_tip;
@@ -126,7 +127,7 @@ fn close(
                 .map(|(k, &value)| Near { row: group.rows[u.column(k).iamax()], value, q: q.clone() });
             return group.rows.iter().all(slack).then_some(Closed { rank, near });
         }
-        let longest = velocity.iter().fold(0.0, |longest: f64, v| longest.max(v.abs()));
+        let longest = largest(&velocity);
         let share = if longest > FARTHEST { FARTHEST / longest } else { 1.0 };
         for (v, weight) in velocity.iter_mut().zip(&sized.weights) {
             *v *= share * weight;

@@ -39,6 +39,8 @@ mod rows;
 mod scratch;
 mod solution;
 
+#[cfg(feature = "motion")]
+pub(crate) use crate::scalar::largest_of;
 #[cfg(feature = "derivatives")]
 pub(crate) use adjoint::ConstraintAdjoint;
 #[cfg(feature = "motion")]
@@ -49,7 +51,7 @@ pub(crate) use elimination::Elimination;
 #[cfg(feature = "derivatives")]
 pub(crate) use hessian::constrained_hvp;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
-pub(crate) use kernel::{ConstraintKernel, Residuals, largest_of};
+pub(crate) use kernel::{ConstraintKernel, Residuals};
 pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities};
 #[cfg(feature = "motion")]
 pub(crate) use projection::{ProjectionStep, record_projection};

@@ -188,20 +188,25 @@ impl ConstraintScratch {
         largest(residual)
     }
 
-    /// -M^-1 J* G^+ residual, into `estimates`, and its forces, into `step`.
-    fn step_against(&mut self, model: &Model<f64>, workspace: &mut Workspace<f64>) {
-        let mut step = std::mem::take(&mut self.step);
-        self.inverse.apply(&self.residual, &mut step);
-        for lambda in &mut step {
+    /// -G^+ residual, into `step`.
+    pub(super) fn solve_for_step(&mut self) {
+        self.inverse.apply(&self.residual, &mut self.step);
+        for lambda in &mut self.step {
             *lambda = -*lambda;
         }
+    }
+
+    /// -M^-1 J* G^+ residual, into `estimates`, and its forces, into `step`.
+    pub(super) fn step_against(&mut self, model: &Model<f64>, workspace: &mut Workspace<f64>) {
+        self.solve_for_step();
+        let step = std::mem::take(&mut self.step);
         self.spread(&step);
         self.step = step;
         self.respond(model, workspace);
     }
 
     /// Adds a fraction of a step to the sum of forces.
-    fn push(&mut self, share: f64) {
+    pub(super) fn push(&mut self, share: f64) {
         for (lambda, step) in self.forces.iter_mut().zip(&self.step) {
             *lambda += share * step;
         }

@@ -3,6 +3,7 @@
 use super::RowFault;
 use super::rows::accelerations_of_rows;
 use super::scratch::ConstraintScratch;
+use crate::accuracy::largest;
 use crate::dynamics::forces::Motion;
 use crate::dynamics::forward::{factorise, forward_dynamics};
 use crate::dynamics::inverse::forces_base_to_tip;
@@ -70,7 +71,8 @@ pub(crate) fn constrained_dynamics(
     let mut terms = vec![0.0; constraints.rows];
     let before = scratch.left(model, constraints, state, (qdd, compliance))?;
     keep_larger(&mut terms, &scratch.terms);
-    scratch.take_away();
+    scratch.solve_for_step();
+    scratch.push(1.0);
 
     // The forces enter as arguments, so that cancellation occurs in the sums that determine the rounding bound and not
     // in the accelerations.
@@ -106,11 +108,8 @@ pub(crate) fn constrained_dynamics(
         residual = largest;
         let (kept, forces) = (qdd.to_vec(), scratch.forces.clone());
         // Propagates the step itself, not the difference of the much larger forces.
-        scratch.take_away();
-        let step = std::mem::take(&mut scratch.step);
-        scratch.spread(&step);
-        scratch.step = step;
-        scratch.respond(model, workspace);
+        scratch.step_against(model, workspace);
+        scratch.push(1.0);
         for (a, change) in qdd.iter_mut().zip(&scratch.estimates) {
             *a += change;
         }
@@ -136,11 +135,6 @@ pub(crate) fn constrained_dynamics(
     let left = |i: usize| (scratch.residual[i] + scratch.dropped[i] - given_way(i)).abs();
     let residual = (0..constraints.rows).map(left).fold(0.0, f64::max);
     Ok(Outcome { pivots, rank: scratch.inverse.rank, residual, contradicted })
-}
-
-/// The largest absolute value.
-fn largest_of(residual: &[f64]) -> f64 {
-    residual.iter().fold(0.0, |largest: f64, left| largest.max(left.abs()))
 }
 
 /// The method for further right-hand sides.
@@ -214,21 +208,12 @@ impl ConstraintScratch {
             residual[i] += given_way;
             terms[i] += given_way.abs();
         }
-        Ok(largest_of(residual))
+        Ok(largest(residual))
     }
 
     /// The sum of sqrt(`G_jj`) |`lambda_j`|. Times the size of a row it bounds the terms of the connection forces in
     /// that row.
     fn acting(&self) -> f64 {
         self.inverse.weighed(&self.forces)
-    }
-
-    /// lambda += step, step = -G^+ residual.
-    fn take_away(&mut self) {
-        self.inverse.apply(&self.residual, &mut self.step);
-        for (lambda, step) in self.forces.iter_mut().zip(&mut self.step) {
-            *step = -*step;
-            *lambda += *step;
-        }
     }
 }

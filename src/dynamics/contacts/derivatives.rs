@@ -51,22 +51,7 @@ impl ContactScratch {
         (near, impulses): (&[usize], &DVector<f64>),
         out: &mut [f64],
     ) {
-        self.state.fill(zero());
-        for (at, &i) in near.iter().enumerate() {
-            let Some(point) = points.get(i) else {
-                let limit = &self.limits[i - points.len()];
-                out[limit.row] += limit.sign() * impulses[3 * at + 2];
-                continue;
-            };
-            for (row, unit) in self.units[i].iter().enumerate() {
-                self.state[point.body] += unit * impulses[3 * at + row];
-            }
-            if let Some(k) = point.other_body() {
-                for (row, unit) in self.opposite[i].iter().enumerate() {
-                    self.state[k] += unit * impulses[3 * at + row];
-                }
-            }
-        }
+        self.spread(points, (near, impulses), 1.0, out);
         let stages = &model.system.stages;
         tip_to_base(stages, &self.shift, (0..stages.len()).rev(), &mut self.state, |k, force| {
             let stage = &stages[k];

@@ -13,7 +13,7 @@ use crate::filter::{Form, Rows};
 use crate::interrupt;
 use crate::joints::vectors::{triple, write};
 use crate::model::Model;
-use crate::scalar::{Real, larger};
+use crate::scalar::{Real, larger, largest_of};
 use crate::spatial::skew;
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
@@ -102,7 +102,7 @@ fn columns<T: Real<Parameter = T>>(
     let nv = model.nv();
     let DerivativeScratch { column: right, solved, largest, .. } = scratch;
     for (row, largest) in largest.iter_mut().enumerate() {
-        *largest = largest_of(&inverse[row * nv..(row + 1) * nv]);
+        *largest = largest_of(&inverse[row * nv..(row + 1) * nv], T::zero());
     }
     let mut most_terms = T::zero();
     for column in 0..nv {
@@ -120,18 +120,9 @@ fn columns<T: Real<Parameter = T>>(
             matrix[row * nv + column] = entry;
         }
     }
-    let size = largest_of(matrix);
+    let size = largest_of(matrix, T::zero());
     let accepted = workspace.accepted_error().of_products();
     !(most_terms.lane(0) * T::epsilon().lane(0) <= size.lane(0) * accepted)
-}
-
-/// The largest absolute value; zero for no values, NaN if any is NaN.
-fn largest_of<T: Real>(values: &[T]) -> T {
-    let mut largest = T::zero();
-    for value in values {
-        largest = larger(largest, value.abs());
-    }
-    largest
 }
 
 /// The derivatives of forward dynamics in double-double arithmetic, see [`DoubleDoubleState::recompute`].

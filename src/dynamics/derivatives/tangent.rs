@@ -22,7 +22,7 @@ use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::filter::riccati::Measured;
 use crate::kinematics::joint_motion;
 use crate::model::{Body, Model, Motion as JointMotion};
-use crate::scalar::{Real, larger};
+use crate::scalar::{Real, largest_of};
 use crate::spatial::transform::Transform;
 use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, cross_motion, linear, spatial, sum};
 use nalgebra::{Vector3, Vector6};
@@ -100,10 +100,7 @@ impl<T: Real> Changes<T> {
     /// exceeds the tolerance.
     #[inline(always)]
     pub fn lost(&self, accepted: T, out: &[T]) -> T {
-        let mut size = self.noise.constant(0.0);
-        for x in out {
-            size = larger(size, x.abs());
-        }
+        let size = largest_of(out, self.noise.constant(0.0));
         self.noise.sqrt().minus_product(size, accepted)
     }
 }

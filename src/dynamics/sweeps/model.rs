@@ -95,44 +95,55 @@ fn by_kind<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<Bod
     (shifting, turning)
 }
 
+/// The bodies in the frames that `framed` has, each with the general joint. `number` reads their constants.
+fn general_bodies<M: Real, T: Real>(
+    model: &Model<M>,
+    framed: &[Body<M>],
+    swept: &Ordered,
+    number: impl Fn(M) -> T::Parameter,
+) -> Vec<SweepBody<T::Parameter>> {
+    let stages = &model.system.stages;
+    let parents: Vec<_> = stages.iter().map(|stage| stage.parent).collect();
+    let end_rows = stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
+    let end_row = with_all_outboard(&parents, end_rows, usize::max);
+    let last_child = last_children(&parents);
+    let (zero, one) = (T::parameter(0.0), T::parameter(1.0));
+    let none = Offset { entries: [zero; 3], square: zero };
+    let bodies = framed.iter().zip(stages).enumerate().map(|(k, (body, stage))| {
+        let scale = Scale::of_noise(&body.inertia_terms);
+        SweepBody {
+            joint: Joint::General(k),
+            sense: one,
+            frame: AxisPermutation::identity(one),
+            index: k,
+            parent: stage.parent,
+            row: stage.first_row,
+            offset: none,
+            offset_at_parent: none,
+            load: Load::of(&body.inertia, &number),
+            scale: [number(scale.angular), number(scale.linear)],
+            terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
+            is_definite: false,
+            hangs_on_definite: false,
+            places: swept.places[k],
+            is_leaf: last_child[k].is_none(),
+            first_axial: 0,
+            next_axial: 0,
+            carries_others: false,
+            depth: 0,
+            end_row: end_row[k],
+        }
+    });
+    bodies.collect()
+}
+
 impl<T: Real> SweepModel<T> {
     /// The bodies in the order and the frames of the model, each with the general joint and its own slot: for any
     /// scalar, and for callers that read the results of every body.
     pub fn general(model: &Model<T>) -> Self {
-        let stages = &model.system.stages;
-        let parents: Vec<_> = stages.iter().map(|stage| stage.parent).collect();
+        let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
         let swept = Ordered::keeping_all(&parents);
-        let one = T::parameter(1.0);
-        let end_rows = stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
-        let end_row = with_all_outboard(&parents, end_rows, usize::max);
-        let last_child = last_children(&parents);
-        let none = Offset { entries: [T::parameter(0.0); 3], square: T::parameter(0.0) };
-        let bodies = model.bodies.iter().zip(stages).enumerate().map(|(k, (body, stage))| {
-            let scale = Scale::of_noise(&body.inertia_terms);
-            SweepBody {
-                joint: Joint::General(k),
-                sense: one,
-                frame: AxisPermutation::identity(one),
-                index: k,
-                parent: stage.parent,
-                row: stage.first_row,
-                offset: none,
-                offset_at_parent: none,
-                load: Load::of(&body.inertia, Real::to_parameter),
-                scale: [scale.angular.to_parameter(), scale.linear.to_parameter()],
-                terms: [0, 1, 2, 3, 4, 5].map(|i| body.inertia_terms[i].to_parameter()),
-                is_definite: false,
-                hangs_on_definite: false,
-                places: swept.places[k],
-                is_leaf: last_child[k].is_none(),
-                first_axial: 0,
-                next_axial: 0,
-                carries_others: false,
-                depth: 0,
-                end_row: end_row[k],
-            }
-        });
-        let mut bodies: Vec<_> = bodies.collect();
+        let mut bodies = general_bodies::<T, T>(model, &model.bodies, &swept, Real::to_parameter);
         let (steps, longest_path) = measure_paths(model, &mut bodies);
         link_children(&mut bodies);
         let root = |root: &Option<BodyRoot<T>>| match root {
@@ -153,9 +164,7 @@ impl<T: Real> SweepModel<T> {
             longest_path,
         }
     }
-}
 
-impl<T: Real> SweepModel<T> {
     /// The bodies in the order and the frames of the kernels, with a transform per kind of joint and reused slots. Not
     /// for scalars with [`Real::GENERAL_JOINTS`], whose passes need [`SweepModel::general`].
     pub fn new(model: &Model<f64>) -> Self {
@@ -163,38 +172,18 @@ impl<T: Real> SweepModel<T> {
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
         let order = interleaved(&parents);
         let swept = Ordered::new(&parents, &order);
-        let end_rows = model.system.stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
-        let end_row = with_all_outboard(&parents, end_rows, usize::max);
-        let last_child = last_children(&parents);
         let number = T::parameter;
         let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
-        let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
-            let (frame, turned) = (&framed.from_model[k], <[f64; 3]>::from(framed.offsets_inward[k]));
-            let scale = Scale::of_noise(&body.inertia_terms);
-            SweepBody {
-                joint: framed.joints[k],
-                sense: number(frame[(2, 2)]),
-                frame: AxisPermutation::of(frame, number),
-                index: k,
-                parent: stage.parent,
-                row: stage.first_row,
-                offset: Offset::new(turned, number),
-                offset_at_parent: Offset::new(body.tree.lever.into(), number),
-                load: Load::of(&body.inertia, number),
-                scale: [number(scale.angular), number(scale.linear)],
-                terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
-                is_definite: is_definite(k),
-                hangs_on_definite: stage.parent.is_some_and(is_definite),
-                places: swept.places[k],
-                is_leaf: last_child[k].is_none(),
-                first_axial: 0,
-                next_axial: 0,
-                carries_others: false,
-                depth: 0,
-                end_row: end_row[k],
-            }
-        });
-        let mut bodies: Vec<_> = bodies.collect();
+        let mut bodies = general_bodies::<f64, T>(model, &framed.bodies, &swept, number);
+        for (k, body) in bodies.iter_mut().enumerate() {
+            let frame = &framed.from_model[k];
+            body.joint = framed.joints[k];
+            (body.sense, body.frame) = (number(frame[(2, 2)]), AxisPermutation::of(frame, number));
+            body.offset = Offset::new(framed.offsets_inward[k].into(), number);
+            body.offset_at_parent = Offset::new(framed.bodies[k].tree.lever.into(), number);
+            body.is_definite = is_definite(k);
+            body.hangs_on_definite = body.parent.is_some_and(is_definite);
+        }
         let (steps, longest_path) = measure_paths(model, &mut bodies);
         let root = |&k: &usize| root_in(&framed.from_model[k], model.inertia_roots[k].as_ref()).map(number);
         let whole = Model { bodies: framed.bodies.clone(), ..model.clone() }.cast::<T>();

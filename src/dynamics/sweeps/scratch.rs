@@ -201,9 +201,7 @@ impl<T: Real> SweepScratch<T> {
         let (tolerance, epsilon) = (Tolerance { given, rows: self.longest_path }, T::epsilon().lane(0));
         [(tolerance.of_covariance(epsilon) / epsilon).powi(2), tolerance.of_products() / epsilon]
     }
-}
 
-impl<T: Real> SweepScratch<T> {
     /// 1 / D of a row of the factor.
     #[inline(always)]
     pub(crate) fn pivot_inverse(&self, row: usize) -> T {

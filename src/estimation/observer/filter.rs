@@ -7,7 +7,7 @@ use super::robot::{Belief, Record};
 use super::rotate::{Readings, RotationScratch, combine, measure, project, triangularize};
 use super::sensor_rows::SensorRows;
 use super::settings::{LANES, Plan};
-use crate::batch::instruction_set::{Work, with_widest};
+use crate::batch::instruction_set::within_widest;
 use crate::error::Error;
 use crate::kinematics::local_jacobian;
 use crate::scene::Scene;
@@ -189,7 +189,7 @@ impl Scratch {
         record.nis = 0.0;
         record.by_sensor.fill((0.0, 0));
         if record.count > 0 {
-            with_widest(Process { scratch: self, plan, record });
+            process(self, plan, record);
         }
         scene.check_result("normalized innovation squared", &[record.nis])?;
         let change = &self.change;
@@ -359,7 +359,7 @@ impl Scratch {
         }
         self.jacobians_of_step(plan);
         self.close((plan, scene), (&mut next.q, &mut next.qd), std::iter::empty())?;
-        with_widest(PredictRoot { scratch: self, plan, record, root: Some(&mut next.root) });
+        predict_root(self, plan, record, Some(&mut next.root));
         scene.check_result("estimate", &next.qd)?;
         // The covariance can overflow where its root does not.
         for root in [&record.root, &next.root] {
@@ -441,7 +441,7 @@ impl Scratch {
         self.jacobians_of_step(plan);
         let (mut q, mut qd) = (record.next_q.clone(), record.next_qd.clone());
         self.close((plan, scene), (&mut q, &mut qd), std::iter::empty())?;
-        with_widest(PredictRoot { scratch: self, plan, record, root: None });
+        predict_root(self, plan, record, None);
         Ok(&self.predicted)
     }
 }
@@ -489,59 +489,24 @@ pub(super) fn multiply(matrix: &[f64; 36], size: usize, x: &mut [f64]) {
     x.copy_from_slice(&product[..size]);
 }
 
-// Work for the instruction set of the processor. Closures are not inlined into it, so that their products and sums
-// would be calls of a library.
-
-struct Process<'a> {
-    scratch: &'a mut Scratch,
-    plan: &'a Plan,
-    record: &'a mut Record,
-}
-
-impl Work for Process<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        self.scratch.process(self.plan, self.record);
+within_widest! {
+    fn process<'a>(scratch: &'a mut Scratch, plan: &'a Plan, record: &'a mut Record) {
+        scratch.process(plan, record);
     }
-}
 
-struct PredictRoot<'a> {
-    scratch: &'a mut Scratch,
-    plan: &'a Plan,
-    record: &'a Record,
-    /// None: only the matrix that is rotated, for the smoother.
-    root: Option<&'a mut [f64]>,
-}
-
-impl Work for PredictRoot<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        self.scratch.predict_root(self.plan, self.record, self.root);
+    /// Without a root: only the matrix that is rotated, for the smoother.
+    fn predict_root<'a>(scratch: &'a mut Scratch, plan: &'a Plan, record: &'a Record, root: Option<&'a mut [f64]>) {
+        scratch.predict_root(plan, record, root);
     }
-}
 
-/// Covariance of the error of a record, row by row in the order (q, qd, wrenches, biases).
-pub(super) struct Covariance<'a> {
-    pub plan: &'a Plan,
-    pub record: &'a Record,
-    pub out: &'a mut [f64],
-}
-
-impl Work for Covariance<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        covariance(self.plan, self.record, self.out);
+    /// Covariance of the error of a record, row by row in the order (q, qd, wrenches, biases).
+    pub(super) fn covariance<'a>(plan: &'a Plan, record: &'a Record, out: &'a mut [f64]) {
+        write_covariance(plan, record, out);
     }
 }
 
 #[inline(always)]
-fn covariance(plan: &Plan, record: &Record, out: &mut [f64]) {
+fn write_covariance(plan: &Plan, record: &Record, out: &mut [f64]) {
     let (n, [_, wide]) = (plan.states, plan.strides());
     let place = |i: usize| if i < plan.rest { i + 2 * plan.nv } else { i - plan.rest };
     for rows in (0..n).step_by(LANES) {

@@ -51,7 +51,6 @@ pub use smoother::SmoothedMotion;
 #[cfg(feature = "python")]
 pub(crate) use {filter::Transition, sensor_rows::SensorRows};
 
-use crate::batch::instruction_set::with_widest;
 use crate::batch::{Batch, Pool};
 use crate::error::{Error, Fault, check_length};
 use crate::interrupt;
@@ -399,7 +398,7 @@ impl<'a> MotionEstimate<'a> {
     pub fn covariance(&self, out: &mut [f64]) -> Result<(), Error> {
         let n = self.plan.states;
         check_length("out", out.len(), n * n)?;
-        with_widest(filter::Covariance { plan: self.plan, record: self.record, out });
+        filter::covariance(self.plan, self.record, out);
         Ok(())
     }
 }

@@ -1,5 +1,7 @@
 //! The URDF elements and attributes that the reader reads, and those that it ignores without a warning.
 
+use crate::error::edits;
+
 /// An element that is read: its attributes, the attributes that do not affect the dynamics, and its child elements.
 pub(super) struct Known {
     pub tag: &'static str,
@@ -107,18 +109,5 @@ pub(super) fn one_off(name: &str, other: &str) -> bool {
 
 /// Levenshtein distance of two names, case-sensitive; very large for long names.
 fn distance(a: &str, b: &str) -> usize {
-    if a.len() > 40 {
-        return usize::MAX / 4;
-    }
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, from) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, &to) in b.iter().enumerate() {
-            let next = (diagonal + usize::from(from != to)).min(row[j] + 1).min(row[j + 1] + 1);
-            diagonal = std::mem::replace(&mut row[j + 1], next);
-        }
-    }
-    row[b.len()]
+    if a.len() > 40 { usize::MAX / 4 } else { edits(a, b) }
 }
