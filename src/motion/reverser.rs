@@ -2,9 +2,11 @@
 
 use super::backward::{ACTING, CheckedBackward, EventSolver, StepGradients, TORQUE, VectorizedBackward, backward};
 use super::closed_reverse::ClosedReverse;
+use super::connected::ConnectedReverse;
 use super::contact::{ContactReverse, ModeChange};
 use super::gradient::{Layout, RecordedRows};
 use super::job::{self, Rows};
+use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
 use super::properties::of_state;
 use super::scratch::{Scratch, add_scaled, clear};
@@ -214,6 +216,8 @@ struct Compiled<T: Vectorized, I> {
     parameters: Vec<Parameters<T>>,
     form: Form,
     target: I,
+    /// For a scene with connections.
+    connected: Option<Box<ConnectedReverse<T>>>,
     checked: Option<Box<Checked>>,
     closed: Option<Box<ClosedReverse>>,
     touching: Option<Box<ContactReverse>>,
@@ -368,9 +372,14 @@ fn through_event(
 impl<T: Vectorized, I: Target> Compiled<T, I> {
     fn new(job: &Job<'_>, form: Form, target: I) -> Self {
         let scratch = Scratch::new(job.scene.model(), job.settings);
-        let zero = T::zero();
+        let (zero, parameters) = (T::zero(), job.layout.bodies > 0);
+        let limits = || if job.settings.stops { limit_rows(job.scene) } else { Vec::new() };
+        let is_connected = job.settings.connected && job.settings.has_vectorized_adjoint();
+        let connected = is_connected
+            .then(|| Box::new(ConnectedReverse::new(job.scene, job.settings, &scratch, (limits(), parameters))));
         Self {
-            gradients: StepGradients::new(&scratch.model, job.layout.bodies > 0),
+            connected,
+            gradients: StepGradients::new(&scratch.model, parameters),
             solver: VectorizedBackward::new(target, form, (&scratch.model, &scratch.constants)),
             sums: std::array::from_fn(|_| vec![zero; job.layout.nv]),
             parameters: vec![[zero; 10]; job.layout.bodies],
@@ -427,7 +436,11 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
 
     fn step(&mut self, job: &Job<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault> {
         let target = self.target;
-        let mut fallback = target.within(Step { compiled: self, job, n, start });
+        let mut fallback = if self.connected.is_some() {
+            target.within(ConnectedStep(Step { compiled: self, job, n, start }))
+        } else {
+            target.within(Step { compiled: self, job, n, start })
+        };
         fallback &= u64::MAX >> (64 - job.states.len());
         if fallback != 0 {
             if job.settings.method == Method::Contact {
@@ -561,30 +574,61 @@ struct Step<'a, T: Vectorized, I> {
     start: &'a [f64],
 }
 
-impl<T: Vectorized, I: Target> Work for Step<'_, T, I> {
-    type Output = u64;
-
-    #[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
+impl<T: Vectorized, I: Target> Step<'_, T, I> {
+    /// The start of the step, and its torques.
     #[inline(always)]
-    fn call(self) -> u64 {
-        let Self { compiled: Compiled { scratch: s, gradients, solver, .. }, job, n, start } = self;
+    fn begin(&mut self) {
+        let Self { compiled: Compiled { scratch: s, .. }, job, n, start } = self;
         let (count, nq, nv) = (job.states.len(), job.scene.nq(), job.scene.nv());
         take_states(&mut s.q, count, |lane| &start[lane * (nq + nv)..][..nq]);
         take_states(&mut s.v, count, |lane| &start[lane * (nq + nv) + nq..][..nv]);
         if let Torque::Steps { torque, first } = job.torque {
-            let at = (n - first) * nv;
+            let at = (*n - first) * nv;
             take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
         }
-        if !job.settings.has_vectorized_adjoint() {
-            return u64::MAX;
-        }
-        let fallback = backward((job.settings, &job.settings.scheme), s, gradients, solver, None);
+    }
+
+    /// The lanes whose gradients are not finite.
+    #[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
+    #[inline(always)]
+    fn not_finite(&self) -> u64 {
         let mut worst = T::one();
-        for numbers in gradients.start.iter().chain(&gradients.acting) {
+        for numbers in self.compiled.gradients.start.iter().chain(&self.compiled.gradients.acting) {
             for &x in numbers {
                 worst += x - x;
             }
         }
-        fallback | lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
+        lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
+    }
+}
+
+impl<T: Vectorized, I: Target> Work for Step<'_, T, I> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(mut self) -> u64 {
+        self.begin();
+        let Self { compiled: Compiled { scratch: s, gradients, solver, .. }, job, .. } = &mut self;
+        if !job.settings.has_vectorized_adjoint() {
+            return u64::MAX;
+        }
+        let fallback = backward((job.settings, &job.settings.scheme), s, gradients, solver, None);
+        fallback | self.not_finite()
+    }
+}
+
+/// As [`Step`], of a scene with connections.
+struct ConnectedStep<'a, T: Vectorized, I>(Step<'a, T, I>);
+
+impl<T: Vectorized, I: Target> Work for ConnectedStep<'_, T, I> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(mut self) -> u64 {
+        self.0.begin();
+        let Step { compiled: Compiled { scratch: s, gradients, connected, form, target, .. }, job, .. } = &mut self.0;
+        let Some(connected) = connected else { return u64::MAX };
+        let fallback = connected.step((*target, *form), (job.settings, job.states.len()), s, gradients);
+        if fallback == u64::MAX { fallback } else { fallback | self.0.not_finite() }
     }
 }

@@ -102,8 +102,7 @@ impl StepSettings {
 
     /// True if steps are vectorized: those without coupled joints, compliant connections and error control.
     pub fn is_vectorized(&self) -> bool {
-        let is_rigid = self.compliance.iter().all(|&compliance| compliance == 0.0);
-        self.coupling.is_none() && is_rigid && self.accuracy.is_none()
+        self.coupling.is_none() && self.is_rigid() && self.accuracy.is_none()
     }
 
     /// True if steps with contacts are vectorized: those of a tree on planes of the base with the exact law, unless its
@@ -117,9 +116,14 @@ impl StepSettings {
             && self.smoothing.is_none()
     }
 
-    /// True if the adjoint of the steps is vectorized: without contacts, connections and coupled joints.
+    /// True if the adjoint of the steps is vectorized: without contacts, compliant connections and coupled joints.
     pub fn has_vectorized_adjoint(&self) -> bool {
-        self.method != Method::Contact && !self.connected && self.coupling.is_none()
+        self.method != Method::Contact && self.is_rigid() && self.coupling.is_none()
+    }
+
+    /// True if no connection is compliant.
+    fn is_rigid(&self) -> bool {
+        self.compliance.iter().all(|&compliance| compliance == 0.0)
     }
 
     /// The settings for the adjoint of the steps, which needs the displacement of every joint from rest, also without a
