@@ -72,7 +72,7 @@ pub(super) const TORQUE: usize = 0;
 pub(super) const ARMATURE: usize = 1;
 const DAMPING: usize = 2;
 const STIFFNESS: usize = 3;
-const FRICTION: usize = 4;
+pub(super) const FRICTION: usize = 4;
 
 impl<T: Real> StepGradients<T> {
     pub fn new(model: &Model<T>, parameters: bool) -> Self {

@@ -22,6 +22,7 @@ use super::stops::{AT_MOST, Graph, Hold, Piece, SetValued, settle};
 use super::substeps::{StopImpact, largest};
 use super::totals::{DROPPED, DROPPED_ROW, FRICTION, STOPS};
 use crate::contact::{Cone, expansion_kept};
+use crate::dynamics::constraints::ProjectionStep;
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::{factorise, solve};
 use nalgebra::{DMatrix, DVector};
@@ -70,6 +71,49 @@ struct Solution {
     holds: Vec<Option<Hold>>,
 }
 
+/// A solution of the law in a step, for its adjoint: v = `v_free` + W r.
+#[derive(Default)]
+pub(super) struct LawSolution {
+    pub velocities: Vec<f64>,
+    /// r of every row of the model.
+    pub torques: Vec<f64>,
+    /// The rows on vertical pieces.
+    pub stuck: Vec<StuckRow>,
+    /// The rows that friction holds: projections do not move them.
+    pub locked: Vec<usize>,
+}
+
+/// A row whose velocity is prescribed.
+pub(super) struct StuckRow {
+    /// Index in v, and among the rows with friction or stops.
+    pub row: usize,
+    pub index: usize,
+    /// The derivatives of its velocity by q and v at the start, and by the curvature of the connections.
+    pub slopes: [f64; 2],
+    pub by_bent: f64,
+}
+
+/// The displacement of a step by the velocities of a solution.
+pub(super) struct Displacement {
+    pub solution: LawSolution,
+    /// The steps of its projection onto the connections, and its end; none if no joint moves.
+    pub newton: Vec<ProjectionStep>,
+    pub end: Option<Vec<f64>>,
+}
+
+/// The solutions of the law in a step.
+#[derive(Default)]
+pub(super) struct StopRecord {
+    /// The velocities at the end without friction and stops.
+    pub free: Vec<f64>,
+    /// The displacements that were tried; each uses the curvature of the connections along the one before.
+    pub displacements: Vec<Displacement>,
+    /// The velocities at the end.
+    pub last: LawSolution,
+    /// The fraction of the rebounds that the kinetic energy allows; 1 without rebounds.
+    pub kept: f64,
+}
+
 impl Constrained<'_> {
     /// Solves friction and stops of a step, from the end of a step without them. Returns the impacts.
     pub(super) fn stop(
@@ -78,8 +122,19 @@ impl Constrained<'_> {
         rows: &[SetValued],
         s: &mut Scratch<f64>,
     ) -> Result<Vec<StopImpact>, Failure> {
+        self.stop_recorded(settings, rows, s, &mut StopRecord::default())
+    }
+
+    /// As [`Constrained::stop`], with the solutions of the law.
+    pub(super) fn stop_recorded(
+        &mut self,
+        settings: &StepSettings,
+        rows: &[SetValued],
+        s: &mut Scratch<f64>,
+        record: &mut StopRecord,
+    ) -> Result<Vec<StopImpact>, Failure> {
         let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-        let outcome = self.stopped(settings, rows, s);
+        let outcome = self.stopped(settings, rows, s, record);
         s.model.system.noise = noise;
         outcome
     }
@@ -89,12 +144,14 @@ impl Constrained<'_> {
         settings: &StepSettings,
         rows: &[SetValued],
         s: &mut Scratch<f64>,
+        record: &mut StopRecord,
     ) -> Result<Vec<StopImpact>, Failure> {
         let h = settings.step;
+        record.free.clone_from(&s.v_next);
         let mut free = s.v_next.clone();
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
-        let bounds: Vec<[f64; 2]> =
-            rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h).map(|bound| bound.velocity)).collect();
+        let limits: Vec<_> = rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h)).collect();
+        let bounds: Vec<[f64; 2]> = limits.iter().map(|of| of.map(|bound| bound.velocity)).collect();
         let (near, n) = ((0..rows.len()).filter(|&i| rows[i].friction > 0.0).collect::<Vec<_>>(), rows.len());
         let mut acting = Acting { near: Vec::new(), columns: Vec::new(), g: DMatrix::zeros(0, 0), reduced: vec![0; n] };
         self.join(&mut acting, &near, (rows, h), s)?;
@@ -119,12 +176,22 @@ impl Constrained<'_> {
                 *x = h * v;
             }
             advance(&s.model, &s.q, &s.x, &mut s.q_next);
+            let by_bent = if record.displacements.is_empty() { 0.0 } else { -1.0 };
+            let solution = acting.recorded(rows, (&found, &found.holds), |i, side| {
+                let is_reduced = acting.reduced[i] > 0 && limits[i][side].velocity * [1.0, -1.0][side] > 0.0;
+                if is_reduced { ([0.0; 2], 0.0) } else { (limits[i][side].slopes, by_bent) }
+            });
+            record.displacements.push(Displacement { solution, newton: Vec::new(), end: None });
             if found.velocities.iter().all(|&v| v == 0.0) {
                 s.q_next.copy_from_slice(&s.q);
                 break (found, true);
             }
             let held = acting.hold(rows, &found, s);
-            let projected = self.positions_onto_connections(&s.model, &mut s.q_next, None);
+            let last = record.displacements.last_mut();
+            let projected = self.positions_onto_connections(&s.model, &mut s.q_next, last.map(|last| &mut last.newton));
+            if let Some(last) = record.displacements.last_mut() {
+                last.end = Some(s.q_next.clone());
+            }
             s.model.system.noise.copy_from_slice(&held);
             projected?;
             // The projection moves joints because of the curvature of the connections.
@@ -169,12 +236,20 @@ impl Constrained<'_> {
                 _ => [low, high],
             }
         };
-        let (is_stopped, elastic) = ((0..n).any(|i| stopped(i).is_some()), (0..n).any(bounces));
+        let (is_stopped, bouncing) = ((0..n).any(|i| stopped(i).is_some()), (0..n).map(bounces).collect::<Vec<_>>());
+        let elastic = bouncing.contains(&true);
         let (resting, rebounding): (Vec<_>, Vec<_>) = (0..n).map(|i| (returning(i), back(i))).unzip();
         let mut last = if is_stopped { acting.solved(rows, &free, |i| resting[i]) } else { reached.clone() };
+        record.kept = 1.0;
+        let mut pieces = last.holds.clone();
         if elastic {
-            acting.expand(rows, &free, h, &mut last, |i| rebounding[i]);
+            (record.kept, pieces) = acting.expand(rows, &free, h, &mut last, |i| rebounding[i]);
         }
+        record.last = acting.recorded(rows, (&last, &pieces), |i, side| match () {
+            () if bouncing[i] => ([0.0, -settings.restitution], 0.0),
+            () if rows[i].is_outside(&s.q) => (limits[i][side].slopes, 0.0),
+            () => ([0.0; 2], 0.0),
+        });
         s.v_next.copy_from_slice(&last.velocities);
         if !is_still {
             let held = acting.hold(rows, &last, s);
@@ -299,21 +374,15 @@ impl Acting {
             .filter_map(|(a, (graph, &piece))| graph.velocity(piece).map(|(velocity, _)| (a, velocity)))
             .collect();
         let mut torques = DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]));
-        let mut g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
-        let [own, beside] = COMPLIANCE;
-        let least = beside * (0..self.g.nrows()).fold(f64::MIN_POSITIVE, |most, a| most.max(self.g[(a, a)]));
-        for a in 0..stuck.len() {
-            g[(a, a)] += own * g[(a, a)] + least;
-        }
-        if let Some(factor) = g.cholesky() {
-            for _ in 0..REFINEMENTS {
-                let u = free + &self.g * &torques;
-                let step = factor.solve(&DVector::from_fn(stuck.len(), |a, _| stuck[a].1 - u[stuck[a].0]));
-                for (&(a, _), step) in stuck.iter().zip(&step) {
-                    torques[a] += step;
-                }
+        let g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
+        let largest = (0..self.g.nrows()).fold(f64::MIN_POSITIVE, |most, a| most.max(self.g[(a, a)]));
+        solution_of_stuck(g, largest, |found| {
+            for (&(a, _), torque) in stuck.iter().zip(found) {
+                torques[a] = *torque;
             }
-        }
+            let u = free + &self.g * &torques;
+            DVector::from_fn(stuck.len(), |a, _| stuck[a].1 - u[stuck[a].0])
+        });
         let u = free + &self.g * &torques;
         (torques, u)
     }
@@ -326,7 +395,7 @@ impl Acting {
         h: f64,
         rest: &mut Solution,
         bounds: impl Fn(usize) -> [f64; 2],
-    ) {
+    ) -> (f64, Vec<Option<Hold>>) {
         let bounced = self.solved(rows, free, bounds);
         let normal = |of: &dyn Fn(usize) -> f64| {
             DVector::from_fn(3 * self.near.len(), |row, _| if row % 3 == 2 { of(row / 3) } else { 0.0 })
@@ -345,6 +414,33 @@ impl Acting {
         for (v, bounced) in rest.velocities.iter_mut().zip(&bounced.velocities) {
             *v += kept * (bounced - *v);
         }
+        (kept, bounced.holds)
+    }
+
+    /// A solution on these pieces for its adjoint. `slopes`: the derivatives of a bound, 0 or 1, of a row by q and v,
+    /// and by the curvature of the connections.
+    fn recorded(
+        &self,
+        rows: &[SetValued],
+        (found, pieces): (&Solution, &[Option<Hold>]),
+        slopes: impl Fn(usize, usize) -> ([f64; 2], f64),
+    ) -> LawSolution {
+        let mut solution = LawSolution { velocities: found.velocities.clone(), ..LawSolution::default() };
+        solution.torques.resize(found.velocities.len(), 0.0);
+        for (a, &index) in self.near.iter().enumerate() {
+            let row = rows[index].row;
+            solution.torques[row] = found.torques[a];
+            if found.holds[a] == Some(Hold::Friction) {
+                solution.locked.push(row);
+            }
+            let (slopes, by_bent) = match pieces[a] {
+                None => continue,
+                Some(Hold::Friction) => ([0.0; 2], 0.0),
+                Some(hold) => slopes(index, usize::from(hold == Hold::Upper)),
+            };
+            solution.stuck.push(StuckRow { row, index, slopes, by_bent });
+        }
+        solution
     }
 
     /// Adds the works of a step, removes rounding errors of joints at their stops, and returns the impacts.
@@ -388,4 +484,26 @@ impl Acting {
         }
         before
     }
+}
+
+/// The solution of a system with the matrix `g` of the stuck rows, whose `residual` vanishes at it; unique also if rows
+/// are dependent. Calls `residual` with the solution at last. `largest` entry of the matrix of all rows.
+pub(super) fn solution_of_stuck(
+    mut g: DMatrix<f64>,
+    largest: f64,
+    mut residual: impl FnMut(&DVector<f64>) -> DVector<f64>,
+) -> DVector<f64> {
+    let mut found = DVector::zeros(g.nrows());
+    let [own, beside] = COMPLIANCE;
+    for a in 0..g.nrows() {
+        g[(a, a)] += own * g[(a, a)] + beside * largest;
+    }
+    let mut left = residual(&found);
+    if let Some(factor) = g.cholesky() {
+        for _ in 0..REFINEMENTS {
+            found += factor.solve(&left);
+            left = residual(&found);
+        }
+    }
+    found
 }

@@ -51,6 +51,7 @@
 mod backward;
 mod choice;
 mod closed_reverse;
+mod closed_stop_reverse;
 mod closed_stops;
 mod connected;
 mod constrained;

@@ -407,6 +407,18 @@ impl ConstraintAdjoint {
         dynamics::factorise(system.0, workspace, q);
         scratch.factorise(system, workspace, q, compliance)?;
         self.solve(system, (&mut *workspace, scratch), q, (of_v, &[]), compliance)?;
+        self.of_solved_velocities(system, workspace, (q, projected, change), of_v, by_q)
+    }
+
+    /// As [`ConstraintAdjoint::of_velocities`], with y and r of [`ConstraintAdjoint::solve`].
+    pub fn of_solved_velocities(
+        &mut self,
+        system: (&Model<f64>, &Constraints),
+        workspace: &mut Workspace<f64>,
+        (q, projected, change): (&[f64], &[f64], Pushed<'_>),
+        of_v: &mut [f64],
+        by_q: &mut [f64],
+    ) -> Result<(), RowFault> {
         let (gradients, mut at) = self.parts(system, workspace, q);
         gradients.of_projection(&mut at, (projected, change), of_v, by_q)
     }
