@@ -85,9 +85,8 @@ pub(super) struct LawSolution {
 
 /// A row whose velocity is prescribed.
 pub(super) struct StuckRow {
-    /// Index in v, and among the rows with friction or stops.
+    /// Index in v.
     pub row: usize,
-    pub index: usize,
     /// The derivatives of its velocity by q and v at the start, and by the curvature of the connections.
     pub slopes: [f64; 2],
     pub by_bent: f64,
@@ -438,7 +437,7 @@ impl Acting {
                 Some(Hold::Friction) => ([0.0; 2], 0.0),
                 Some(hold) => slopes(index, usize::from(hold == Hold::Upper)),
             };
-            solution.stuck.push(StuckRow { row, index, slopes, by_bent });
+            solution.stuck.push(StuckRow { row, slopes, by_bent });
         }
         solution
     }
