@@ -1,5 +1,7 @@
 //! Backpropagation through all steps of a rollout for a few states, one per lane, compiled for one instruction set.
 
+mod step;
+
 use super::backward::{ACTING, CheckedBackward, EventSolver, StepGradients, TORQUE, VectorizedBackward, backward};
 use super::closed_reverse::ClosedReverse;
 use super::connected::ConnectedReverse;
@@ -15,7 +17,7 @@ use super::step_settings::{StepArguments, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
 use super::substeps::{Event, EventSolution, Substeps};
 use super::torque::{StepFault, Torque};
-use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
+use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::filter::Form;
@@ -23,7 +25,6 @@ use crate::filter::Form;
 use crate::scalar::Fused;
 #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
 use crate::scalar::Lanes;
-use crate::scalar::lanes_but;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
 #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
@@ -32,6 +33,7 @@ use pulp::x86::V3;
 use pulp::x86::V4;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
+use step::{ConnectedStep, Step};
 
 /// Largest number of consecutive steps that are recomputed and all stored.
 const KEPT_WHOLE: usize = 256;
@@ -563,72 +565,5 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
             }
         }
         Ok(())
-    }
-}
-
-/// One step of all lanes, to be compiled for an instruction set. Returns as bits the lanes that need the fallback.
-struct Step<'a, T: Vectorized, I> {
-    compiled: &'a mut Compiled<T, I>,
-    job: &'a Job<'a>,
-    n: usize,
-    start: &'a [f64],
-}
-
-impl<T: Vectorized, I: Target> Step<'_, T, I> {
-    /// The start of the step, and its torques.
-    #[inline(always)]
-    fn begin(&mut self) {
-        let Self { compiled: Compiled { scratch: s, .. }, job, n, start } = self;
-        let (count, nq, nv) = (job.states.len(), job.scene.nq(), job.scene.nv());
-        take_states(&mut s.q, count, |lane| &start[lane * (nq + nv)..][..nq]);
-        take_states(&mut s.v, count, |lane| &start[lane * (nq + nv) + nq..][..nv]);
-        if let Torque::Steps { torque, first } = job.torque {
-            let at = (*n - first) * nv;
-            take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
-        }
-    }
-
-    /// The lanes whose gradients are not finite.
-    #[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
-    #[inline(always)]
-    fn not_finite(&self) -> u64 {
-        let mut worst = T::one();
-        for numbers in self.compiled.gradients.start.iter().chain(&self.compiled.gradients.acting) {
-            for &x in numbers {
-                worst += x - x;
-            }
-        }
-        lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
-    }
-}
-
-impl<T: Vectorized, I: Target> Work for Step<'_, T, I> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn call(mut self) -> u64 {
-        self.begin();
-        let Self { compiled: Compiled { scratch: s, gradients, solver, .. }, job, .. } = &mut self;
-        if !job.settings.has_vectorized_adjoint() {
-            return u64::MAX;
-        }
-        let fallback = backward((job.settings, &job.settings.scheme), s, gradients, solver, None);
-        fallback | self.not_finite()
-    }
-}
-
-/// As [`Step`], of a scene with connections.
-struct ConnectedStep<'a, T: Vectorized, I>(Step<'a, T, I>);
-
-impl<T: Vectorized, I: Target> Work for ConnectedStep<'_, T, I> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn call(mut self) -> u64 {
-        self.0.begin();
-        let Step { compiled: Compiled { scratch: s, gradients, connected, form, target, .. }, job, .. } = &mut self.0;
-        let Some(connected) = connected else { return u64::MAX };
-        let fallback = connected.step((*target, *form), (job.settings, job.states.len()), s, gradients);
-        if fallback == u64::MAX { fallback } else { fallback | self.0.not_finite() }
     }
 }

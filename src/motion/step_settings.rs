@@ -102,7 +102,8 @@ impl StepSettings {
 
     /// True if steps are vectorized: those without coupled joints, compliant connections and error control.
     pub fn is_vectorized(&self) -> bool {
-        self.coupling.is_none() && self.is_rigid() && self.accuracy.is_none()
+        let is_rigid = self.compliance.iter().all(|&compliance| compliance == 0.0);
+        self.coupling.is_none() && is_rigid && self.accuracy.is_none()
     }
 
     /// True if steps with contacts are vectorized: those of a tree on planes of the base with the exact law, unless its
@@ -116,14 +117,10 @@ impl StepSettings {
             && self.smoothing.is_none()
     }
 
-    /// True if the adjoint of the steps is vectorized: without contacts, compliant connections and coupled joints.
+    /// True if the adjoint of the steps is vectorized: without contacts and coupled joints, with connections if the steps
+    /// are.
     pub fn has_vectorized_adjoint(&self) -> bool {
-        self.method != Method::Contact && self.is_rigid() && self.coupling.is_none()
-    }
-
-    /// True if no connection is compliant.
-    fn is_rigid(&self) -> bool {
-        self.compliance.iter().all(|&compliance| compliance == 0.0)
+        self.method != Method::Contact && self.coupling.is_none() && (!self.connected || self.is_vectorized())
     }
 
     /// The settings for the adjoint of the steps, which needs the displacement of every joint from rest, also without a
