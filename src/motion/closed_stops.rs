@@ -171,28 +171,17 @@ impl Constrained<'_> {
                 self.join(&mut acting, &late, (rows, h), s)?;
                 found = acting.solved(rows, &free, wanted);
             }
-            for (x, v) in s.x.iter_mut().zip(&found.velocities) {
-                *x = h * v;
-            }
-            advance(&s.model, &s.q, &s.x, &mut s.q_next);
             let by_bent = if record.displacements.is_empty() { 0.0 } else { -1.0 };
             let solution = acting.recorded(rows, (&found, &found.holds), |i, side| {
                 let is_reduced = acting.reduced[i] > 0 && limits[i][side].velocity * [1.0, -1.0][side] > 0.0;
                 if is_reduced { ([0.0; 2], 0.0) } else { (limits[i][side].slopes, by_bent) }
             });
-            record.displacements.push(Displacement { solution, newton: Vec::new(), end: None });
-            if found.velocities.iter().all(|&v| v == 0.0) {
-                s.q_next.copy_from_slice(&s.q);
+            let moved = self.displaced(&acting, (rows, h), (&found, solution), s)?;
+            let is_still = moved.end.is_none();
+            record.displacements.push(moved);
+            if is_still {
                 break (found, true);
             }
-            let held = acting.hold(rows, &found, s);
-            let last = record.displacements.last_mut();
-            let projected = self.positions_onto_connections(&s.model, &mut s.q_next, last.map(|last| &mut last.newton));
-            if let Some(last) = record.displacements.last_mut() {
-                last.end = Some(s.q_next.clone());
-            }
-            s.model.system.noise.copy_from_slice(&held);
-            projected?;
             // The projection moves joints because of the curvature of the connections.
             let mut worst = 0.0_f64;
             for (i, of) in rows.iter().enumerate().filter(|(i, of)| of.stops && acting.reduced[*i] < 2) {
@@ -257,13 +246,32 @@ impl Constrained<'_> {
             projected?;
         }
         let impacts = acting.finish(rows, (&reached, &last), (h, &resting, elastic), s);
-        if let Some(i) = acting.reduced.iter().position(|&by| by > 0) {
-            s.totals[DROPPED] += 1.0;
-            #[allow(clippy::cast_precision_loss)] // index of a joint
-            let row = rows[i].row as f64;
-            s.totals[DROPPED_ROW] = row;
-        }
+        acting.note_dropped(rows, s);
         Ok(impacts)
+    }
+
+    /// The displacement by the velocities of a solution, onto the connections.
+    fn displaced(
+        &mut self,
+        acting: &Acting,
+        (rows, h): (&[SetValued], f64),
+        (found, solution): (&Solution, LawSolution),
+        s: &mut Scratch<f64>,
+    ) -> Result<Displacement, Failure> {
+        for (x, v) in s.x.iter_mut().zip(&found.velocities) {
+            *x = h * v;
+        }
+        advance(&s.model, &s.q, &s.x, &mut s.q_next);
+        let mut moved = Displacement { solution, newton: Vec::new(), end: None };
+        if found.velocities.iter().all(|&v| v == 0.0) {
+            s.q_next.copy_from_slice(&s.q);
+            return Ok(moved);
+        }
+        let held = acting.hold(rows, found, s);
+        let projected = self.positions_onto_connections(&s.model, &mut s.q_next, Some(&mut moved.newton));
+        s.model.system.noise.copy_from_slice(&held);
+        moved.end = Some(s.q_next.clone());
+        projected.map(|()| moved)
     }
 
     /// Adds rows to the acting ones.
@@ -473,6 +481,16 @@ impl Acting {
             impacts.extend(settle_at(&limit, (h, limit.velocity(&s.v)), (impulse, rests), ends));
         }
         impacts
+    }
+
+    /// Notes that a demand was dropped.
+    fn note_dropped(&self, rows: &[SetValued], s: &mut Scratch<f64>) {
+        if let Some(i) = self.reduced.iter().position(|&by| by > 0) {
+            s.totals[DROPPED] += 1.0;
+            #[allow(clippy::cast_precision_loss)] // index of a joint
+            let row = rows[i].row as f64;
+            s.totals[DROPPED_ROW] = row;
+        }
     }
 
     /// Locks the joints that friction holds, so that projections do not move them. Returns the noise before.

@@ -159,7 +159,7 @@ impl<T: Real> SolutionGradients<T> {
         at.add_row_gradients(rows, [rest, along], &negative[1], [by_q, unused])
     }
 
-    /// Of the projection of velocities, v + x: from the cotangent of its result to that of v, x_bar - J* r = M y, in
+    /// Of the projection of velocities, v + x: from the cotangent of its result to that of v, `x_bar` - J* r = M y, in
     /// place. Adds the gradient by q to `by_q`.
     #[inline(always)]
     pub fn of_projection(
