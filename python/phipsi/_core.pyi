@@ -726,9 +726,10 @@ class Scene:
         the square root of the number of steps between two rows; with contacts, the run is
         repeated and every step is stored. Steps after the last row have no effect. Contacts are
         differentiated in the modes of the trajectory (open, sticking, sliding): see docs/motion.md. In closed loops,
-        steps are recomputed too, a joint at a limit that acts as a stop raises, and the gradients by q and qd are those
-        of changes that satisfy the connections. With mimic joints, q, qd and tau are those of the independent joints;
-        parameters has all links of body_names, which include those of the joints that follow.
+        steps are recomputed too, joints at stops or held by friction are differentiated in these modes, and the
+        gradients by q and qd are those of changes that satisfy the connections. With mimic joints, q, qd and tau are
+        those of the independent joints; parameters has all links of body_names, which include those of the joints that
+        follow.
 
         Examples
         --------

@@ -15,7 +15,7 @@
 
 use super::inward::{FrameMotion, less};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, angular, cross, cross_motion, linear, scaled_add, spatial, sum};
+use crate::spatial::{RigidShift, angular, cross, cross_motion, linear, scaled, scaled_add, spatial, sum};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// A constraint between two frames.
@@ -216,6 +216,108 @@ fn tilted<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>
         let turning = second[i] * s + like.constant(2.0) * first[i] * s_1 + u[i] * s_2;
         rows.push(sign * u[i] * s, spatial(&of_w, &none(like)), sign * turning);
     }
+}
+
+/// The cotangents of multipliers* (E V' + E' V): by a twist of C relative to D, by V and by V', forces on C in its axes.
+/// None where [`pair_rows`] is.
+///
+/// Each kind writes the second derivative of its error with vectors in the axes of C, which rotate with w.
+#[inline(always)]
+pub(crate) fn pair_cotangents<T: Real>(
+    pair: Pair,
+    motion: &RelativeMotion<T>,
+    multipliers: &[T],
+) -> Option<[Vector6<T>; 3]> {
+    let rows = pair_rows(pair, &motion.place, &motion.velocity)?;
+    let like = motion.place.lever[0];
+    let mut force = Vector6::from_element(like.constant(0.0));
+    for (row, &r) in rows.of_motion.iter().zip(multipliers) {
+        force = scaled_add(row, r, &force);
+    }
+    let p = motion.place.rotate_back(&motion.place.lever);
+    let (w, v) = (angular(&motion.velocity), linear(&motion.velocity));
+    let (dw, moving) = (angular(&motion.acceleration), less(&v, &cross(&w, &p)));
+    if let Pair::Distance(_) = pair {
+        let [by_p, by_w, by_v] = apart_cotangents((&p, &moving), &w, &linear(&motion.acceleration));
+        let [place, velocity] = [spatial(&cross(&by_p, &p), &by_p), spatial(&by_w, &by_v)];
+        return Some([scaled(&place, multipliers[0]), scaled(&velocity, multipliers[0]), force]);
+    }
+    let [by_turn, by_own_w] = match pair {
+        Pair::Weld => turned_cotangents(&motion.place.rotation, (&w, &dw), multipliers),
+        Pair::Axis => tilted_cotangents(&motion.place.rotation, (&w, &dw), multipliers),
+        _ => [none(like); 2],
+    };
+    // r* (v' - w' x p + (v - w x p) x w).
+    let last = rows.count - 3;
+    let r = Vector3::new(multipliers[last], multipliers[last + 1], multipliers[last + 2]);
+    let by_v = cross(&w, &r);
+    let by_p = plus(&cross(&dw, &r), &less(&times(&w, product(&w, &r)), &times(&r, square(&w))));
+    let by_w = plus(&cross(&r, &moving), &cross(&by_v, &p));
+    Some([spatial(&plus(&by_turn, &cross(&by_p, &p)), &by_p), spatial(&plus(&by_own_w, &by_w), &by_v), force])
+}
+
+/// For a distance: of n* (v' - w x m) + |m across n|^2 / d by p, w and v, with n = p / d and m = v - w x p.
+#[inline(always)]
+fn apart_cotangents<T: Real>((p, m): (&Vector3<T>, &Vector3<T>), w: &Vector3<T>, dv: &Vector3<T>) -> [Vector3<T>; 3] {
+    let inverse = square(p).sqrt().recip();
+    let n = times(p, inverse);
+    let across = |x: &Vector3<T>| less(x, &times(&n, product(&n, x)));
+    let turning = times(&across(m), inverse);
+    let by_m = less(&plus(&turning, &turning), &cross(&n, w));
+    let bent = less(&times(&across(&less(dv, &cross(w, m))), inverse), &times(&n, square(&turning)));
+    let along = product(&n, m) * inverse;
+    let by_p = less(&less(&bent, &times(&plus(&turning, &turning), along)), &cross(&by_m, w));
+    [by_p, -plus(&cross(p, &by_m), &cross(m, &n)), by_m]
+}
+
+/// For coinciding orientations: of r* (`q_w` w' + `q_v` x w' - |w|^2/2 `q_v`) by a rotation and by w.
+#[inline(always)]
+fn turned_cotangents<T: Real>(
+    rotation: &Matrix3<T>,
+    (w, dw): (&Vector3<T>, &Vector3<T>),
+    multipliers: &[T],
+) -> [Vector3<T>; 2] {
+    let (q_v, q_w) = quaternion(rotation);
+    let r = Vector3::new(multipliers[0], multipliers[1], multipliers[2]);
+    let half = q_w.constant(0.5);
+    let by_v = less(&cross(dw, &r), &times(&r, half * square(w)));
+    let by_turn = less(&plus(&times(&by_v, q_w), &cross(&by_v, &q_v)), &times(&q_v, product(&r, dw)));
+    [times(&by_turn, half), times(w, -product(&r, &q_v))]
+}
+
+/// For a common z axis: of r* (u'' s + 2 u' s' + u s'') by a rotation and by w, with u' = u x w and the function s of
+/// `u_z`, 1 / cos(t/2).
+#[inline(always)]
+fn tilted_cotangents<T: Real>(
+    rotation: &Matrix3<T>,
+    (w, dw): (&Vector3<T>, &Vector3<T>),
+    multipliers: &[T],
+) -> [Vector3<T>; 2] {
+    let u = Vector3::new(rotation[(2, 0)], rotation[(2, 1)], rotation[(2, 2)]);
+    let like = u[0];
+    if !is_shared::<T>() && 1.0 + u[2].lane(0) < OPPOSITE {
+        return [none(like); 2];
+    }
+    let two = like.constant(2.0);
+    let [_, _, z] = axes(like);
+    let r = Vector3::new(-multipliers[1], multipliers[0], like.constant(0.0));
+    let s = (two / (like.constant(1.0) + u[2])).sqrt();
+    let square_of_s = s * s;
+    // The derivatives of s by u_z.
+    let s_1 = like.constant(-0.25) * s * square_of_s;
+    let s_2 = like.constant(-0.75) * square_of_s * s_1;
+    let s_3 = like.constant(-1.25) * square_of_s * s_2;
+    let first = cross(&u, w);
+    let second = plus(&cross(&first, w), &cross(&u, dw));
+    let [on_u, on_first, on_second] = [&u, &first, &second].map(|x| product(&r, x));
+    let by_second = plus(&times(&r, s), &times(&z, s_1 * on_u));
+    let by_first = plus(&times(&r, s_1 * first[2]), &times(&z, s_1 * on_first + s_2 * first[2] * on_u));
+    let by_first = plus(&times(&by_first, two), &cross(w, &by_second));
+    let curved = s_2 * first[2] * first[2] + s_1 * second[2];
+    let by_s = s_1 * on_second + two * s_2 * first[2] * on_first + on_u * (s_3 * first[2] * first[2] + s_2 * second[2]);
+    let by_u = plus(&times(&r, curved), &times(&z, by_s));
+    let by_u = plus(&by_u, &plus(&cross(w, &by_first), &cross(dw, &by_second)));
+    [cross(&by_u, &u), plus(&cross(&by_first, &u), &cross(&by_second, &first))]
 }
 
 /// The motion of one frame relative to another, in its own axes at its own origin.

@@ -72,7 +72,7 @@ pub(super) const TORQUE: usize = 0;
 pub(super) const ARMATURE: usize = 1;
 const DAMPING: usize = 2;
 const STIFFNESS: usize = 3;
-const FRICTION: usize = 4;
+pub(super) const FRICTION: usize = 4;
 
 impl<T: Real> StepGradients<T> {
     pub fn new(model: &Model<T>, parameters: bool) -> Self {
@@ -422,7 +422,12 @@ impl<T: Real> StepGradients<T> {
                 acting[FRICTION][row] = acting[FRICTION][row].minus_product(v * slower, u_bar);
             }
             // d/dv of v/sqrt(v^2 + v0^2) is v0^2/sqrt(v^2 + v0^2)^3.
-            let rubbing = of.friction * (slower * slower) * slower * v.constant(v0 * v0);
+            let rubbing = if v0 == 0.0 {
+                // The cube of the reciprocal of a velocity that is only rounding overflows.
+                v.constant(0.0)
+            } else {
+                of.friction * (slower * slower) * slower * v.constant(v0 * v0)
+            };
             by_v[row] = by_v[row].minus_product(of.damping + of.derivative + rubbing, u_bar);
             if scheme.implicit {
                 let (stiffness, damping) = (of.stiffness + of.proportional, of.damping + of.derivative + s.chord[row]);

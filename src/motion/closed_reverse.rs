@@ -4,22 +4,22 @@
 //! Every Newton step of the projection of positions is differentiated: its result is that of least kinetic energy to
 //! first order only, and depends on the steps beyond.
 
-use super::backward::{ARMATURE, BackwardSolver, StepGradients, backward};
+use super::backward::{ARMATURE, BackwardSolver, FRICTION, StepGradients, backward};
 use super::closed_steps::{ClosedScratch, ClosedSteps};
-use super::closed_stops::is_past;
+use super::closed_stop_reverse::StopReverse;
+use super::closed_stops::{StopRecord, is_past};
 use super::constrained::{Constrained, ConstrainedScratch, Failure};
 use super::division::{Substeps, Visitor};
 use super::method::Scheme;
-use super::properties::joint_of_row;
-use super::scratch::{Scratch, add_scaled};
+use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
 use crate::batch::accelerations::KernelArguments;
-use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, subtract_products};
+use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowFault, subtract_products};
 use crate::dynamics::derivatives::{Constants, Parameters};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
-use crate::error::{Error, in_language};
+use crate::error::Error;
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scene::Scene;
@@ -120,7 +120,7 @@ impl ClosedReverse {
     }
 
     /// From `gradients.end` to all results of [`StepGradients`], for a whole step or a substep. Returns false for a
-    /// whole step that is divided, and the joint and the error if the step fails.
+    /// whole step that is or can be divided, and the joint and the error if the step fails.
     pub fn step(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
@@ -128,44 +128,67 @@ impl ClosedReverse {
         is_whole: bool,
     ) -> Result<bool, (String, Error)> {
         let Self { scratch: s, gradients, closed, adjoint, newton, forces, .. } = self;
-        let ClosedScratch { rows_of_connections, rows, .. } = closed;
+        let ClosedScratch { rows_of_connections, rows, without } = closed;
         let mut forward = Constrained { scene, scratch: rows_of_connections, compliance: &settings.compliance };
-        let (by, named) = ((settings, scheme), |failure| named(scene, failure));
+        let (mut by, named) = ((settings, scheme), |failure| named(scene, failure));
         s.adopt(settings, scheme);
         forces.clear();
         step(by, s, &mut Recorded { forward: &mut forward, forces });
-        let free = s.v_next.clone();
+        let mut free = s.v_next.clone();
         newton.clear();
         let finished = forward.finish_recorded(settings, s, Some(newton));
-        if is_whole && settings.divides && (!(s.short_enough > 0.0) || finished.is_err()) {
+        let acts = !(s.consistent > 0.0) || rows.iter().any(|of| is_past(of, s));
+        if is_whole && settings.divides && (acts || !(s.short_enough > 0.0) || finished.is_err()) {
             return Ok(false);
         }
         finished.map_err(named)?;
-        if let Some(of) = rows.iter().find(|of| is_past(of, s)) {
-            let joint = joint_of_row(scene, of.row);
-            let upper = s.q_next[of.coordinate].max(s.q[of.coordinate]) > of.upper;
-            let found = format!("joint {joint:?} at its {} limit", if upper { "upper" } else { "lower" });
-            let expected = format!(
-                "a motion within the limits, or {}: stops of joints in closed loops have no gradients",
-                in_language("Limits::Report", "limits=\"report\"")
-            );
-            return Err((joint, Error::argument("limits", found, expected)));
+        if acts && !settings.set_valued.is_empty() {
+            by.0 = without;
+            clear(&mut s.dry);
+            forces.clear();
+            step(by, s, &mut Recorded { forward: &mut forward, forces });
+            free.copy_from_slice(&s.v_next);
+            newton.clear();
+            forward.finish_recorded(settings, s, Some(newton)).map_err(named)?;
         }
-        if let Some(of) = rows.iter().find(|of| of.friction > 0.0 && !(s.v[of.row] * s.v_next[of.row] > 0.0)) {
-            let joint = joint_of_row(scene, of.row);
-            let expected = format!(
-                "joints that slide, or {} in the simulation: joints of closed loops that exact friction holds or stops \
-                 have no gradients",
-                in_language("Settings::friction_speed(0.01)", "friction_speed=0.01")
-            );
-            let found = format!("exact friction at joint {joint:?}, which sticks");
-            return Err((joint, Error::argument("friction_speed", found, expected)));
+        let end =
+            Projected { q: s.q_next.clone(), v: s.v_next.clone(), free, forces: forward.scratch.rows.forces.clone() };
+        let mut record = acts.then(StopRecord::default);
+        if let Some(record) = &mut record {
+            forward.stop_recorded(settings, rows, (s, (scheme.step, 0.0, &mut Vec::new())), record).map_err(named)?;
+            if record.kept < 1.0 {
+                let expected = "rebounds that leave the kinetic energy below that before, or a smaller restitution: a \
+                                rebound that the energy limits has no gradient";
+                let error = Error::argument("restitution", settings.restitution.to_string(), expected);
+                return Err((String::new(), error));
+            }
         }
         adjoint.begin();
         let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-        let through = through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &free), gradients);
+        let nv = s.v.len();
+        let mut stopped = StopReverse {
+            scene,
+            settings,
+            h: scheme.step,
+            closed: forward.scratch,
+            adjoint,
+            by_q: vec![0.0; nv],
+            by_v: vec![0.0; nv],
+            by_free: vec![0.0; nv],
+            by_friction: vec![0.0; nv],
+        };
+        let mut through = Ok(());
+        if let Some(record) = &record {
+            through = stopped.through(s, record, &mut gradients.end);
+            clear(&mut gradients.end[0]);
+            gradients.end[1].copy_from_slice(&stopped.by_free);
+        }
+        let StopReverse { by_q, by_v, by_friction, .. } = stopped;
+        let through = through.and_then(|()| {
+            through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &end), gradients)
+        });
         s.model.system.noise = noise;
-        through.map_err(|error| (String::new(), error))?;
+        through.map_err(|at| (String::new(), scene.row_fault(at)))?;
         // Stages without weight have no adjoint.
         forces.truncate(scheme.tableau.last_stage() + 1);
         let mut solver = ClosedBackward { forward, adjoint, forces };
@@ -175,6 +198,10 @@ impl ClosedReverse {
         }
         add_scaled(&mut gradients.acting[ARMATURE], 1.0, &adjoint.noise);
         add_scaled(gradients.parameters.as_flattened_mut(), 1.0, adjoint.parameters.as_flattened());
+        add_scaled(&mut gradients.acting[FRICTION], 1.0, &by_friction);
+        for (start, more) in gradients.start.iter_mut().zip([by_q, by_v]) {
+            add_scaled(start, 1.0, &more);
+        }
         let mut results = gradients.results();
         results
             .try_for_each(|numbers| scene.check_result("gradients", numbers))
@@ -195,31 +222,34 @@ fn named(scene: &Scene, (lost, error): Failure) -> (String, Error) {
     }
 }
 
-/// Propagates `gradients.end` through the projections at the end of a step, in place. `free`: the velocities before
-/// their projection, whose forces are in the scratch.
+/// The end of a step without stops: its projection, and the velocities before with the forces that project them.
+struct Projected {
+    q: Vec<f64>,
+    v: Vec<f64>,
+    free: Vec<f64>,
+    forces: Vec<f64>,
+}
+
+/// Propagates `gradients.end` through the projections at the end of a step, in place.
 fn through_projections(
     (scene, settings): (&Scene, &StepSettings),
     s: &Scratch<f64>,
     closed: &mut ConstrainedScratch,
-    (adjoint, newton, free): (&mut ConstraintAdjoint, &[ProjectionStep], &[f64]),
+    (adjoint, newton, end): (&mut ConstraintAdjoint, &[ProjectionStep], &Projected),
     gradients: &mut StepGradients<f64>,
-) -> Result<(), Error> {
+) -> Result<(), RowFault> {
     let (system, compliance) = ((&s.model, scene.constraints()), &settings.compliance[..]);
     let ConstrainedScratch { workspace, rows, .. } = closed;
     let [of_q, of_v] = &mut gradients.end;
-    let (p, x): (Vec<f64>, Vec<f64>) = (rows.forces.clone(), s.v_next.iter().zip(free).map(|(v, u)| v - u).collect());
-    let (moving, change) = ((&s.q_next[..], &s.v_next[..]), Pushed { x: &x, p: &p });
-    adjoint
-        .of_velocities(system, (workspace, rows), (moving.0, moving.1, change), (of_v, compliance), of_q)
-        .map_err(|at| scene.row_fault(at))?;
+    let x: Vec<f64> = end.v.iter().zip(&end.free).map(|(v, u)| v - u).collect();
+    let change = Pushed { x: &x, p: &end.forces };
+    adjoint.of_velocities(system, (workspace, rows), (&end.q, &end.v, change), (of_v, compliance), of_q)?;
     // The steps end where the next one would be rounding. Perturbed configurations are moved by this step too.
-    adjoint.of_last_step(system, (workspace, rows), moving.0, (of_q, compliance)).map_err(|at| scene.row_fault(at))?;
-    let mut of_sum = vec![0.0; p.len()];
+    adjoint.of_last_step(system, (workspace, rows), &end.q, (of_q, compliance))?;
+    let mut of_sum = vec![0.0; end.forces.len()];
     subtract_products(&mut of_sum, compliance, &adjoint.r);
     for made in newton.iter().rev() {
-        adjoint
-            .of_displacement(system, (workspace, rows), made, (of_q, &mut of_sum, compliance))
-            .map_err(|at| scene.row_fault(at))?;
+        adjoint.of_displacement(system, (workspace, rows), made, (of_q, &mut of_sum, compliance))?;
     }
     Ok(())
 }

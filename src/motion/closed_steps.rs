@@ -21,7 +21,7 @@ pub(super) struct ClosedScratch {
     pub rows_of_connections: ConstrainedScratch,
     /// The joints with friction or stops, and the settings of steps without friction.
     pub rows: Vec<SetValued>,
-    without: StepSettings,
+    pub without: StepSettings,
 }
 
 impl ClosedScratch {

@@ -23,6 +23,7 @@ use super::stops::{AT_MOST, Graph, Hold, Piece, SetValued, settle};
 use super::totals::{DROPPED, DROPPED_ROW};
 use super::works::RowWork;
 use crate::contact::{Cone, expansion_kept};
+use crate::dynamics::constraints::ProjectionStep;
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::{factorise, solve};
 use nalgebra::{DMatrix, DVector};
@@ -71,6 +72,48 @@ struct Solution {
     holds: Vec<Option<Hold>>,
 }
 
+/// A solution of the law in a step, for its adjoint: v = `v_free` + W r.
+#[derive(Default)]
+pub(super) struct LawSolution {
+    pub velocities: Vec<f64>,
+    /// r of every row of the model.
+    pub torques: Vec<f64>,
+    /// The rows on vertical pieces.
+    pub stuck: Vec<StuckRow>,
+    /// The rows that friction holds: projections do not move them.
+    pub locked: Vec<usize>,
+}
+
+/// A row whose velocity is prescribed.
+pub(super) struct StuckRow {
+    /// Index in v.
+    pub row: usize,
+    /// The derivatives of its velocity by q and v at the start, and by the curvature of the connections.
+    pub slopes: [f64; 2],
+    pub by_bent: f64,
+}
+
+/// The displacement of a step by the velocities of a solution.
+pub(super) struct Displacement {
+    pub solution: LawSolution,
+    /// The steps of its projection onto the connections, and its end; none if no joint moves.
+    pub newton: Vec<ProjectionStep>,
+    pub end: Option<Vec<f64>>,
+}
+
+/// The solutions of the law in a step.
+#[derive(Default)]
+pub(super) struct StopRecord {
+    /// The velocities at the end without friction and stops.
+    pub free: Vec<f64>,
+    /// The displacements that were tried; each uses the curvature of the connections along the one before.
+    pub displacements: Vec<Displacement>,
+    /// The velocities at the end.
+    pub last: LawSolution,
+    /// The fraction of the rebounds that the kinetic energy allows; 1 without rebounds.
+    pub kept: f64,
+}
+
 impl Constrained<'_> {
     /// Solves friction and stops of a step, from the end of a step without them. Returns an estimate of the error, as
     /// of error control.
@@ -81,8 +124,19 @@ impl Constrained<'_> {
         s: &mut Scratch<f64>,
         ending: Ending<'_>,
     ) -> Result<f64, Failure> {
+        self.stop_recorded(settings, rows, (s, ending), &mut StopRecord::default())
+    }
+
+    /// As [`Constrained::stop`], with the solutions of the law.
+    pub(super) fn stop_recorded(
+        &mut self,
+        settings: &StepSettings,
+        rows: &[SetValued],
+        (s, ending): (&mut Scratch<f64>, Ending<'_>),
+        record: &mut StopRecord,
+    ) -> Result<f64, Failure> {
         let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-        let outcome = self.stopped(settings, rows, s, ending);
+        let outcome = self.stopped(settings, rows, (s, ending), record);
         s.model.system.noise = noise;
         outcome
     }
@@ -91,13 +145,14 @@ impl Constrained<'_> {
         &mut self,
         settings: &StepSettings,
         rows: &[SetValued],
-        s: &mut Scratch<f64>,
-        (h, time, impacts): Ending<'_>,
+        (s, (h, time, impacts)): (&mut Scratch<f64>, Ending<'_>),
+        record: &mut StopRecord,
     ) -> Result<f64, Failure> {
+        record.free.clone_from(&s.v_next);
         let mut free = s.v_next.clone();
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
-        let bounds: Vec<[f64; 2]> =
-            rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h).map(|bound| bound.velocity)).collect();
+        let limits: Vec<_> = rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h)).collect();
+        let bounds: Vec<[f64; 2]> = limits.iter().map(|of| of.map(|bound| bound.velocity)).collect();
         let (near, n) = ((0..rows.len()).filter(|&i| rows[i].friction > 0.0).collect::<Vec<_>>(), rows.len());
         let mut acting = Acting { near: Vec::new(), columns: Vec::new(), g: DMatrix::zeros(0, 0), reduced: vec![0; n] };
         self.join(&mut acting, &near, (rows, h), s)?;
@@ -118,18 +173,17 @@ impl Constrained<'_> {
                 self.join(&mut acting, &late, (rows, h), s)?;
                 found = acting.solved(rows, &free, wanted);
             }
-            for (x, v) in s.x.iter_mut().zip(&found.velocities) {
-                *x = h * v;
-            }
-            advance(&s.model, &s.q, &s.x, &mut s.q_next);
-            if found.velocities.iter().all(|&v| v == 0.0) {
-                s.q_next.copy_from_slice(&s.q);
+            let by_bent = if record.displacements.is_empty() { 0.0 } else { -1.0 };
+            let solution = acting.recorded(rows, (&found, &found.holds), |i, side| {
+                let is_reduced = acting.reduced[i] > 0 && limits[i][side].velocity * [1.0, -1.0][side] > 0.0;
+                if is_reduced { ([0.0; 2], 0.0) } else { (limits[i][side].slopes, by_bent) }
+            });
+            let moved = self.displaced(&acting, (rows, h), (&found, solution), s)?;
+            let is_still = moved.end.is_none();
+            record.displacements.push(moved);
+            if is_still {
                 break (found, true);
             }
-            let held = acting.hold(rows, &found, s);
-            let projected = self.positions_onto_connections(&s.model, &mut s.q_next, None);
-            s.model.system.noise.copy_from_slice(&held);
-            projected?;
             // The projection moves joints because of the curvature of the connections.
             let mut worst = 0.0_f64;
             for (i, of) in rows.iter().enumerate().filter(|(i, of)| of.stops && acting.reduced[*i] < 2) {
@@ -176,9 +230,16 @@ impl Constrained<'_> {
         let (is_stopped, elastic) = ((0..n).any(|i| stopped(i).is_some()), bounced.contains(&true));
         let (resting, rebounding): (Vec<_>, Vec<_>) = (0..n).map(|i| (returning(i), back(i))).unzip();
         let mut last = if is_stopped { acting.solved(rows, &free, |i| resting[i]) } else { reached.clone() };
+        record.kept = 1.0;
+        let mut pieces = last.holds.clone();
         if elastic {
-            acting.expand(rows, &free, h, &mut last, |i| rebounding[i]);
+            (record.kept, pieces) = acting.expand(rows, &free, h, &mut last, |i| rebounding[i]);
         }
+        record.last = acting.recorded(rows, (&last, &pieces), |i, side| match () {
+            () if bounced[i] => ([0.0, -settings.restitution], 0.0),
+            () if rows[i].is_outside(&s.q) => (limits[i][side].slopes, 0.0),
+            () => ([0.0; 2], 0.0),
+        });
         s.v_next.copy_from_slice(&last.velocities);
         if !is_still {
             let held = acting.hold(rows, &last, s);
@@ -187,13 +248,32 @@ impl Constrained<'_> {
             projected?;
         }
         impacts.extend(acting.finish(rows, (&reached, &last), (h, time, &resting, elastic), s));
-        if let Some(i) = acting.reduced.iter().position(|&by| by > 0) {
-            s.totals[DROPPED] += 1.0;
-            #[allow(clippy::cast_precision_loss)] // index of a joint
-            let row = rows[i].row as f64;
-            s.totals[DROPPED_ROW] = row;
-        }
+        acting.note_dropped(rows, s);
         Ok(acting.error(rows, (&reached, &bounced), (settings, h, &free), s))
+    }
+
+    /// The displacement by the velocities of a solution, onto the connections.
+    fn displaced(
+        &mut self,
+        acting: &Acting,
+        (rows, h): (&[SetValued], f64),
+        (found, solution): (&Solution, LawSolution),
+        s: &mut Scratch<f64>,
+    ) -> Result<Displacement, Failure> {
+        for (x, v) in s.x.iter_mut().zip(&found.velocities) {
+            *x = h * v;
+        }
+        advance(&s.model, &s.q, &s.x, &mut s.q_next);
+        let mut moved = Displacement { solution, newton: Vec::new(), end: None };
+        if found.velocities.iter().all(|&v| v == 0.0) {
+            s.q_next.copy_from_slice(&s.q);
+            return Ok(moved);
+        }
+        let held = acting.hold(rows, found, s);
+        let projected = self.positions_onto_connections(&s.model, &mut s.q_next, Some(&mut moved.newton));
+        s.model.system.noise.copy_from_slice(&held);
+        moved.end = Some(s.q_next.clone());
+        projected.map(|()| moved)
     }
 
     /// Adds rows to the acting ones.
@@ -303,21 +383,15 @@ impl Acting {
             .filter_map(|(a, (graph, &piece))| graph.velocity(piece).map(|(velocity, _)| (a, velocity)))
             .collect();
         let mut torques = DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]));
-        let mut g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
-        let [own, beside] = COMPLIANCE;
-        let least = beside * (0..self.g.nrows()).fold(f64::MIN_POSITIVE, |most, a| most.max(self.g[(a, a)]));
-        for a in 0..stuck.len() {
-            g[(a, a)] += own * g[(a, a)] + least;
-        }
-        if let Some(factor) = g.cholesky() {
-            for _ in 0..REFINEMENTS {
-                let u = free + &self.g * &torques;
-                let step = factor.solve(&DVector::from_fn(stuck.len(), |a, _| stuck[a].1 - u[stuck[a].0]));
-                for (&(a, _), step) in stuck.iter().zip(&step) {
-                    torques[a] += step;
-                }
+        let g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
+        let largest = (0..self.g.nrows()).fold(f64::MIN_POSITIVE, |most, a| most.max(self.g[(a, a)]));
+        solution_of_stuck(g, largest, |found| {
+            for (&(a, _), torque) in stuck.iter().zip(found) {
+                torques[a] = *torque;
             }
-        }
+            let u = free + &self.g * &torques;
+            DVector::from_fn(stuck.len(), |a, _| stuck[a].1 - u[stuck[a].0])
+        });
         let u = free + &self.g * &torques;
         (torques, u)
     }
@@ -330,7 +404,7 @@ impl Acting {
         h: f64,
         rest: &mut Solution,
         bounds: impl Fn(usize) -> [f64; 2],
-    ) {
+    ) -> (f64, Vec<Option<Hold>>) {
         let bounced = self.solved(rows, free, bounds);
         let normal = |of: &dyn Fn(usize) -> f64| {
             DVector::from_fn(3 * self.near.len(), |row, _| if row % 3 == 2 { of(row / 3) } else { 0.0 })
@@ -349,6 +423,33 @@ impl Acting {
         for (v, bounced) in rest.velocities.iter_mut().zip(&bounced.velocities) {
             *v += kept * (bounced - *v);
         }
+        (kept, bounced.holds)
+    }
+
+    /// A solution on these pieces for its adjoint. `slopes`: the derivatives of a bound, 0 or 1, of a row by q and v,
+    /// and by the curvature of the connections.
+    fn recorded(
+        &self,
+        rows: &[SetValued],
+        (found, pieces): (&Solution, &[Option<Hold>]),
+        slopes: impl Fn(usize, usize) -> ([f64; 2], f64),
+    ) -> LawSolution {
+        let mut solution = LawSolution { velocities: found.velocities.clone(), ..LawSolution::default() };
+        solution.torques.resize(found.velocities.len(), 0.0);
+        for (a, &index) in self.near.iter().enumerate() {
+            let row = rows[index].row;
+            solution.torques[row] = found.torques[a];
+            if found.holds[a] == Some(Hold::Friction) {
+                solution.locked.push(row);
+            }
+            let (slopes, by_bent) = match pieces[a] {
+                None => continue,
+                Some(Hold::Friction) => ([0.0; 2], 0.0),
+                Some(hold) => slopes(index, usize::from(hold == Hold::Upper)),
+            };
+            solution.stuck.push(StuckRow { row, slopes, by_bent });
+        }
+        solution
     }
 
     /// Adds the works of a step, removes rounding errors of joints at their stops, and returns the impacts.
@@ -409,6 +510,16 @@ impl Acting {
         (h * jump).max(late) + omitted
     }
 
+    /// Notes that a demand was dropped.
+    fn note_dropped(&self, rows: &[SetValued], s: &mut Scratch<f64>) {
+        if let Some(i) = self.reduced.iter().position(|&by| by > 0) {
+            s.totals[DROPPED] += 1.0;
+            #[allow(clippy::cast_precision_loss)] // index of a joint
+            let row = rows[i].row as f64;
+            s.totals[DROPPED_ROW] = row;
+        }
+    }
+
     /// Locks the joints that friction holds, so that projections do not move them. Returns the noise before.
     fn hold(&self, rows: &[SetValued], found: &Solution, s: &mut Scratch<f64>) -> Vec<f64> {
         let before = s.model.system.noise.clone();
@@ -417,4 +528,26 @@ impl Acting {
         }
         before
     }
+}
+
+/// The solution of a system with the matrix `g` of the stuck rows, whose `residual` vanishes at it; unique also if rows
+/// are dependent. Calls `residual` with the solution at last. `largest` entry of the matrix of all rows.
+pub(super) fn solution_of_stuck(
+    mut g: DMatrix<f64>,
+    largest: f64,
+    mut residual: impl FnMut(&DVector<f64>) -> DVector<f64>,
+) -> DVector<f64> {
+    let mut found = DVector::zeros(g.nrows());
+    let [own, beside] = COMPLIANCE;
+    for a in 0..g.nrows() {
+        g[(a, a)] += own * g[(a, a)] + beside * largest;
+    }
+    let mut left = residual(&found);
+    if let Some(factor) = g.cholesky() {
+        for _ in 0..REFINEMENTS {
+            found += factor.solve(&left);
+            left = residual(&found);
+        }
+    }
+    found
 }

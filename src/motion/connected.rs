@@ -6,6 +6,10 @@
 //! step](super::constrained) if its rows are dependent, if an error estimate exceeds the tolerance, if a projection
 //! does not converge in a few steps, or if a joint reaches a stop.
 
+mod reverse;
+
+pub(super) use reverse::ConnectedReverse;
+
 use super::manifold::advance;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
@@ -19,6 +23,7 @@ use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
 use crate::scene::Scene;
+use crate::scene::constraint::Constraints;
 
 /// Largest number of steps of a projection; a state that needs more is projected by the checked step.
 const STEPS: usize = 4;
@@ -77,11 +82,7 @@ impl<T: Vectorized> Connected<T> {
     /// Scratch memory for the connections of a scene, with its stops. `s` is the scratch memory of its steps.
     pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>, limits: Vec<LimitRow>) -> Self {
         let (model, nan) = (scene.model(), T::from_f64(f64::NAN));
-        let rows_of = |scene_of: (&Model<T>, &SweepModel<T>)| {
-            let mut rows = ConstraintKernel::new(scene_of, scene.constraints());
-            rows.slack = SLACK;
-            rows
-        };
+        let rows_of = |scene_of: (&Model<T>, &SweepModel<T>)| kernel_of_rows(scene_of, scene.constraints());
         let shares = settings.noise(&settings.scheme) == settings.properties.armature
             && !(settings.regularized && settings.scheme.implicit);
         let own = (!shares).then(|| {
@@ -180,6 +181,25 @@ impl<T: Vectorized> Connected<T> {
     }
 }
 
+/// The kernel of the rows in steps.
+fn kernel_of_rows<T: Real>(scene: (&Model<T>, &SweepModel<T>), constraints: &Constraints) -> ConstraintKernel<T> {
+    let mut rows = ConstraintKernel::new(scene, constraints);
+    rows.slack = SLACK;
+    rows
+}
+
+/// The lanes in which a step begins beyond a limit, or ends there.
+#[inline(always)]
+fn beyond_limits<T: Vectorized>(limits: &[LimitRow], (q, q_next): (&[T], &[T])) -> u64 {
+    let Some(first) = q.first() else { return 0 };
+    let (zero, mut within) = (first.constant(0.0), first.constant(1.0));
+    for limit in limits {
+        let (at, sign, bound) = (limit.coordinate, zero.constant(limit.sign()), zero.constant(limit.bound));
+        within = within.worst(sign * (q_next[at] - bound) + zero.constant(LATE)).worst(sign * (q[at] - bound));
+    }
+    lanes_but::<T>(|lane| within.lane(lane) >= 0.0)
+}
+
 /// The factors of M and of the rows at a configuration, and the errors of the rows. Returns the lanes that need the
 /// fallback.
 fn factors<T: Vectorized, I: Target>(
@@ -223,12 +243,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
         let Connected { rows, own, innovations, change, moved, active, .. } = connected;
         let Scratch { model, constants, sweeps, q, q_stage, q_next, v_next, .. } = s;
         let zero = model.gravity[0].constant(0.0);
-        let mut within = zero.constant(1.0);
-        for limit in &connected.limits {
-            let (at, sign, bound) = (limit.coordinate, zero.constant(limit.sign()), zero.constant(limit.bound));
-            within = within.worst(sign * (q_next[at] - bound) + zero.constant(LATE)).worst(sign * (q[at] - bound));
-        }
-        let mut doubt = lanes_but::<T>(|lane| within.lane(lane) >= 0.0);
+        let mut doubt = beyond_limits(&connected.limits, (q, q_next));
         let is_shared = own.is_none();
         let (scene, sweeps, rows) = match own {
             Some(own) => ((&own.model, &own.constants), &mut own.sweeps, &mut own.rows),

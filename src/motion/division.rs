@@ -197,7 +197,7 @@ impl Substeps {
                 }
                 // The time of a rebound, and the work of the other forces until then, need the shortest substep. Compliant
                 // connections store energy.
-                let rebounds = settings.restitution > 0.0 && self.impacts.len() > impacts;
+                let rebounds = steps.solution().rebound.is_some();
                 let judges = settings.is_rigid() && !rebounds;
                 let is_short = if judges { conserves(settings, s, &totals, steps.workspace()) } else { !rebounds };
                 if settings.divides && size > 1 && !is_short {

@@ -124,8 +124,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ///
     /// # Errors
     ///
-    /// Wrong lengths of rows or torques, and values that are not finite; without contacts, a joint of a closed loop at
-    /// a limit that acts as a stop; the errors of [`Rollout::advance`], with the failed step; gradients that are not
+    /// Wrong lengths of rows or torques, and values that are not finite; in closed loops without contacts, a rebound
+    /// that the kinetic energy limits; the errors of [`Rollout::advance`], with the failed step; gradients that are not
     /// finite; with contacts, rows that this rollout does not reproduce.
     pub fn gradients(
         &self,

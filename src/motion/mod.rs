@@ -53,6 +53,7 @@ mod backward;
 mod choice;
 mod closed_reverse;
 mod closed_steps;
+mod closed_stop_reverse;
 mod closed_stops;
 mod connected;
 mod constrained;

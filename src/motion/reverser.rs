@@ -1,12 +1,16 @@
 //! Backpropagation through all steps of a rollout for a few states, one per lane, compiled for one instruction set.
 
+mod step;
+
 use super::backward::{ACTING, CheckedBackward, EventSolver, StepGradients, TORQUE, VectorizedBackward, backward};
 use super::closed_reverse::ClosedReverse;
+use super::connected::ConnectedReverse;
 use super::contact::{ContactReverse, ModeChange};
 use super::division::{Substeps, TreeSteps};
 use super::events::{EventSolution, Events, Rebound};
 use super::gradient::{Layout, RecordedRows};
 use super::job::{self, Rows};
+use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
 use super::properties::of_state;
 use super::reversed_substeps::{Parts, RecordedEvent, Substep, through_substeps};
@@ -15,7 +19,7 @@ use super::solver;
 use super::step_settings::{StepArguments, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
 use super::torque::{StepFault, Torque};
-use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
+use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::filter::Form;
@@ -23,7 +27,6 @@ use crate::filter::Form;
 use crate::scalar::Fused;
 #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
 use crate::scalar::Lanes;
-use crate::scalar::lanes_but;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
 #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
@@ -32,6 +35,7 @@ use pulp::x86::V3;
 use pulp::x86::V4;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
+use step::{ConnectedStep, Step};
 
 /// Largest number of consecutive steps that are recomputed and all stored.
 const KEPT_WHOLE: usize = 256;
@@ -216,6 +220,8 @@ struct Compiled<T: Vectorized, I> {
     parameters: Vec<Parameters<T>>,
     form: Form,
     target: I,
+    /// For a scene with connections.
+    connected: Option<Box<ConnectedReverse<T>>>,
     checked: Option<Box<Checked>>,
     closed: Option<Box<ClosedReverse>>,
     touching: Option<Box<ContactReverse>>,
@@ -381,9 +387,14 @@ fn through_impact(
 impl<T: Vectorized, I: Target> Compiled<T, I> {
     fn new(job: &Job<'_>, form: Form, target: I) -> Self {
         let scratch = Scratch::new(job.scene.model(), job.settings);
-        let zero = T::zero();
+        let (zero, parameters) = (T::zero(), job.layout.bodies > 0);
+        let limits = || if job.settings.stops { limit_rows(job.scene) } else { Vec::new() };
+        let is_connected = job.settings.connected && job.settings.has_vectorized_adjoint();
+        let connected = is_connected
+            .then(|| Box::new(ConnectedReverse::new(job.scene, job.settings, &scratch, (limits(), parameters))));
         Self {
-            gradients: StepGradients::new(&scratch.model, job.layout.bodies > 0),
+            connected,
+            gradients: StepGradients::new(&scratch.model, parameters),
             solver: VectorizedBackward::new(target, form, (&scratch.model, &scratch.constants)),
             sums: std::array::from_fn(|_| vec![zero; job.layout.nv]),
             parameters: vec![[zero; 10]; job.layout.bodies],
@@ -440,7 +451,11 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
 
     fn step(&mut self, job: &Job<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault> {
         let target = self.target;
-        let mut fallback = target.within(Step { compiled: self, job, n, start });
+        let mut fallback = if self.connected.is_some() {
+            target.within(ConnectedStep(Step { compiled: self, job, n, start }))
+        } else {
+            target.within(Step { compiled: self, job, n, start })
+        };
         fallback &= u64::MAX >> (64 - job.states.len());
         if fallback != 0 {
             if job.settings.method == Method::Contact {
@@ -563,41 +578,5 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
             }
         }
         Ok(())
-    }
-}
-
-/// One step of all lanes, to be compiled for an instruction set. Returns as bits the lanes that need the fallback.
-struct Step<'a, T: Vectorized, I> {
-    compiled: &'a mut Compiled<T, I>,
-    job: &'a Job<'a>,
-    n: usize,
-    start: &'a [f64],
-}
-
-impl<T: Vectorized, I: Target> Work for Step<'_, T, I> {
-    type Output = u64;
-
-    #[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
-    #[inline(always)]
-    fn call(self) -> u64 {
-        let Self { compiled: Compiled { scratch: s, gradients, solver, .. }, job, n, start } = self;
-        let (count, nq, nv) = (job.states.len(), job.scene.nq(), job.scene.nv());
-        take_states(&mut s.q, count, |lane| &start[lane * (nq + nv)..][..nq]);
-        take_states(&mut s.v, count, |lane| &start[lane * (nq + nv) + nq..][..nv]);
-        if let Torque::Steps { torque, first } = job.torque {
-            let at = (n - first) * nv;
-            take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
-        }
-        if !job.settings.has_vectorized_adjoint() {
-            return u64::MAX;
-        }
-        let fallback = backward((job.settings, &job.settings.scheme), s, gradients, solver, None);
-        let mut worst = T::one();
-        for numbers in gradients.start.iter().chain(&gradients.acting) {
-            for &x in numbers {
-                worst += x - x;
-            }
-        }
-        fallback | lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
     }
 }

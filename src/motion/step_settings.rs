@@ -121,9 +121,10 @@ impl StepSettings {
             && self.smoothing.is_none()
     }
 
-    /// True if the adjoint of the steps is vectorized: without contacts, connections and coupled joints.
+    /// True if the adjoint of the steps is vectorized: without contacts and coupled joints, with connections if the steps
+    /// are.
     pub fn has_vectorized_adjoint(&self) -> bool {
-        self.method != Method::Contact && !self.connected && self.coupling.is_none()
+        self.method != Method::Contact && self.coupling.is_none() && (!self.connected || self.is_vectorized())
     }
 
     /// The settings for the adjoint of the steps, which needs the displacement of every joint from rest, also without a

@@ -13,7 +13,6 @@ import pytest
 import test_loops_lagrange as lagrange
 from conftest import random_rotation
 from oracle_mpmath import CONTEXT, mpf
-from phipsi.errors import ArgumentError
 from tolerances import assert_near, size, slope_of_order_4
 
 METHODS = ("semi-implicit-euler", "rk4", "dormand-prince-5", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
@@ -236,15 +235,85 @@ def test_of_divided_steps_of_a_loop_beside_differences() -> None:
         function.check(function.found.tau[i], lambda h: function.value(tau=h * unit), 1e-3)  # noqa: B023
 
 
-def test_a_joint_at_a_limit_is_refused_by_name() -> None:
+def five_bar(upper: float | None = None) -> phipsi.Scene:
+    """Two degrees of freedom: one joint can be held while the others move."""
+    builder = phipsi.SceneBuilder().link("ground")
+    limits = {} if upper is None else {"type": "revolute", "lower": -9.0, "upper": upper, "velocity": 99, "effort": 99}
+    add(builder, "crank", "ground", (0, 0, 0), 0.2, **limits)
+    add(builder, "coupler", "crank", (0, 0, 0.2), 0.4)
+    add(builder, "rocker", "ground", (0.3, 0, 0), 0.2)
+    add(builder, "arm", "rocker", (0, 0, 0.2), 0.4)
+    builder.connect("pin", "point", "coupler", "arm", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.4))
+    return builder.build()
+
+
+def check_in_modes(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, still: bool = False, **given: object) -> Function:
+    """By states on the connections, by torques, by friction and by masses, in the modes of the run."""
+    function = Function(scene, q, qd, **given)
+    found, random = function.found, np.random.default_rng(9)
+    for seed in range(3):
+        at = moved(scene, q, qd, seed)
+        states = (lambda h, at=at: (at(h)[0], qd)) if still else at
+        by_q = np.array([slope_of_order_4(lambda h, i=i: scene.difference(q, states(h)[0])[i], 1e-4) for i in range(scene.nv)])  # noqa: B023
+        by_qd = np.array([slope_of_order_4(lambda h, i=i: states(h)[1][i], 1e-4) for i in range(scene.nv)])  # noqa: B023
+        function.check(found.q @ by_q + found.qd @ by_qd, lambda h: function.value(*states(h)), 1e-5)  # noqa: B023
+    tau = np.asarray(given["tau"])
+    along = random.uniform(-1, 1, tau.shape)
+    function.check(float(found.tau @ along), lambda h: function.value(tau=tau + h * along), 1e-4)
+    if "friction" in given:
+        friction = np.asarray(given["friction"])
+        function.check(float(found.friction @ friction), lambda h: function.value(friction=friction * (1 + h)), 1e-4)
+    function.check(float(found.armature.sum()), lambda h: function.value(armature=np.full(scene.nv, 1e-3 + h)), 1e-4)
+    return function
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+@pytest.mark.parametrize("method", ["rk4", "rosenbrock-2"])
+def test_of_a_joint_that_reaches_its_stop(method: str, restitution: float) -> None:
+    """The steps before, the impact, and rest or rebound."""
     scene = four_bar(limited=True)
-    q, qd = start(scene)
-    given = {"dt": 0.01, "steps": 30, "method": "rk4", "tau": [5.0, 0.0, 0.0]}
-    inside = scene.simulate(q, qd, limits="report", **given)
-    assert np.all(np.isfinite(inside.vjp(np.ones_like(inside.q)).q))
-    stopped = scene.simulate(q, qd, **given)
-    with pytest.raises(ArgumentError, match='limits: found joint "crank_joint" at its upper limit; .*limits="report"'):
-        stopped.vjp(np.ones_like(stopped.q))
+    found = scene.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
+    given = {"dt": 0.01, "steps": 9, "method": method, "tau": [1.0, 0.1, 0.0], "restitution": restitution}
+    path = check_in_modes(scene, found.q, found.qd, **given).path
+    at_stop = np.abs(path.q[:, 0] - 0.55) <= 1e-5
+    assert 1 <= at_stop.sum() < 9 and not at_stop[:2].any()
+    assert (path.qd[:, 0] < -1e-2).any() == (restitution > 0)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_of_a_joint_that_rests_at_its_stop(friction: float) -> None:
+    """From the first step on, while the other joints move."""
+    found = five_bar().project([-0.5, 0.9, -0.1, 0.3], [0.3, 0.0, 0.2, 0.0])
+    scene = five_bar(upper=found.q[0] + 1e-3)
+    rubbing = {"friction": [friction, 0.0, 0.0, 0.1], "friction_speed": 0.0} if friction else {}
+    path = check_in_modes(scene, found.q, found.qd, dt=0.01, steps=6, method="rk4", tau=[5.0, 0.0, 0.5, 0.1], **rubbing).path
+    beyond = path.q[1:, 0] - found.q[0] - 1e-3
+    assert np.all(beyond <= 1e-9) and np.all(beyond >= -1e-4) and np.abs(path.qd[-1, 1:]).min() > 1e-2
+
+
+@pytest.mark.parametrize("method", ["rk4", "implicit-euler"])
+def test_of_a_joint_that_friction_holds(method: str) -> None:
+    scene = five_bar()
+    q = scene.project([-0.5, 0.9, -0.1, 0.3]).q
+    given = {"dt": 0.01, "steps": 6, "method": method, "tau": [0.5, 0.0, 2.0, 0.1], "friction": [9.0, 0.0, 0.2, 0.0], "friction_speed": 0.0}
+    path = check_in_modes(scene, q, np.zeros(4), still=True, **given).path
+    assert np.abs(path.q[:, 0] - q[0]).max() <= 1e-12 and np.abs(path.qd[-1, 1:]).min() > 1e-2
+
+
+def test_of_a_linkage_that_friction_holds() -> None:
+    scene = four_bar()
+    q = scene.project([0.5, 0.8, 0.2]).q
+    given = {"dt": 0.01, "steps": 5, "method": "rk4", "tau": [0.1, 0.0, 0.0], "friction": [20.0, 0.1, 0.1], "friction_speed": 0.0}
+    path = check_in_modes(scene, q, np.zeros(3), still=True, **given).path
+    assert np.array_equal(path.q[-1], q)
+
+
+def test_of_joints_that_slide_and_then_stick() -> None:
+    scene = four_bar()
+    found = scene.project([0.5, 0.8, 0.2], [0.6, 0.0, 0.0])
+    given = {"dt": 0.002, "steps": 14, "method": "rk4", "tau": [0.0, 0.0, 0.0], "friction": [6.0, 0.1, 0.1], "friction_speed": 0.0}
+    path = check_in_modes(scene, found.q, found.qd, **given).path
+    assert np.all(path.qd[-1] == 0) and np.abs(path.qd[2]).max() > 1e-2
 
 
 def gripper(by_rows: bool = False) -> phipsi.Scene:

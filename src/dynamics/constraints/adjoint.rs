@@ -28,62 +28,263 @@ use crate::dynamics;
 use crate::dynamics::derivatives::{
     Constants, Directions, Parameters, ProductScratch, inverse_dynamics_jvp, inverse_dynamics_vjp,
 };
-use crate::kinematics::propagation::tip_to_base;
+use crate::dynamics::forces::Motion;
 use crate::model::Model;
+use crate::scalar::Real;
 use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
+use std::ops::{Deref, DerefMut};
 
-/// Scratch of the adjoints, for one model, and the sums of the gradients by its constants.
+/// Products with the derivatives of inverse dynamics and of the rows at one configuration.
+pub(crate) trait RowProducts<T: Real> {
+    /// Gradients of cotangent* tau of inverse dynamics by (q, qd, qdd), (3 nv) into `out`, and by the constants.
+    fn gradients_of_torques(
+        &mut self,
+        motion: Motion<'_, T>,
+        cotangent: &[T],
+        results: (&mut Constants<'_, T>, &mut [T]),
+    );
+
+    /// The same of M x, for the motion (0, x), without gravity.
+    fn gradients_of_inertia(&mut self, motion: [&[T]; 2], cotangent: &[T], results: (&mut Constants<'_, T>, &mut [T]));
+
+    /// [`RowGradients::add_acceleration_gradient`] at the motion (qd, qdd).
+    fn add_row_gradients(
+        &mut self,
+        rows: &mut RowGradients<T>,
+        motion: [&[T]; 2],
+        multipliers: &[T],
+        by: [&mut [T]; 2],
+    ) -> Result<(), RowFault>;
+}
+
+/// The gradients through a solution of M x - J* p = f, J x + c p = g, from y and r of its adjoint.
 #[derive(Debug)]
-pub(crate) struct ConstraintAdjoint {
-    rows: RowGradients,
-    products: ProductScratch<f64>,
-    /// The model without gravity, for products with M.
-    weightless: Model<f64>,
-    rest: Vec<f64>,
+pub(crate) struct SolutionGradients<T: Real> {
+    rows: RowGradients<T>,
+    rest: Vec<T>,
+    unused: Vec<T>,
     /// y and r of the last adjoint.
-    pub y: Vec<f64>,
-    pub r: Vec<f64>,
-    of_product: Vec<f64>,
-    of_parameters: Vec<Parameters<f64>>,
-    /// Sums of the projections since [`ConstraintAdjoint::begin`]: by the noise of the rows of M, (nv), and by the
+    pub y: Vec<T>,
+    pub r: Vec<T>,
+    negative: [Vec<T>; 2],
+    of_product: Vec<T>,
+    of_parameters: Vec<Parameters<T>>,
+    /// Sums of the projections since [`SolutionGradients::begin`]: by the noise of the rows of M, (nv), and by the
     /// inertial parameters; empty if they are not requested.
-    pub noise: Vec<f64>,
-    pub parameters: Vec<Parameters<f64>>,
+    pub noise: Vec<T>,
+    pub parameters: Vec<Parameters<T>>,
 }
 
 /// A solution of a projection: M x = J* p.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Pushed<'a> {
-    pub x: &'a [f64],
-    pub p: &'a [f64],
+pub(crate) struct Pushed<'a, T = f64> {
+    pub x: &'a [T],
+    pub p: &'a [T],
 }
 
-impl ConstraintAdjoint {
-    pub fn new(model: &Model<f64>, constraints: &Constraints, parameters: bool) -> Self {
-        let zeros = || vec![0.0; model.nv()];
+impl<T: Real> SolutionGradients<T> {
+    pub fn new(model: &Model<T>, constraints: &Constraints, parameters: bool) -> Self {
+        let (zeros, of_rows) = (|| vec![T::zero(); model.nv()], || vec![T::zero(); constraints.rows]);
         let bodies = if parameters { model.bodies.len() } else { 0 };
-        let mut weightless = model.clone();
-        weightless.gravity = Vector3::zeros();
         Self {
-            rows: RowGradients::new(model),
-            products: ProductScratch::new(model),
-            weightless,
+            rows: RowGradients::new((model, constraints)),
             rest: zeros(),
+            unused: zeros(),
             y: zeros(),
-            r: vec![0.0; constraints.rows],
-            of_product: vec![0.0; 3 * model.nv()],
-            of_parameters: vec![[0.0; 10]; bodies],
+            r: of_rows(),
+            negative: [zeros(), of_rows()],
+            of_product: vec![T::zero(); 3 * model.nv()],
+            of_parameters: vec![[T::zero(); 10]; bodies],
             noise: zeros(),
-            parameters: vec![[0.0; 10]; bodies],
+            parameters: vec![[T::zero(); 10]; bodies],
         }
     }
 
     /// Sets the sums to zero.
     pub fn begin(&mut self) {
-        self.noise.fill(0.0);
-        self.parameters.as_flattened_mut().fill(0.0);
+        self.noise.fill(T::zero());
+        self.parameters.as_flattened_mut().fill(T::zero());
+    }
+
+    /// -y and -r.
+    #[inline(always)]
+    fn negate(&mut self) {
+        let [y, r] = &mut self.negative;
+        for (to, from) in y.iter_mut().zip(&self.y).chain(r.iter_mut().zip(&self.r)) {
+            *to = -*from;
+        }
+    }
+
+    /// Of accelerations at a motion with these forces of the rows: gradients by q, qd and tau, (3 nv) into `out`, and
+    /// the requested ones by constants.
+    #[inline(always)]
+    pub fn of_accelerations(
+        &mut self,
+        at: &mut impl RowProducts<T>,
+        (motion, forces): (Motion<'_, T>, &[T]),
+        (constants, out): (&mut Constants<'_, T>, &mut [T]),
+    ) -> Result<(), RowFault> {
+        self.negate();
+        let Self { rows, rest, unused, y, negative: [minus_y, minus_r], .. } = self;
+        at.gradients_of_torques(motion, minus_y, (constants, out));
+        let (by_q, others) = out.split_at_mut(y.len());
+        let (by_qd, by_tau) = others.split_at_mut(y.len());
+        by_tau.copy_from_slice(y);
+        at.add_row_gradients(rows, [rest, y], forces, [by_q, unused])?;
+        at.add_row_gradients(rows, [motion.qd, motion.qdd.unwrap_or(rest)], minus_r, [by_q, by_qd])
+    }
+
+    /// Adds the gradients of -y* M(q) x + p* J(q) y - r* J(q) along.
+    #[inline(always)]
+    pub fn add_solution(
+        &mut self,
+        at: &mut impl RowProducts<T>,
+        Pushed { x, p }: Pushed<'_, T>,
+        along: &[T],
+        by_q: &mut [T],
+    ) -> Result<(), RowFault> {
+        self.negate();
+        let Self { rows, rest, unused, y, negative, of_product, of_parameters, noise, parameters, .. } = self;
+        let constants = &mut Constants { parameters: of_parameters, ..Constants::default() };
+        at.gradients_of_inertia([rest, x], y, (constants, of_product));
+        by_q.iter_mut().zip(&*of_product).for_each(|(sum, &more)| *sum -= more);
+        let sums = parameters.as_flattened_mut().iter_mut();
+        sums.zip(of_parameters.as_flattened()).for_each(|(sum, &more)| *sum -= more);
+        for ((noise, &y), &x) in noise.iter_mut().zip(&*y).zip(x) {
+            *noise = noise.minus_product(y, x);
+        }
+        at.add_row_gradients(rows, [rest, y], p, [by_q, &mut *unused])?;
+        at.add_row_gradients(rows, [rest, along], &negative[1], [by_q, unused])
+    }
+
+    /// Of the projection of velocities, v + x: from the cotangent of its result to that of v, `x_bar` - J* r = M y, in
+    /// place. Adds the gradient by q to `by_q`.
+    #[inline(always)]
+    pub fn of_projection(
+        &mut self,
+        at: &mut impl RowProducts<T>,
+        (projected, change): (&[T], Pushed<'_, T>),
+        of_v: &mut [T],
+        by_q: &mut [T],
+    ) -> Result<(), RowFault> {
+        self.add_solution(at, change, projected, by_q)?;
+        of_v.copy_from_slice(&self.of_product[2 * of_v.len()..]);
+        Ok(())
+    }
+
+    /// Of a Newton step from a configuration that satisfies the connections: from the cotangent of its result to that
+    /// of its start, in place.
+    #[inline(always)]
+    pub fn of_last_step(&mut self, at: &mut impl RowProducts<T>, of_q: &mut [T]) {
+        let Self { rest, y, of_product, .. } = self;
+        at.gradients_of_inertia([rest, y], y, (&mut Constants::default(), of_product));
+        of_q.copy_from_slice(&of_product[2 * of_q.len()..]);
+    }
+
+    /// Of one Newton step x = M^-1 J* p, p = -(G + c)^+ (error + c sum of the steps before): adds the gradient by q to
+    /// `by_q`, with the cotangent of x. That of the sum is -c r.
+    #[inline(always)]
+    pub fn of_position_step(
+        &mut self,
+        at: &mut impl RowProducts<T>,
+        step: Pushed<'_, T>,
+        of_x: &[T],
+        by_q: &mut [T],
+    ) -> Result<(), RowFault> {
+        self.add_solution(at, step, step.x, by_q)?;
+        let taken = self.of_product[2 * of_x.len()..].iter().zip(of_x);
+        for (sum, (&more, &of_x)) in by_q.iter_mut().zip(taken) {
+            *sum += more - of_x;
+        }
+        Ok(())
+    }
+}
+
+/// A state with all checks, for one model.
+#[derive(Debug)]
+pub(crate) struct ConstraintAdjoint {
+    gradients: SolutionGradients<f64>,
+    products: ProductScratch<f64>,
+    /// The model without gravity, for products with M.
+    weightless: Model<f64>,
+}
+
+impl Deref for ConstraintAdjoint {
+    type Target = SolutionGradients<f64>;
+
+    fn deref(&self) -> &Self::Target {
+        &self.gradients
+    }
+}
+
+impl DerefMut for ConstraintAdjoint {
+    fn deref_mut(&mut self) -> &mut Self::Target {
+        &mut self.gradients
+    }
+}
+
+/// The general passes, at a configuration at which the workspace has phi of every body.
+struct General<'a> {
+    system: (&'a Model<f64>, &'a Constraints),
+    workspace: &'a mut Workspace<f64>,
+    products: &'a mut ProductScratch<f64>,
+    weightless: &'a mut Model<f64>,
+    q: &'a [f64],
+}
+
+impl RowProducts<f64> for General<'_> {
+    fn gradients_of_torques(
+        &mut self,
+        Motion { q, qd, qdd, wrenches }: Motion<'_, f64>,
+        cotangent: &[f64],
+        results: (&mut Constants<'_, f64>, &mut [f64]),
+    ) {
+        let state = (q, qd, qdd.unwrap_or_default());
+        inverse_dynamics_vjp(self.system.0, self.workspace, self.products, state, wrenches, cotangent, results);
+    }
+
+    fn gradients_of_inertia(
+        &mut self,
+        [rest, x]: [&[f64]; 2],
+        cotangent: &[f64],
+        results: (&mut Constants<'_, f64>, &mut [f64]),
+    ) {
+        let Self { system, workspace, products, weightless, q } = self;
+        weightless.system.noise.copy_from_slice(&system.0.system.noise);
+        inverse_dynamics_vjp(weightless, workspace, products, (q, rest, x), &[], cotangent, results);
+    }
+
+    fn add_row_gradients(
+        &mut self,
+        rows: &mut RowGradients<f64>,
+        [qd, qdd]: [&[f64]; 2],
+        multipliers: &[f64],
+        by: [&mut [f64]; 2],
+    ) -> Result<(), RowFault> {
+        let shifts = &self.workspace.store.shifts;
+        rows.add_acceleration_gradient(self.system, shifts, (self.q, qd, qdd), multipliers, by)
+    }
+}
+
+impl ConstraintAdjoint {
+    pub fn new(model: &Model<f64>, constraints: &Constraints, parameters: bool) -> Self {
+        let mut weightless = model.clone();
+        weightless.gravity = Vector3::zeros();
+        let gradients = SolutionGradients::new(model, constraints, parameters);
+        Self { gradients, products: ProductScratch::new(model), weightless }
+    }
+
+    /// The gradients, and the passes that they need at `q`.
+    fn parts<'a>(
+        &'a mut self,
+        system: (&'a Model<f64>, &'a Constraints),
+        workspace: &'a mut Workspace<f64>,
+        q: &'a [f64],
+    ) -> (&'a mut SolutionGradients<f64>, General<'a>) {
+        let Self { gradients, products, weightless } = self;
+        (gradients, General { system, workspace, products, weightless, q })
     }
 
     /// Gradients by q, qd and tau of cotangent* qdd, (3 nv) into `out`, and the requested ones by constants, at a state
@@ -99,17 +300,10 @@ impl ConstraintAdjoint {
     ) -> Result<(), RowFault> {
         dynamics::factorise(system.0, workspace, q);
         scratch.factorise(system, workspace, q, compliance)?;
-        self.solve(system, (workspace, scratch), q, (cotangent, &[]), compliance)?;
-        let Self { rows, products, y, r, .. } = self;
-        let negative: Vec<f64> = y.iter().map(|y| -y).collect();
-        inverse_dynamics_vjp(system.0, workspace, products, (q, qd, qdd), wrenches, &negative, (constants, out));
-        let (by_q, rest) = out.split_at_mut(y.len());
-        let (by_qd, by_tau) = rest.split_at_mut(y.len());
-        by_tau.copy_from_slice(y);
-        let shifts = &workspace.store.shifts;
-        rows.add_row_gradient(system, shifts, (q, y), &scratch.forces, by_q)?;
-        let multipliers: Vec<f64> = r.iter().map(|r| -r).collect();
-        rows.add_acceleration_gradient(system, shifts, (q, qd, qdd), &multipliers, [by_q, by_qd])
+        self.solve(system, (&mut *workspace, &mut *scratch), q, (cotangent, &[]), compliance)?;
+        let (gradients, mut at) = self.parts(system, workspace, q);
+        let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
+        gradients.of_accelerations(&mut at, (motion, &scratch.forces), (constants, out))
     }
 
     /// The change of qdd along a direction, (nv) into `out`, at a state of
@@ -124,7 +318,7 @@ impl ConstraintAdjoint {
         (wrenches, along): (&[Vector6<f64>], &Directions<'_, f64>),
         out: &mut [f64],
     ) -> Result<(), RowFault> {
-        let Self { rows, products, rest, of_product, .. } = self;
+        let Self { gradients: SolutionGradients { rows, rest, of_product, .. }, products, .. } = self;
         let unaccelerated = Directions { u: rest, ..*along };
         inverse_dynamics_jvp(system.0, workspace, products, state, wrenches, &unaccelerated, out);
         dynamics::factorise(system.0, workspace, state.0);
@@ -152,7 +346,7 @@ impl ConstraintAdjoint {
     ) -> Result<([Vec<f64>; 2], [Vec<f64>; 2]), RowFault> {
         self.solve(system, (workspace, scratch), q, (cotangent, &[]), &[])?;
         let solution = [self.y.clone(), self.r.clone()];
-        let Self { rows, products, weightless, rest, y, r, .. } = self;
+        let Self { gradients: SolutionGradients { rows, rest, y, r, .. }, products, weightless } = self;
         let (mut right, mut of_rows, mut of_torques) = (vec![0.0; y.len()], vec![0.0; r.len()], vec![0.0; y.len()]);
         let along = Directions { q: dq, qd: rest, u: rest, ..Directions::default() };
         inverse_dynamics_jvp(weightless, workspace, products, (q, rest, y), &[], &along, &mut right);
@@ -163,31 +357,12 @@ impl ConstraintAdjoint {
         Ok((solution, [self.y.clone(), self.r.clone()]))
     }
 
-    /// One Newton step x = M^-1 J* p, p = -(G + c)^+ (error + c sum of the steps before), at `q`: adds the gradient by
-    /// q to `by_q`, from the cotangents of x and of p. That of the sum is -c r.
-    fn of_position_step(
-        &mut self,
-        system: (&Model<f64>, &Constraints),
-        (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
-        (q, step): (&[f64], Pushed<'_>),
-        (of_x, of_p, compliance): (&[f64], &[f64], &[f64]),
-        by_q: &mut [f64],
-    ) -> Result<(), RowFault> {
-        dynamics::factorise(system.0, workspace, q);
-        scratch.factorise(system, workspace, q, compliance)?;
-        self.solve(system, (workspace, scratch), q, (of_x, of_p), compliance)?;
-        self.add_response(system, workspace, q, step, step.x, by_q)?;
-        let negative: Vec<f64> = self.r.iter().map(|r| -r).collect();
-        scratch.add_torques(system.0, workspace, &negative, by_q);
-        Ok(())
-    }
-
     /// One Newton step with its displacement, as [`record_projection`](super::record_projection) makes it: from the
     /// cotangents of its end and of the sum of forces after it (empty for zero) to those before it, in place.
     pub fn of_displacement(
         &mut self,
         system: (&Model<f64>, &Constraints),
-        room: (&mut Workspace<f64>, &mut ConstraintScratch),
+        (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
         step: &ProjectionStep,
         (of_q, of_sum, compliance): (&mut [f64], &mut [f64], &[f64]),
     ) -> Result<(), RowFault> {
@@ -209,7 +384,11 @@ impl ConstraintAdjoint {
         {
             of_x[longest] -= of_share * share / x[longest];
         }
-        self.of_position_step(system, room, (q, step), (&of_x, &of_p, compliance), &mut of_start)?;
+        dynamics::factorise(system.0, workspace, q);
+        scratch.factorise(system, workspace, q, compliance)?;
+        self.solve(system, (&mut *workspace, scratch), q, (&of_x, &of_p), compliance)?;
+        let (gradients, mut at) = self.parts(system, workspace, q);
+        gradients.of_position_step(&mut at, step, &of_x, &mut of_start)?;
         subtract_products(of_sum, compliance, &self.r);
         of_q.copy_from_slice(&of_start);
         Ok(())
@@ -227,11 +406,21 @@ impl ConstraintAdjoint {
     ) -> Result<(), RowFault> {
         dynamics::factorise(system.0, workspace, q);
         scratch.factorise(system, workspace, q, compliance)?;
-        self.solve(system, (workspace, scratch), q, (of_v, &[]), compliance)?;
-        self.add_response(system, workspace, q, change, projected, by_q)?;
-        let negative: Vec<f64> = self.r.iter().map(|r| -r).collect();
-        scratch.add_torques(system.0, workspace, &negative, of_v);
-        Ok(())
+        self.solve(system, (&mut *workspace, scratch), q, (of_v, &[]), compliance)?;
+        self.of_solved_velocities(system, workspace, (q, projected, change), of_v, by_q)
+    }
+
+    /// As [`ConstraintAdjoint::of_velocities`], with y and r of [`ConstraintAdjoint::solve`].
+    pub fn of_solved_velocities(
+        &mut self,
+        system: (&Model<f64>, &Constraints),
+        workspace: &mut Workspace<f64>,
+        (q, projected, change): (&[f64], &[f64], Pushed<'_>),
+        of_v: &mut [f64],
+        by_q: &mut [f64],
+    ) -> Result<(), RowFault> {
+        let (gradients, mut at) = self.parts(system, workspace, q);
+        gradients.of_projection(&mut at, (projected, change), of_v, by_q)
     }
 
     /// A Newton step from a configuration that satisfies the connections, with the factors of M and of the rows at `q`:
@@ -243,9 +432,9 @@ impl ConstraintAdjoint {
         q: &[f64],
         (of_q, compliance): (&mut [f64], &[f64]),
     ) -> Result<(), RowFault> {
-        self.solve(system, (workspace, scratch), q, (of_q, &[]), compliance)?;
-        let negative: Vec<f64> = self.r.iter().map(|r| -r).collect();
-        scratch.add_torques(system.0, workspace, &negative, of_q);
+        self.solve(system, (&mut *workspace, scratch), q, (of_q, &[]), compliance)?;
+        let (gradients, mut at) = self.parts(system, workspace, q);
+        gradients.of_last_step(&mut at, of_q);
         Ok(())
     }
 
@@ -258,7 +447,7 @@ impl ConstraintAdjoint {
         (of_x, of_p): (&[f64], &[f64]),
         compliance: &[f64],
     ) -> Result<(), RowFault> {
-        let Self { y, r, .. } = self;
+        let SolutionGradients { y, r, .. } = &mut self.gradients;
         dynamics::solve(model, workspace, of_x, y);
         if r.is_empty() {
             return Ok(());
@@ -287,23 +476,12 @@ impl ConstraintAdjoint {
         system: (&Model<f64>, &Constraints),
         workspace: &mut Workspace<f64>,
         q: &[f64],
-        Pushed { x, p }: Pushed<'_>,
+        change: Pushed<'_>,
         along: &[f64],
         by_q: &mut [f64],
     ) -> Result<(), RowFault> {
-        let Self { rows, products, weightless, rest, y, r, of_product, of_parameters, noise, parameters } = self;
-        let constants = &mut Constants { parameters: of_parameters, ..Constants::default() };
-        inverse_dynamics_vjp(weightless, workspace, products, (q, rest, x), &[], y, (constants, of_product));
-        by_q.iter_mut().zip(&*of_product).for_each(|(sum, more)| *sum -= more);
-        let sums = parameters.as_flattened_mut().iter_mut();
-        sums.zip(of_parameters.as_flattened()).for_each(|(sum, more)| *sum -= more);
-        for ((noise, y), x) in noise.iter_mut().zip(&*y).zip(x) {
-            *noise -= y * x;
-        }
-        let shifts = &workspace.store.shifts;
-        rows.add_row_gradient(system, shifts, (q, y), p, by_q)?;
-        let negative: Vec<f64> = r.iter().map(|r| -r).collect();
-        rows.add_row_gradient(system, shifts, (q, along), &negative, by_q)
+        let (gradients, mut at) = self.parts(system, workspace, q);
+        gradients.add_solution(&mut at, change, along, by_q)
     }
 }
 
@@ -311,20 +489,5 @@ impl ConstraintAdjoint {
 pub(crate) fn subtract_products(sum: &mut [f64], c: &[f64], r: &[f64]) {
     for ((sum, c), r) in sum.iter_mut().zip(c).zip(r) {
         *sum -= c * r;
-    }
-}
-
-impl ConstraintScratch {
-    /// Adds J* multipliers to `out`, (nv), with the rows of the last factorization and phi of the workspace. O(N + m).
-    fn add_torques(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, multipliers: &[f64], out: &mut [f64]) {
-        self.spread(multipliers);
-        out.iter_mut().zip(&self.torque).for_each(|(sum, more)| *sum += more);
-        let (stages, mut forces) = (&model.system.stages, self.wrenches.clone());
-        tip_to_base(stages, &workspace.store.shifts, (0..stages.len()).rev(), &mut forces, |k, force| {
-            let stage = &stages[k];
-            for entry in 0..stage.rows.count() {
-                out[stage.first_row + entry] += stage.rows.row(entry).project(force);
-            }
-        });
     }
 }

@@ -84,7 +84,7 @@ fn changes(
 ) -> Result<RowChanges, RowFault> {
     let (nv, m) = (system.0.nv(), system.1.rows);
     let mut changes = RowChanges { by_q: DMatrix::zeros(m, nv), by_qd: DMatrix::zeros(m, nv) };
-    let mut gradients = RowGradients::new(system.0);
+    let mut gradients = RowGradients::new(system);
     let mut unit = vec![0.0; m.max(nv)];
     for i in 0..m {
         let (mut of_q, mut of_qd) = (vec![0.0; nv], vec![0.0; nv]);

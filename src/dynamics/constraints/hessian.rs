@@ -42,7 +42,8 @@ pub(crate) fn constrained_hvp(
     let found = hessian.along(system.0, motion, [dq, dqd, &qdd_change], [&minus(&x), &minus(&x_change)]);
     let (by_state, y) = (&mut found.out[..2 * nv], joined(&x, x_change.iter().copied()));
     let (by_q, by_qd) = by_state.split_at_mut(nv);
-    let (rows, dual) = (&mut RowGradients::new(found.model), (found.model, system.1));
+    let dual = (found.model, system.1);
+    let rows = &mut RowGradients::new(dual);
     rows.add_row_gradient(dual, found.shifts, (found.q, &y), &forces, by_q)?;
     let negative = joined(&minus(&r), r_change.iter().map(|r| -r));
     rows.add_acceleration_gradient(dual, found.shifts, (found.q, found.qd, found.qdd), &negative, [by_q, by_qd])?;

@@ -292,6 +292,19 @@ impl<T: Real> ConstraintKernel<T> {
         usual
     }
 
+    /// The next accelerations meet J qdd = 0, as at rest.
+    #[inline(always)]
+    pub fn rest(&mut self) {
+        for row in &mut self.rows {
+            row.gamma = row.gamma.constant(0.0);
+        }
+    }
+
+    /// The last step of lambda.
+    pub fn step(&self) -> &[T] {
+        &self.step
+    }
+
     /// Adds the step to lambda, and its effect to the innovations of the tree.
     #[inline(always)]
     pub fn take(&mut self, innovations: &mut [T]) {

@@ -44,7 +44,7 @@ pub(crate) use crate::scalar::largest_of;
 #[cfg(feature = "derivatives")]
 pub(crate) use adjoint::ConstraintAdjoint;
 #[cfg(feature = "motion")]
-pub(crate) use adjoint::{Pushed, subtract_products};
+pub(crate) use adjoint::{Pushed, RowProducts, SolutionGradients, subtract_products};
 #[cfg(feature = "derivatives")]
 pub(crate) use derivatives::constrained_derivatives;
 pub(crate) use elimination::Elimination;
@@ -52,6 +52,8 @@ pub(crate) use elimination::Elimination;
 pub(crate) use hessian::constrained_hvp;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
 pub(crate) use kernel::{ConstraintKernel, Residuals};
+#[cfg(feature = "motion")]
+pub(crate) use products::RowGradients;
 pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities};
 #[cfg(feature = "motion")]
 pub(crate) use projection::{ProjectionStep, record_projection};

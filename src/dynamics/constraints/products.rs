@@ -18,25 +18,23 @@
 //! c += S qd x* F,    grad_q = H (n - V_p x* c - A_p x* F),    grad_qd = H (c - V x* F)
 //! ```
 //!
-//! At rest, with qdd = w, the function is r* J(q) w. The cotangents n and v of one pair of frames are computed with
-//! dual numbers, except for points.
+//! At rest, with qdd = w, the function is r* J(q) w.
 
 use super::RowFault;
-use crate::kinematics::joint_motion;
-use crate::kinematics::pair::{Pair, PairRows, RelativeMotion, pair_rows};
+use crate::kinematics::pair::{Pair, RelativeMotion, pair_cotangents};
 use crate::kinematics::propagation::tip_to_base;
-use crate::kinematics::relative::motions_from;
+use crate::kinematics::{Frame, FrameMotion, joint_motion};
 use crate::model::Model;
-use crate::scalar::{Dual, Real};
+use crate::scalar::Real;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
-use crate::spatial::{
-    RigidShift, angular, cross, cross_force, cross_motion, dot, linear, scaled_add, spatial, sum, zero,
-};
-use nalgebra::{Matrix3, Vector3, Vector6};
+use crate::spatial::{RigidShift, cross_force, cross_motion, scaled, scaled_add, sum, zero};
+use nalgebra::Vector6;
 
-/// Scratch of the gradients, in any scalar of one lane.
+/// Scratch of the gradients.
 #[derive(Debug, Clone)]
 pub(crate) struct RowGradients<T = f64> {
+    /// The frames of each connection; None for joint coordinates.
+    frames: Vec<Option<[Frame<T>; 2]>>,
     /// V and A of the bodies of a loop, relative to the body where its branches meet.
     motions: Vec<[Vector6<T>; 2]>,
     /// n, c and F per body.
@@ -46,10 +44,15 @@ pub(crate) struct RowGradients<T = f64> {
     unused: Vec<T>,
 }
 
-impl<T: Real<Parameter = T>> RowGradients<T> {
-    pub fn new(model: &Model<T>) -> Self {
+impl<T: Real> RowGradients<T> {
+    pub fn new((model, constraints): (&Model<T>, &Constraints)) -> Self {
         let (bodies, nv) = (model.bodies.len(), model.nv());
+        let frames = |of: &Constraint| match &of.tie {
+            Tie::Frames { frames, .. } => Some(frames.map(|frame| frame.cast())),
+            Tie::Coordinates { .. } => None,
+        };
         Self {
+            frames: constraints.all.iter().map(frames).collect(),
             motions: vec![[zero(); 2]; bodies],
             sums: vec![[zero(); 3]; bodies],
             rest: vec![T::zero(); nv],
@@ -59,6 +62,7 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
 
     /// Adds the gradient of multipliers* J(q) w by q, in its tangent space, to `out`, (nv), for the rows of all
     /// connections. `shifts`: phi of every body at `q`.
+    #[inline(always)]
     pub fn add_row_gradient(
         &mut self,
         system: (&Model<T>, &Constraints),
@@ -75,6 +79,7 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
 
     /// Adds the gradients of multipliers* (J qdd + J' qd) by q, in its tangent space, and by qd to `by_q` and `by_qd`,
     /// (nv) each, for the rows of all connections. `shifts`: phi of every body at `q`.
+    #[inline(always)]
     pub fn add_acceleration_gradient(
         &mut self,
         (model, constraints): (&Model<T>, &Constraints),
@@ -83,14 +88,16 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
         multipliers: &[T],
         [by_q, by_qd]: [&mut [T]; 2],
     ) -> Result<(), RowFault> {
+        let (zero, minus) = (model.gravity[0].constant(0.0), model.gravity[0].constant(-1.0));
         for (index, constraint) in constraints.all.iter().enumerate() {
             let multipliers = &multipliers[constraint.rows()];
             // Rows of joint coordinates are constant.
-            if multipliers.iter().all(|r| *r == T::zero()) || matches!(constraint.tie, Tie::Coordinates { .. }) {
+            let Tie::Frames { pair, .. } = constraint.tie else { continue };
+            if multipliers.iter().all(|r| *r == zero) {
                 continue;
             }
-            self.begin(model, (index, constraint), state, multipliers)?;
             self.move_bodies(model, shifts, constraint, state);
+            self.begin((model, shifts), (index, constraint), pair, multipliers)?;
             let Self { motions, sums, .. } = self;
             let stages = &model.system.stages;
             tip_to_base(stages, shifts, constraint.branches.iter().copied(), sums, |k, [n, c, f]| {
@@ -98,8 +105,9 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
                 let [of_parent, acceleration_of_parent] = seen(motions, shifts, stage.parent, constraint, k);
                 let own = joint_motion(&model.bodies[k], stage.first_row, state.1);
                 *c = sum(c, &cross_force(&own, f));
-                let along = *n - cross_force(&of_parent, c) - cross_force(&acceleration_of_parent, f);
-                let moving = *c - cross_force(&motions[k][0], f);
+                let turned = sum(&cross_force(&of_parent, c), &cross_force(&acceleration_of_parent, f));
+                let along = scaled_add(&turned, minus, n);
+                let moving = scaled_add(&cross_force(&motions[k][0], f), minus, c);
                 for entry in 0..stage.rows.count() {
                     by_q[stage.first_row + entry] += stage.rows.row(entry).project(&along);
                     by_qd[stage.first_row + entry] += stage.rows.row(entry).project(&moving);
@@ -145,41 +153,48 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
         Ok(())
     }
 
-    /// Sets the forces n, c and F on the bodies of the two frames of a connection, and zero on the others of its path.
+    /// Sets the forces n, c and F on the bodies of the two frames of a connection, and zero on the others of its path,
+    /// from V and A of the bodies.
+    #[inline(always)]
     fn begin(
         &mut self,
-        model: &Model<T>,
+        (model, shifts): (&Model<T>, &[RigidShift<T>]),
         (index, constraint): (usize, &Constraint),
-        (q, qd, qdd): (&[T], &[T], &[T]),
+        pair: Pair,
         multipliers: &[T],
     ) -> Result<(), RowFault> {
+        let Self { motions, sums, frames, .. } = self;
+        let zero = Vector6::from_element(model.gravity[0].constant(0.0));
         for &k in &constraint.path {
-            self.sums[k] = [zero(); 3];
+            sums[k] = [zero; 3];
         }
-        let Tie::Frames { pair, frames: [c, d] } = &constraint.tie else { return Ok(()) };
-        let [c, d] = [c.cast::<T>(), d.cast()];
-        let [of_c, of_d] = motions_from(model, (q, qd, Some(qdd)), [&c, &d], constraint.junction);
+        let Some([c, d]) = &frames[index] else { return Ok(()) };
+        let moving = |frame: &Frame<T>| frame_motion((model, shifts), motions, constraint.junction, frame);
+        let (of_c, of_d) = (moving(c), moving(d));
         let motion = RelativeMotion::of(&of_c, &of_d);
         let [by_place, by_velocity, force] =
-            of_pair(*pair, &motion, multipliers).ok_or(RowFault::NoDirection(index))?;
+            pair_cotangents(pair, &motion, multipliers).ok_or(RowFault::NoDirection(index))?;
         let velocity = motion.place.motion_to_child(&of_d.velocity);
         let acceleration = motion.place.motion_to_child(&of_d.acceleration);
         let on_c = sum(&by_velocity, &cross_force(&velocity, &force));
-        let on_d = -on_c - cross_force(&motion.velocity, &force);
-        let turning = by_place - cross_force(&velocity, &on_d) + cross_force(&acceleration, &force);
-        for (frame, forces) in [
-            (&c, [turning, on_c, force]),
-            (&d, [-turning, on_d, -force].map(|force| motion.place.force_to_parent(&force))),
-        ] {
+        let minus = zero[0].constant(-1.0);
+        let on_d = scaled(&sum(&on_c, &cross_force(&motion.velocity, &force)), minus);
+        let turning = scaled_add(&cross_force(&velocity, &on_d), minus, &by_place);
+        let turning = sum(&turning, &cross_force(&acceleration, &force));
+        for (frame, forces, sign) in
+            [(c, [turning, on_c, force], None), (d, [turning, scaled(&on_d, minus), force], Some(minus))]
+        {
             let Some(k) = frame.body else { continue };
-            for (sum, force) in self.sums[k].iter_mut().zip(&forces) {
-                *sum += frame.placement.force_to_parent(force);
+            for (to, force) in sums[k].iter_mut().zip(&forces) {
+                let force = sign.map_or(*force, |minus| scaled(&motion.place.force_to_parent(force), minus));
+                *to = sum(to, &frame.placement.force_to_parent(&force));
             }
         }
         Ok(())
     }
 
     /// Sets V and A of the bodies of a loop.
+    #[inline(always)]
     fn move_bodies(
         &mut self,
         model: &Model<T>,
@@ -199,6 +214,7 @@ impl<T: Real<Parameter = T>> RowGradients<T> {
 }
 
 /// V and A of the parent of body `k`, in the frame of the body.
+#[inline(always)]
 fn seen<T: Real>(
     motions: &[[Vector6<T>; 2]],
     shifts: &[RigidShift<T>],
@@ -207,63 +223,30 @@ fn seen<T: Real>(
     k: usize,
 ) -> [Vector6<T>; 2] {
     let moving = parent.filter(|_| parent != constraint.junction);
-    moving.map_or([zero(); 2], |parent| motions[parent].map(|motion| shifts[k].motion_to_child(&motion)))
+    let still = [Vector6::from_element(shifts[k].lever[0].constant(0.0)); 2];
+    moving.map_or(still, |parent| motions[parent].map(|motion| shifts[k].motion_to_child(&motion)))
 }
 
-/// The cotangents of multipliers* (E V' + E' V) by a twist of the first frame relative to the second, by V and by V'.
-fn of_pair<T: Real<Parameter = T>>(
-    pair: Pair,
-    motion: &RelativeMotion<T>,
-    multipliers: &[T],
-) -> Option<[Vector6<T>; 3]> {
-    let rows = pair_rows(pair, &motion.place, &motion.velocity)?;
-    let mut force = zero();
-    for (row, &r) in rows.of_motion.iter().zip(multipliers) {
-        force = scaled_add(row, r, &force);
+/// The motion of a frame relative to the body `junction`, in whose axes its pose is.
+#[inline(always)]
+fn frame_motion<T: Real>(
+    (model, shifts): (&Model<T>, &[RigidShift<T>]),
+    motions: &[[Vector6<T>; 2]],
+    junction: Option<usize>,
+    frame: &Frame<T>,
+) -> FrameMotion<T> {
+    let still = Vector6::from_element(model.gravity[0].constant(0.0));
+    let mut of = FrameMotion { placement: frame.placement, velocity: still, acceleration: still };
+    let mut body = frame.body.filter(|_| frame.body != junction);
+    if let Some(k) = body {
+        of.velocity = frame.placement.motion_to_child(&motions[k][0]);
+        of.acceleration = frame.placement.motion_to_child(&motions[k][1]);
     }
-    if pair == Pair::Point {
-        let [by_place, by_velocity] = of_point(motion, &Vector3::from_column_slice(&multipliers[..3]));
-        return Some([by_place, by_velocity, force]);
+    while let Some(k) = body {
+        of.placement = shifts[k].compose(&of.placement);
+        body = model.system.stages[k].parent.filter(|&parent| Some(parent) != junction);
     }
-    let RigidShift { rotation, lever } = &motion.place;
-    let place = RigidShift { rotation: rotation.map(Dual::constant_of), lever: lever.map(Dual::constant_of) };
-    let [velocity, acceleration] = [motion.velocity, motion.acceleration].map(|x| x.map(Dual::constant_of));
-    let slope = |rows: &PairRows<Dual<T>>| -> T {
-        let each = rows.of_motion.iter().zip(&rows.turning).zip(multipliers);
-        each.fold(T::zero(), |sum, ((row, &turning), &r)| sum + r * (dot(row, &acceleration) + turning).tangent)
-    };
-    let unit = |axis: usize| Vector3::from_fn(|i, _| if i == axis { T::one() } else { T::zero() });
-    let (mut by_place, mut by_velocity) = (zero(), zero());
-    for i in 0..6 {
-        // R (d x) for a rotation, R d for a translation.
-        let along = unit(i % 3);
-        let mut twisted = place;
-        if i < 3 {
-            let turned = rotation * Matrix3::from_fn(|row, column| cross(&along, &unit(column))[row]);
-            twisted.rotation.zip_apply(&turned, |entry, change| entry.tangent = change);
-        } else {
-            let shifted = rotation * along;
-            twisted.lever.zip_apply(&shifted, |entry, change| entry.tangent = change);
-        }
-        by_place[i] = slope(&pair_rows(pair, &twisted, &velocity)?);
-        if motion.velocity != zero() {
-            let mut faster = velocity;
-            faster[i].tangent = T::one();
-            by_velocity[i] = slope(&pair_rows(pair, &place, &faster)?);
-        }
-    }
-    Some([by_place, by_velocity, force])
-}
-
-/// The cotangents of [`of_pair`] for coinciding origins, by a twist and by V: with the position p of the origin of the
-/// first frame and V = (w, v), V' = (w', v') in its axes, the rows are v' - w' x p + (v - w x p) x w.
-fn of_point<T: Real>(motion: &RelativeMotion<T>, r: &Vector3<T>) -> [Vector6<T>; 2] {
-    let p = motion.place.rotate_back(&motion.place.lever);
-    let (w, v) = (angular(&motion.velocity), linear(&motion.velocity));
-    let by_p = angular(&motion.acceleration).cross(r) + w * w.dot(r) - r * w.dot(&w);
-    let moving = v - w.cross(&p);
-    let by_w = r.cross(&moving) + w.cross(r).cross(&p);
-    [spatial(&by_p.cross(&p), &by_p), spatial(&by_w, &w.cross(r))]
+    of
 }
 
 #[cfg(test)]

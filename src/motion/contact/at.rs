@@ -106,8 +106,8 @@ impl<'a> At<'a> {
         let Connections { constraints, scratch, adjoint, q } = &mut *self.connections;
         let (system, room) = ((self.model, &*constraints), (&mut *self.workspace, scratch));
         adjoint.solve(system, room, q, (torque, &[]), &[]).map_err(|at| self.row_fault(at))?;
-        let ConstraintAdjoint { y, r, .. } = &self.connections.adjoint;
-        Ok(Moved { v: y.clone(), lambda: r.iter().map(|r| -r).collect() })
+        let adjoint = &self.connections.adjoint;
+        Ok(Moved { v: adjoint.y.clone(), lambda: adjoint.r.iter().map(|r| -r).collect() })
     }
 
     /// out += J* p.

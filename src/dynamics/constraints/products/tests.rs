@@ -87,8 +87,8 @@ fn gradients_of_rows_are_differences() {
         let mut shifts = vec![RigidShift::identity(); model.bodies.len()];
         placements_base_to_tip(model, &q, &mut shifts);
         let (mut by_q, mut by_qd) = (vec![0.0; nv], vec![0.0; nv]);
-        let mut gradients = RowGradients::new(model);
         let system = (model, scene.constraints());
+        let mut gradients = RowGradients::new(system);
         if is_moving {
             let out = [&mut by_q[..], &mut by_qd[..]];
             gradients.add_acceleration_gradient(system, &shifts, (&q, &qd, &qdd), &r, out).expect("gradients");

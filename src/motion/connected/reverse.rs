@@ -1,0 +1,421 @@
+//! Adjoint of steps of scenes with connections by the compiled kernels, for one state per lane of a scalar.
+//!
+//! The step is made again and keeps the factors of M and of the rows at every stage, at every Newton step of the
+//! projection and at its end. In reverse order, each solution of M x - J* p = f, J x = g has an adjoint of the same kind
+//! with the same factors: one more right-hand side. A state needs the [checked adjoint](super::super::closed_reverse)
+//! if the step or one of these solutions needs the checked step.
+
+use super::super::backward::{ARMATURE, BackwardSolver, StepGradients, backward};
+use super::super::scratch::{Scratch, add_scaled, clear};
+use super::super::solver::Solver;
+use super::super::step::step;
+use super::super::step_settings::StepSettings;
+use super::{Connected, STEPS, beyond_limits, factors, kernel_of_rows, open_lanes, replace, step_back};
+use crate::batch::accelerations::KernelArguments;
+use crate::batch::instruction_set::{Target, Vectorized, Work};
+use crate::batch::{connected, factor, products};
+use crate::dynamics::constraints::{
+    ConstraintKernel, Pushed, Residuals, RowFault, RowGradients, RowProducts, SolutionGradients, largest_of,
+};
+use crate::dynamics::contacts::LimitRow;
+use crate::dynamics::derivatives::{CoStates, Constants, Parameters};
+use crate::dynamics::forces::Motion;
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::filter::Form;
+use crate::kinematics::placements_base_to_tip;
+use crate::model::Model;
+use crate::scalar::Real;
+use crate::scene::Scene;
+use crate::scene::constraint::Constraints;
+use crate::spatial::RigidShift;
+use nalgebra::Vector3;
+
+/// Scratch memory of one state per lane.
+pub(in crate::motion) struct ConnectedReverse<T: Vectorized> {
+    connected: Connected<T>,
+    /// The factors of each stage of the step.
+    stages: Vec<Factors<T>>,
+    /// The Newton steps of the projection; the last factors are those of its end.
+    newton: Vec<NewtonStep<T>>,
+    gradients: SolutionGradients<T>,
+    products: Products<T>,
+    /// The velocities before their projection, then its change; its forces, and those of one of its steps.
+    change: Vec<T>,
+    forces: [Vec<T>; 2],
+    /// The cotangents of the end of the step, of the start of a Newton step and of its displacement.
+    end: [Vec<T>; 2],
+    of_start: Vec<T>,
+    of_x: Vec<T>,
+}
+
+/// The factors of M and of the rows at one configuration.
+struct Factors<T: Vectorized> {
+    sweeps: SweepScratch<T>,
+    rows: ConstraintKernel<T>,
+}
+
+/// x = M^-1 J* p from q, in the lanes given as bits, with the factors at q.
+struct NewtonStep<T: Vectorized> {
+    at: Factors<T>,
+    q: Vec<T>,
+    x: Vec<T>,
+    p: Vec<T>,
+    lanes: u64,
+}
+
+/// Scratch memory of the products with derivatives.
+struct Products<T: Vectorized> {
+    constraints: Constraints,
+    /// The model without gravity, in which a right-hand side at rest has no bias, and velocities of zero.
+    weightless: Model<T>,
+    rest: Vec<T>,
+    co_states: CoStates<T>,
+    /// phi of every body.
+    shifts: Vec<RigidShift<T>>,
+    innovations: Vec<T>,
+    x: Vec<T>,
+}
+
+impl<T: Vectorized> ConnectedReverse<T> {
+    pub fn new(
+        scene: &Scene,
+        settings: &StepSettings,
+        s: &Scratch<T>,
+        (limits, parameters): (Vec<LimitRow>, bool),
+    ) -> Self {
+        let connected = Connected::new(scene, settings, s, limits);
+        let (of_step, constraints) = ((&s.model, &s.constants), scene.constraints());
+        let factors = |of: (&Model<T>, &SweepModel<T>)| Factors {
+            sweeps: SweepScratch::new(of.0, of.1).accepting(settings.tolerance),
+            rows: kernel_of_rows(of, constraints),
+        };
+        let of_end = connected.own.as_ref().map_or(of_step, |own| (&own.model, &own.constants));
+        let rates = || vec![T::zero(); s.model.nv()];
+        let of_rows = || vec![T::zero(); constraints.rows];
+        let newton = || NewtonStep { at: factors(of_end), q: s.q.clone(), x: rates(), p: of_rows(), lanes: 0 };
+        let mut weightless = s.model.clone();
+        weightless.gravity = Vector3::from_element(T::zero());
+        Self {
+            stages: (0..settings.scheme.tableau.stages).map(|_| factors(of_step)).collect(),
+            newton: (0..=STEPS).map(|_| newton()).collect(),
+            gradients: SolutionGradients::new(&s.model, constraints, parameters),
+            products: Products {
+                constraints: constraints.clone(),
+                weightless,
+                rest: rates(),
+                co_states: CoStates::new(&s.constants),
+                shifts: vec![RigidShift::identity(); s.model.bodies.len()],
+                innovations: rates(),
+                x: rates(),
+            },
+            change: rates(),
+            forces: [of_rows(), of_rows()],
+            end: [rates(), rates()],
+            of_start: rates(),
+            of_x: rates(),
+            connected,
+        }
+    }
+
+    /// From `to.end` to all results of [`StepGradients`], for the first `states` lanes. Returns the lanes that need the
+    /// fallback.
+    #[inline(always)]
+    pub fn step<I: Target>(
+        &mut self,
+        kernels: (I, Form),
+        (settings, states): (&StepSettings, usize),
+        s: &mut Scratch<T>,
+        to: &mut StepGradients<T>,
+    ) -> u64 {
+        let by = (settings, &settings.scheme);
+        self.connected.begin(states, s);
+        self.connected.replaced();
+        let mut fallback = step(by, s, &mut Recorded { reverse: self, kernels, at: 0 });
+        fallback |= beyond_limits(&self.connected.limits, (&s.q, &s.q_next));
+        if self.connected.active & !fallback == 0 {
+            return u64::MAX;
+        }
+        for (kept, end) in self.end.iter_mut().zip(&to.end) {
+            kept.copy_from_slice(end);
+        }
+        fallback |= self.projections(kernels, fallback, s, &mut to.end);
+        let at = settings.scheme.tableau.last_stage() + 1;
+        fallback |= backward(by, s, to, &mut Recorded { reverse: self, kernels, at }, None);
+        add_scaled(&mut to.acting[ARMATURE], 1.0, &self.gradients.noise);
+        add_scaled(to.parameters.as_flattened_mut(), 1.0, self.gradients.parameters.as_flattened());
+        // A lane that needs the fallback begins with them.
+        for (end, kept) in to.end.iter_mut().zip(&self.end) {
+            end.copy_from_slice(kept);
+        }
+        fallback
+    }
+
+    /// Projects the end of the step onto the connections, and propagates its gradients through the projections, in
+    /// place. Returns the lanes that need the fallback.
+    #[inline(always)]
+    fn projections<I: Target>(
+        &mut self,
+        kernels @ (target, form): (I, Form),
+        mut doubt: u64,
+        s: &mut Scratch<T>,
+        [of_q, of_v]: &mut [Vec<T>; 2],
+    ) -> u64 {
+        let Self { connected, newton, gradients, products, change, forces: [forces, of_rows], of_start, of_x, .. } =
+            self;
+        let Connected { own, innovations, moved, active, size, .. } = connected;
+        let Scratch { model, constants, q_next, v_next, .. } = s;
+        let scene = own.as_ref().map_or((&*model, &*constants), |own| (&own.model, &own.constants));
+        let zero = model.gravity[0].constant(0.0);
+        let (size, active) = (zero.constant(*size), *active);
+        let (mut before, mut made) = (zero.constant(f64::INFINITY), 0);
+        loop {
+            let NewtonStep { at: Factors { sweeps, rows }, q, x, p, lanes } = &mut newton[made];
+            let of_factor = factors((target, form), scene, (sweeps, rows), (q_next, v_next), x);
+            let left = rows.largest(Residuals::Errors);
+            let open = open_lanes(left, before, size, 0.5);
+            let going = open & active & !doubt & !of_factor;
+            if going == 0 || made == STEPS {
+                doubt |= open | of_factor;
+                break;
+            }
+            (before, made, *lanes) = (left, made + 1, going);
+            q.copy_from_slice(q_next);
+            doubt |= step_back((target, scene), (sweeps, rows), (innovations, x, moved), (q_next, going));
+            p.copy_from_slice(rows.step());
+            for numbers in [x, p] {
+                keep(numbers, going, zero);
+            }
+        }
+        let (before_end, end) = newton.split_at_mut(made);
+        let end = &mut end[0].at;
+        change.copy_from_slice(v_next);
+        clear(forces);
+        let speed = largest_of(v_next, zero).mul_add(size, zero.constant(1.0));
+        (before, made) = (zero.constant(f64::INFINITY), 0);
+        loop {
+            let Factors { sweeps, rows } = &mut *end;
+            let left = rows.largest(Residuals::Rates);
+            let open = open_lanes(left, before, speed, 0.25);
+            let going = open & active & !doubt;
+            if going == 0 || made == STEPS {
+                doubt |= open;
+                break;
+            }
+            (before, made) = (left, made + 1);
+            rows.step_against(Residuals::Rates, innovations);
+            factor::smooth(target, scene, sweeps, innovations);
+            keep(innovations, going, zero);
+            for (v, &more) in v_next.iter_mut().zip(&*innovations) {
+                *v += more;
+            }
+            of_rows.copy_from_slice(rows.step());
+            keep(of_rows, going, zero);
+            add_scaled(forces, 1.0, of_rows);
+            rows.at_velocities(scene, sweeps, v_next);
+        }
+        for (change, &v) in change.iter_mut().zip(&*v_next) {
+            *change = v - *change;
+        }
+
+        gradients.begin();
+        let mut at = At::new(kernels, scene, (end, products), q_next);
+        doubt |= at.solve(gradients, of_v, active & !doubt);
+        let velocities = (&v_next[..], Pushed { x: change, p: forces });
+        doubt |= failed(gradients.of_projection(&mut at, velocities, of_v, of_q));
+        // The steps end where the next one would be rounding. Perturbed configurations are moved by this step too.
+        doubt |= at.solve(gradients, of_q, active & !doubt);
+        gradients.of_last_step(&mut at, of_q);
+        for NewtonStep { at, q, x, p, lanes } in before_end.iter_mut().rev() {
+            clear(of_start);
+            clear(of_x);
+            for (body, stage) in scene.0.bodies.iter().zip(&scene.0.system.stages) {
+                let row = stage.first_row;
+                body.motion.advance_cotangents(&x[row..], &of_q[row..], &mut of_start[row..], &mut of_x[row..]);
+            }
+            let mut at = At::new(kernels, scene, (at, products), q);
+            doubt |= at.solve(gradients, of_x, active & !doubt);
+            doubt |= failed(gradients.of_position_step(&mut at, Pushed { x, p }, of_x, of_start));
+            replace(of_q, of_start, *lanes);
+        }
+        doubt
+    }
+}
+
+/// All lanes of a result that failed.
+fn failed(outcome: Result<(), RowFault>) -> u64 {
+    if outcome.is_err() { u64::MAX } else { 0 }
+}
+
+/// Sets all lanes but those given as bits to zero.
+#[inline(always)]
+fn keep<T: Vectorized>(numbers: &mut [T], lanes: u64, zero: T) {
+    for number in numbers {
+        for (lane, number) in number.lanes_mut().iter_mut().enumerate() {
+            if lanes >> lane & 1 == 0 {
+                *number = zero.lanes()[lane];
+            }
+        }
+    }
+}
+
+/// The accelerations of the stages with their factors: forward, where `at` is the next stage, and backward, where it is
+/// the stage after the next one.
+struct Recorded<'a, T: Vectorized, I> {
+    reverse: &'a mut ConnectedReverse<T>,
+    kernels: (I, Form),
+    at: usize,
+}
+
+impl<T: Vectorized, I: Target> Solver<T> for Recorded<'_, T, I> {
+    #[inline(always)]
+    fn solve(
+        &mut self,
+        estimates: bool,
+        scene: (&Model<T>, &SweepModel<T>),
+        _: &mut SweepScratch<T>,
+        state: (&[T], &[T], &[T]),
+        qdd: &mut [T],
+    ) -> u64 {
+        let (ConnectedReverse { connected, stages, .. }, (target, form)) = (&mut *self.reverse, self.kernels);
+        let Factors { sweeps, rows } = &mut stages[self.at];
+        self.at += 1;
+        std::mem::swap(&mut connected.rows, rows);
+        let lanes = connected.accelerations((target, form, estimates), scene, sweeps, state, qdd);
+        std::mem::swap(&mut connected.rows, rows);
+        lanes
+    }
+}
+
+impl<T: Vectorized, I: Target> BackwardSolver<T> for Recorded<'_, T, I> {
+    #[inline(always)]
+    fn factor(&mut self, _: KernelArguments<'_, T>) -> u64 {
+        0
+    }
+
+    #[inline(always)]
+    fn gradients(
+        &mut self,
+        call: KernelArguments<'_, T>,
+        cotangent: &[T],
+        parameters: &mut [Parameters<T>],
+        out: &mut [T],
+    ) -> u64 {
+        let KernelArguments { scene, state: (q, qd, _), wrenches, qdd, .. } = call;
+        let ConnectedReverse { connected, stages, gradients, products, forces: [forces, _], .. } = &mut *self.reverse;
+        self.at -= 1;
+        let factors = &mut stages[self.at];
+        forces.copy_from_slice(&factors.rows.forces_of_rows);
+        let mut at = At::new(self.kernels, scene, (factors, products), q);
+        let doubt = at.solve(gradients, cotangent, connected.active);
+        let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
+        let constants = &mut Constants { parameters, ..Constants::default() };
+        doubt | failed(gradients.of_accelerations(&mut at, (motion, forces), (constants, out)))
+    }
+}
+
+/// Solutions and products at one configuration, with its factors.
+struct At<'a, T: Vectorized, I> {
+    kernels: (I, Form),
+    scene: (&'a Model<T>, &'a SweepModel<T>),
+    factors: &'a mut Factors<T>,
+    products: &'a mut Products<T>,
+    q: &'a [T],
+}
+
+impl<'a, T: Vectorized, I: Target> At<'a, T, I> {
+    #[inline(always)]
+    fn new(
+        kernels: (I, Form),
+        scene: (&'a Model<T>, &'a SweepModel<T>),
+        (factors, products): (&'a mut Factors<T>, &'a mut Products<T>),
+        q: &'a [T],
+    ) -> Self {
+        products.weightless.system.noise.copy_from_slice(&scene.0.system.noise);
+        placements_base_to_tip(scene.0, q, &mut products.shifts);
+        Self { kernels, scene, factors, products, q }
+    }
+
+    /// y and r for the cotangent of x: M y + J* r = `of_x`, J y = 0. `lanes` are needed. Returns the lanes that need the
+    /// fallback.
+    #[inline(always)]
+    fn solve(&mut self, to: &mut SolutionGradients<T>, of_x: &[T], lanes: u64) -> u64 {
+        let Self { kernels: (target, _), scene, factors: Factors { sweeps, rows }, products, q } = self;
+        let Products { weightless, rest, innovations, .. } = &mut **products;
+        let at_rest = (weightless as &Model<T>, scene.1);
+        factor::innovations(*target, at_rest, sweeps, (q, rest, of_x), (&[], innovations));
+        rows.rest();
+        let vectors = (of_x, &mut innovations[..], &mut to.y[..]);
+        let (_, open) = connected::accelerations(*target, *scene, sweeps, rows, vectors, (lanes, u64::MAX));
+        for (r, &p) in to.r.iter_mut().zip(&rows.forces_of_rows) {
+            *r = -p;
+        }
+        open
+    }
+}
+
+impl<T: Vectorized, I: Target> RowProducts<T> for At<'_, T, I> {
+    #[inline(always)]
+    fn gradients_of_torques(
+        &mut self,
+        motion: Motion<'_, T>,
+        cotangent: &[T],
+        (constants, out): (&mut Constants<'_, T>, &mut [T]),
+    ) {
+        let Products { co_states, x, .. } = &mut *self.products;
+        let room = (self.scene, (&mut self.factors.sweeps, co_states));
+        products::gradients(self.kernels.0, None, room, (motion, cotangent), (constants, x, out));
+    }
+
+    #[inline(always)]
+    fn gradients_of_inertia(
+        &mut self,
+        [rest, qdd]: [&[T]; 2],
+        cotangent: &[T],
+        (constants, out): (&mut Constants<'_, T>, &mut [T]),
+    ) {
+        let Products { weightless, co_states, x, .. } = &mut *self.products;
+        let room = ((&*weightless, self.scene.1), (&mut self.factors.sweeps, co_states));
+        let motion = Motion { q: self.q, qd: rest, qdd: Some(qdd), wrenches: &[] };
+        products::gradients(self.kernels.0, None, room, (motion, cotangent), (constants, x, out));
+    }
+
+    #[inline(always)]
+    fn add_row_gradients(
+        &mut self,
+        rows: &mut RowGradients<T>,
+        [qd, qdd]: [&[T]; 2],
+        multipliers: &[T],
+        by: [&mut [T]; 2],
+    ) -> Result<(), RowFault> {
+        let Products { constraints, shifts, .. } = &*self.products;
+        let system = (self.scene.0, constraints);
+        add_row_gradients(self.kernels.0, rows, (system, shifts, (self.q, qd, qdd)), multipliers, by)
+    }
+}
+
+/// Compiled once for all callers.
+#[inline(never)]
+fn add_row_gradients<T: Vectorized, I: Target>(
+    target: I,
+    rows: &mut RowGradients<T>,
+    at: AtMotion<'_, T>,
+    multipliers: &[T],
+    by: [&mut [T]; 2],
+) -> Result<(), RowFault> {
+    target.within(AddRowGradients(rows, at, multipliers, by))
+}
+
+/// A system, phi of every body, and (q, qd, qdd).
+type AtMotion<'a, T> = ((&'a Model<T>, &'a Constraints), &'a [RigidShift<T>], (&'a [T], &'a [T], &'a [T]));
+
+struct AddRowGradients<'a, T: Real>(&'a mut RowGradients<T>, AtMotion<'a, T>, &'a [T], [&'a mut [T]; 2]);
+
+impl<T: Vectorized> Work for AddRowGradients<'_, T> {
+    type Output = Result<(), RowFault>;
+
+    #[inline(always)]
+    fn call(self) -> Result<(), RowFault> {
+        let Self(rows, (system, shifts, motion), multipliers, by) = self;
+        rows.add_acceleration_gradient(system, shifts, motion, multipliers, by)
+    }
+}
