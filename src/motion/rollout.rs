@@ -95,14 +95,14 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if !(0.0..=1.0).contains(&restitution) {
             return Err(Error::argument("restitution", format!("{restitution}"), "a number from 0 to 1"));
         }
-        let is_tree = holds.constraints().is_empty() && holds.contacts().is_empty();
         if let Some(accuracy) = accuracy
             && !(accuracy.is_finite() && accuracy >= 1e-12)
         {
             return Err(Error::argument("accuracy", format!("{accuracy}"), "an error bound of at least 1e-12"));
         }
-        if accuracy.is_some() && (!is_tree || coupling.is_some() || method != Method::Auto) {
-            let found = "error control with contacts, connections, coupled joints or a fixed method";
+        let is_closed = !holds.constraints().is_empty() || coupling.is_some();
+        if accuracy.is_some() && (is_closed || method != Method::Auto) {
+            let found = "error control with connections, coupled joints or a fixed method";
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
         let (nq, nv) = (holds.nq(), holds.nv());

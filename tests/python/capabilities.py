@@ -632,7 +632,7 @@ _REBOUND = "does not hold: in a step in which gravity adds kinetic energy, resti
 #: Cells that do not hold, by capability, kind and contact: "refused: " and a part of the message, or "does not hold: "
 #: and the reason.
 EXCEPTIONS: dict[str, dict[tuple[str, bool], str]] = {
-    "error control (`accuracy=`)": {(kind, far): _ACCURACY for kind in KINDS for far in (False, True) if (kind, far) != ("tree", False)},
+    "error control (`accuracy=`)": {(kind, far): _ACCURACY for kind in KINDS for far in (False, True) if kind != "tree"},
     "joint stops, restitution": {
         **{(kind, far): _REBOUND for kind in ("tree", "mimic") for far in (False, True)},
         **{("loop", far): "does not hold: a stop is exceeded by 2e-10 rad" for far in (False, True)},
