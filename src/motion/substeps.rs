@@ -194,6 +194,7 @@ impl Substeps {
     /// All substeps with error control, in place. The error estimate of each substep, from the embedded method or from
     /// the difference between one step and two of half its length, is within the bound. A change of modes ends a
     /// substep, by bisection until the estimated error of the event is within the bound too.
+    #[allow(clippy::too_many_lines)] // one loop
     fn controlled(
         &mut self,
         (settings, accuracy): (&StepSettings, f64),

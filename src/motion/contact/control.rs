@@ -36,6 +36,8 @@ const SHORTEST: f64 = 1e-5;
 const SHORTEST_EVENT: f64 = 1e-10;
 /// Length of substeps in which a joint returns from outside of its limits, s.
 const RETURNING: f64 = 5e-4;
+/// A joint within this distance of its limit is at it, rad or m.
+const AT_LIMIT: f64 = 1e-11;
 /// Largest number of substeps of a step, with those that are rejected.
 const MOST_TRIED: usize = 1_000_000;
 /// A contact that leaves or approaches its surface at most at this multiple of the accuracy, m/s, rests on it.
@@ -138,7 +140,7 @@ impl Divided<'_> {
         }
         let (q, _) = self.moving(values);
         let (kept, contacts) = (&values[self.at().1..], self.scene.contact_points().len());
-        let at_limit = |limit: &LimitRow| f64::from(u8::from(limit.gap(q) <= 0.0));
+        let at_limit = |limit: &LimitRow| f64::from(u8::from(limit.gap(q) <= AT_LIMIT));
         kept[6 * contacts..7 * contacts].iter().copied().chain(self.limits.iter().map(at_limit)).collect()
     }
 
@@ -245,7 +247,7 @@ impl Divided<'_> {
         let error = estimate(&x1, &x2).max(estimate(&v1, &v2) / largest(v, 1.0));
         let next = 0.9 * (self.accuracy / error.max(f64::MIN_POSITIVE)).cbrt();
         // A joint outside of its limits returns at a given velocity.
-        let returns = part * self.step <= RETURNING && self.limits.iter().any(|limit| limit.gap(q) < 0.0);
+        let returns = part * self.step <= RETURNING && self.limits.iter().any(|limit| limit.gap(q) < -AT_LIMIT);
         if !(error <= self.accuracy || part <= SHORTEST || returns) {
             let next = if next.is_finite() { next.clamp(0.1, 0.5) } else { 0.1 };
             return Ok(Substep { accepted: None, is_event: false, next });
@@ -270,8 +272,10 @@ impl Divided<'_> {
     fn project(&self, one: &mut ContactStepper, run: &mut Run, positions: bool) -> Result<(), StepFault> {
         let (scene, contacts, (totals, kept)) = (self.scene, self.scene.contact_points().len(), self.at());
         let touching: Vec<usize> = (0..contacts).filter(|&i| report::acts(&run.values[kept..], contacts, i)).collect();
+        let struck = kept + 3 * contacts..kept + 6 * contacts;
+        let rebounds = run.values[struck.clone()] != self.values[struck];
         let moving = run.values[..totals].split_at_mut(scene.nq());
-        let projected = one.project((scene, &self.settings), (&touching, positions), moving);
+        let projected = one.project((scene, &self.settings), (&touching, rebounds, positions), moving);
         projected.map_err(|(joint, error)| StepFault { step: self.n, state: self.state[0], joint, error })
     }
 

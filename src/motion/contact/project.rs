@@ -5,12 +5,13 @@ use super::closed::positions_onto_connections;
 use super::faults::factorised;
 use super::moves::{Move, Push};
 use crate::contact::{Cones, Effort, Limits};
+use crate::decompositions::eigenvalues;
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use nalgebra::{DMatrix, DVector};
 
 /// Penetrations up to this depth are ignored, m.
 pub(super) const TOUCHES: f64 = 1e-10;
@@ -46,17 +47,18 @@ pub(super) fn onto_surfaces(
     Ok(())
 }
 
-/// Changes `v` with the least kinetic energy until none of the contacts `touching` approaches its surface.
-pub(super) fn without_approach(
+/// Changes `v` with the least kinetic energy until the contacts `touching` do not approach their surfaces, nor leave
+/// them unless some rebound.
+pub(super) fn along_surfaces(
     (scene, model): (&Scene, &Model<f64>),
     workspace: &mut Workspace<f64>,
     rows: &mut ContactScratch,
     (q, v): (&[f64], &mut [f64]),
-    touching: &[usize],
+    (touching, rebounds): (&[usize], bool),
 ) -> Result<(), (String, Error)> {
     rows.place(model, scene.contact_points(), q);
     let u = rows.velocities(model, scene.contact_points(), v);
-    let near: Vec<usize> = touching.iter().copied().filter(|i| u[3 * i + 2] < 0.0).collect();
+    let near: Vec<usize> = touching.iter().copied().filter(|i| !rebounds || u[3 * i + 2] < 0.0).collect();
     if !near.is_empty() {
         cancel((scene, model), workspace, rows, (q, &near), |i| u[3 * i + 2])?;
         v.iter_mut().zip(&rows.response).for_each(|(v, change)| *v += change);
@@ -82,7 +84,11 @@ fn cancel(
     }
     let blocks = rows.gram(model, points, workspace, &mut near);
     let g = Cones::new(blocks, &vec![0.0; near.len()]).whole().g;
-    let normal = SymmetricEigen::new(DMatrix::from_fn(near.len(), near.len(), |i, j| g[(3 * i + 2, 3 * j + 2)]));
+    let normal = DMatrix::from_fn(near.len(), near.len(), |i, j| g[(3 * i + 2, 3 * j + 2)]);
+    let Some(normal) = eigenvalues(normal) else {
+        rows.response.fill(0.0);
+        return Ok(());
+    };
     let mut along = normal.eigenvectors.tr_mul(&DVector::from_fn(near.len(), |at, _| c(near[at])));
     let least = DEPENDENT * normal.eigenvalues.amax();
     along.zip_apply(&normal.eigenvalues, |x, value| *x = if value > least { -*x / value } else { 0.0 });

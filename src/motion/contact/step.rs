@@ -293,7 +293,7 @@ impl ContactStep {
                 check((scene, &rows.limits), &near, &solved)?;
                 outcome.states = cone.states(&held, &c, &limits);
                 outcome.reverses = outcome.states[..touching].iter().enumerate().any(|(at, &state)| {
-                    let [before, after] = [&velocities.1[0], &after_here].map(|u| u.fixed_rows::<2>(3 * at));
+                    let [before, after] = [velocities.1[0], &after_here].map(|u| u.fixed_rows::<2>(3 * at));
                     let turned = before.dot(&after) < 0.5 * before.norm() * after.norm();
                     state == ContactState::Sliding && friction[at] > 0.0 && turned
                 });

@@ -7,7 +7,7 @@ use super::super::step_settings::StepSettings;
 use super::super::torque::{StepFault, Torque};
 use super::super::totals::TOTALS;
 use super::closed::{onto_connections, positions_onto_connections};
-use super::project::{onto_surfaces, out_of_planes, without_approach};
+use super::project::{along_surfaces, onto_surfaces, out_of_planes};
 use super::report::RECORD;
 use super::step::ContactStep;
 use crate::dynamics::contacts::{ContactScratch, slip};
@@ -93,13 +93,13 @@ impl ContactStepper {
 }
 
 impl ContactStepper {
-    /// Ends a substep of error control: the contacts `touching` do not approach their surfaces, and the connections
-    /// hold; with `positions`, these contacts are on their surfaces, and others not below. Returns the joint and the
-    /// error if it fails.
+    /// Ends a substep of error control: the contacts `touching` move along their surfaces, or away from them if they
+    /// rebound, and the connections hold; with `positions`, these contacts are on their surfaces, and others not below.
+    /// Returns the joint and the error if it fails.
     pub(super) fn project(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
-        (touching, positions): (&[usize], bool),
+        (touching, rebounds, positions): (&[usize], bool, bool),
         (q, v): (&mut [f64], &mut [f64]),
     ) -> Result<(), (String, Error)> {
         let Self { scratch: s, touching: ContactStep { solver, rows, .. } } = self;
@@ -111,7 +111,7 @@ impl ContactStepper {
             positions_onto_connections(scene, (&s.model, workspace), rows, q, None)?;
         }
         if settings.smoothing.is_none() {
-            without_approach(system, workspace, rows, (&*q, &mut *v), touching)?;
+            along_surfaces(system, workspace, rows, (&*q, &mut *v), (touching, rebounds))?;
         }
         onto_connections(scene, (&s.model, workspace), rows, (&*q, &mut *v), None)?;
         if let Some(coupling) = &settings.coupling {
