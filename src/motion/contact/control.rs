@@ -43,6 +43,8 @@ const MOST_TRIED: usize = 1_000_000;
 /// A contact that leaves or approaches its surface at most at this multiple of the accuracy, m/s, rests on it.
 pub(super) const RESTS: f64 = 10.0;
 
+/// The estimate of a smooth motion decreases at least by this factor in a substep of at most half the length.
+const SMOOTH: f64 = 0.9;
 /// The smallest and the largest ratio of the lengths of two substeps.
 const SHORTER: f64 = 0.3;
 const LONGER: f64 = 5.0;
@@ -62,6 +64,8 @@ struct Divided<'a> {
     forces: Vec<f64>,
     impulses: Vec<f64>,
     impacts: Vec<StopImpact>,
+    /// The estimate of the last rejected substep without a change of states; infinite after an accepted one.
+    rejected: f64,
     /// Part of the step that is left, and the values at its start.
     left: f64,
     values: Vec<f64>,
@@ -234,7 +238,7 @@ impl Divided<'_> {
 
     /// The extrapolation of steps of h, h/2 and h/3 in the same states.
     fn extrapolated(
-        &self,
+        &mut self,
         one: &mut ContactStepper,
         [whole, halves, mut thirds]: [Run; 3],
         part: f64,
@@ -248,7 +252,10 @@ impl Divided<'_> {
         let next = 0.9 * (self.accuracy / error.max(f64::MIN_POSITIVE)).cbrt();
         // A joint outside of its limits returns at a given velocity.
         let returns = part * self.step <= RETURNING && self.limits.iter().any(|limit| limit.gap(q) < -AT_LIMIT);
-        if !(error <= self.accuracy || part <= SHORTEST || returns) {
+        // Rounding errors do not decrease with the length.
+        let is_rounding = error >= SMOOTH * self.rejected;
+        if !(error <= self.accuracy || part <= SHORTEST || returns || is_rounding) {
+            self.rejected = error;
             let next = if next.is_finite() { next.clamp(0.1, 0.5) } else { 0.1 };
             return Ok(Substep { accepted: None, is_event: false, next });
         }
@@ -296,7 +303,7 @@ impl Divided<'_> {
             *sum += impulse;
             *force = impulse / (part * self.step);
         }
-        self.values = run.values;
+        (self.values, self.rejected) = (run.values, f64::INFINITY);
         *self.total(ERROR) += error;
         self.left = if part < self.left { self.left - part } else { 0.0 };
     }
@@ -321,6 +328,7 @@ impl Switching {
             forces: Vec::new(),
             impulses: vec![0.0; 3 * contacts],
             impacts: Vec::new(),
+            rejected: f64::INFINITY,
             left: 1.0,
             values,
         };

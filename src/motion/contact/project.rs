@@ -31,8 +31,8 @@ pub(super) fn onto_surfaces(
     (q, next): (&mut [f64], &mut [f64]),
     touching: &[usize],
 ) -> Result<(), (String, Error)> {
-    /// Gaps of rounding, m.
-    const CLOSED: f64 = 1e-12;
+    /// Gaps of rounding, m. The velocity with which a short step closes a gap is an error.
+    const CLOSED: f64 = 1e-14;
     for _ in 0..STEPS {
         positions_onto_connections(scene, (model, workspace), rows, q, None)?;
         rows.place(model, scene.contact_points(), q);

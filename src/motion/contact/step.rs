@@ -40,7 +40,8 @@ pub(super) struct ContactStep {
     pub impacts: Vec<StopImpact>,
     /// The last step, if its adjoint follows.
     pub record: Option<StepRecord>,
-    /// The largest acceleration of a joint without contacts in the last step, and whether friction changed its direction.
+    /// The largest acceleration of a joint without contacts in the last step, and whether friction changed its
+    /// direction.
     pub acceleration: f64,
     pub reverses: bool,
 }
