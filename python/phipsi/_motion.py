@@ -110,7 +110,9 @@ class Trajectory(TrajectoryFiles):
     substeps: NDArray[np.int_] = field(default_factory=lambda: np.array(1), repr=False)
     """Largest number of substeps of a step, (...)."""
     events: NDArray[np.int_] = field(default_factory=lambda: np.array(0), repr=False)
-    """Number of substeps in which a joint stuck, began to slide, or reached or left a stop, (...)."""
+    """Number of substeps in which a joint stuck, began to slide, or reached or left a stop, (...). With accuracy, also
+    those in which a contact did.
+    """
     estimated_error: _Array = field(default_factory=lambda: np.array(np.nan), repr=False)
     """With accuracy, the sum of the estimated errors of all substeps, (...); otherwise NaN: use error_estimate."""
     bands: Bands | None = field(default=None, repr=False)
@@ -226,9 +228,9 @@ class Trajectory(TrajectoryFiles):
         Notes
         -----
         A simulation with method="auto" is repeated with error control (accuracy=1e-7), which resolves impacts,
-        sticking, and vibrations that the step damps. With another method or contacts it is repeated with a third of
-        the step; the estimate is then unreliable when the mode of friction or stops changes. The estimate does not include model errors such as those of
-        regularized friction. For chaotic motion it grows with the error.
+        sticking, and vibrations that the step damps. With another method it is repeated with a third of the step; the
+        estimate is then unreliable when the mode of friction or stops changes. The estimate does not include model
+        errors such as those of regularized friction. For chaotic motion it grows with the error.
 
         Examples
         --------

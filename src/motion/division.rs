@@ -134,7 +134,7 @@ impl Substeps {
         self.v.copy_from_slice(&s.v);
         self.impacts.clear();
         match settings.accuracy {
-            Some(accuracy) => self.controlled(settings, accuracy, s, steps),
+            Some(accuracy) => self.controlled((settings, accuracy), s, steps, visit),
             None => self.through(settings, s, steps, visit),
         }
         s.q_next.copy_from_slice(&s.q);
@@ -229,7 +229,14 @@ impl Substeps {
     /// All substeps with error control, in place. The error estimate of each substep, from the embedded method or from
     /// the difference between one step and two of half its length, is within the bound. A change of modes ends a
     /// substep, by bisection until the estimated error of the event is within the bound too.
-    fn controlled(&mut self, settings: &StepSettings, accuracy: f64, s: &mut Scratch<f64>, steps: &mut impl Steps) {
+    #[allow(clippy::too_many_lines)] // one loop
+    fn controlled(
+        &mut self,
+        (settings, accuracy): (&StepSettings, f64),
+        s: &mut Scratch<f64>,
+        steps: &mut impl Steps,
+        visit: &mut Visitor<'_>,
+    ) {
         // Order of the error estimate.
         let order = f64::from(settings.method.order()) - f64::from(u8::from(settings.scheme.embedded));
         let (mut left, mut made, mut tried) = (1.0, 0.0, 0_usize);
@@ -253,6 +260,7 @@ impl Substeps {
                 break;
             }
             if consistent && error <= accuracy {
+                at_start(s, (&mut q, &mut v), |s| visit(&scheme, s, None));
                 s.totals[ERROR] += error;
                 made += 2.0;
                 left = if is_last { 0.0 } else { left - part };
@@ -299,6 +307,7 @@ impl Substeps {
                 if !s.v.iter().chain(&s.q).all(|x| x.is_finite()) {
                     break;
                 }
+                at_start(s, (&mut q, &mut v), |s| visit(&scheme, s, None));
                 made += 1.0;
                 left = if is_last { 0.0 } else { left - part };
                 // The error of an event is of second order.
@@ -320,6 +329,17 @@ impl Substeps {
         s.totals[SUBSTEPS] += made;
         s.totals[MOST] = s.totals[MOST].max(made);
     }
+}
+
+/// Calls `visit` with the state at the start of a substep.
+fn at_start(s: &mut Scratch<f64>, (q, v): (&mut Vec<f64>, &mut Vec<f64>), visit: impl FnOnce(&Scratch<f64>)) {
+    let mut swap = |s: &mut Scratch<f64>| {
+        std::mem::swap(&mut s.q, q);
+        std::mem::swap(&mut s.v, v);
+    };
+    swap(s);
+    visit(s);
+    swap(s);
 }
 
 /// The next length to try after a rejected substep: at most half, by the error estimate.

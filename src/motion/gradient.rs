@@ -233,6 +233,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let RecordedRows { q, qd, every, by_q, by_qd } = *rows;
         let (scene, states) = (self.scene(), self.states());
         let refuse = |error| Fault { state: 0, error };
+        if self.settings.accuracy.is_some() {
+            let expected = "fixed steps, which have gradients";
+            return Err(refuse(Error::argument("accuracy", "a simulation with error control", expected)));
+        }
         if every == 0 {
             return Err(refuse(Error::argument("every", "0", "at least 1")));
         }

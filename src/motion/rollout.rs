@@ -100,8 +100,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         {
             return Err(Error::argument("accuracy", format!("{accuracy}"), "an error bound of at least 1e-12"));
         }
-        if accuracy.is_some() && (!holds.contacts().is_empty() || method != Method::Auto) {
-            let found = "error control with contacts or a fixed method";
+        if accuracy.is_some() && method != Method::Auto {
+            let found = "error control with a fixed method";
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
         let (nq, nv) = (holds.nq(), holds.nv());

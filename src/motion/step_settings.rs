@@ -111,12 +111,14 @@ impl StepSettings {
     }
 
     /// True if steps with contacts are vectorized: those of a tree on planes of the base with the exact law, unless its
-    /// contacts are in many independent groups, because G of all contacts is computed in lanes.
+    /// contacts are in many independent groups, because G of all contacts is computed in lanes, and not with error
+    /// control.
     pub fn touches_in_lanes(&self, scene: &Scene) -> bool {
         self.method == Method::Contact
             && scene.contacts_have_planes()
             && scene.contacts_are_coupled()
             && self.coupling.is_none()
+            && self.accuracy.is_none()
             && !self.connected
             && self.smoothing.is_none()
     }

@@ -173,9 +173,9 @@ impl Coupling {
     }
 
     /// Restores the coupling of a state of the tree exactly, because rounding errors would accumulate over many steps.
-    pub(crate) fn restore(&self, q: &mut Vec<f64>, qd: &mut Vec<f64>) {
-        *q = self.configuration(&self.independent_coordinates(q));
-        *qd = self.rates(&self.independent_rates(qd));
+    pub(crate) fn restore(&self, q: &mut [f64], qd: &mut [f64]) {
+        q.copy_from_slice(&self.configuration(&self.independent_coordinates(q)));
+        qd.copy_from_slice(&self.rates(&self.independent_rates(qd)));
     }
 
     /// An argument of a function of the tree, for that of the scene: a configuration (`q`) or rates; with `acts`, in

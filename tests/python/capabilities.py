@@ -628,14 +628,9 @@ CELLS: dict[str, Callable[[Case], None]] = {
     "sensor observer": sensor_observer,
 }
 
-_ACCURACY = "refused: error control"
-
-
 #: Cells that do not hold, by capability, kind and contact: "refused: " and a part of the message, or "does not hold: "
 #: and the reason.
-EXCEPTIONS: dict[str, dict[tuple[str, bool], str]] = {
-    "error control (`accuracy=`)": {(kind, True): _ACCURACY for kind in KINDS},
-}
+EXCEPTIONS: dict[str, dict[tuple[str, bool], str]] = {}
 
 
 def outcome(capability: str, kind: str, far: bool) -> str:

@@ -217,9 +217,6 @@ def test_what_error_control_refuses() -> None:
         path.error_estimate()
     with pytest.raises(ArgumentError, match="accuracy: found error control with .* or a fixed method"):
         scene.simulate(q, qd, duration=0.1, accuracy=1e-6, method="rk4")
-    ball = phipsi.SceneBuilder().link("ball", 2.0, inertia=0.01 * np.eye(3)).contact("ground", "ball", radius=0.1, friction=0.5).build(floating_base=True)
-    with pytest.raises(ArgumentError, match="accuracy: found error control with contacts"):
-        ball.simulate(ball.neutral(), np.zeros(6), dt=1e-3, steps=1, accuracy=1e-6)
 
 
 def in_time(code: str) -> None:

@@ -24,6 +24,7 @@
 mod at;
 mod backward;
 mod closed;
+mod control;
 mod faults;
 mod free_axes;
 mod lanes;

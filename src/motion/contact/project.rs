@@ -5,12 +5,13 @@ use super::closed::positions_onto_connections;
 use super::faults::factorised;
 use super::moves::{Move, Push};
 use crate::contact::{Cones, Effort, Limits};
+use crate::decompositions::eigenvalues;
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 /// Penetrations up to this depth are ignored, m.
 pub(super) const TOUCHES: f64 = 1e-10;
@@ -20,6 +21,82 @@ const STEPS: usize = 5;
 
 /// Effort of one solve; further Newton steps correct its residual.
 const ROUGH: Effort = Effort { tolerance: 1e-6, attempts: usize::MAX, iterations: usize::MAX };
+
+/// Displaces `q` with the least kinetic energy until the contacts `touching` have no gap, in a few Newton steps, each
+/// followed by a projection onto the connections.
+pub(super) fn onto_surfaces(
+    (scene, model): (&Scene, &Model<f64>),
+    workspace: &mut Workspace<f64>,
+    rows: &mut ContactScratch,
+    (q, next): (&mut [f64], &mut [f64]),
+    touching: &[usize],
+) -> Result<(), (String, Error)> {
+    /// Gaps of rounding, m. The velocity with which a short step closes a gap is an error.
+    const CLOSED: f64 = 1e-14;
+    for _ in 0..STEPS {
+        positions_onto_connections(scene, (model, workspace), rows, q, None)?;
+        rows.place(model, scene.contact_points(), q);
+        if !touching.iter().any(|&i| rows.gaps[i].abs() > CLOSED) {
+            break;
+        }
+        let gaps = rows.gaps.clone();
+        cancel((scene, model), workspace, rows, (q, touching), |i| gaps[i])?;
+        advance(model, q, &rows.response, next);
+        q.copy_from_slice(next);
+    }
+    Ok(())
+}
+
+/// Changes `v` with the least kinetic energy until the contacts `touching` do not approach their surfaces, nor leave
+/// them unless some rebound.
+pub(super) fn along_surfaces(
+    (scene, model): (&Scene, &Model<f64>),
+    workspace: &mut Workspace<f64>,
+    rows: &mut ContactScratch,
+    (q, v): (&[f64], &mut [f64]),
+    (touching, rebounds): (&[usize], bool),
+) -> Result<(), (String, Error)> {
+    rows.place(model, scene.contact_points(), q);
+    let u = rows.velocities(model, scene.contact_points(), v);
+    let near: Vec<usize> = touching.iter().copied().filter(|i| !rebounds || u[3 * i + 2] < 0.0).collect();
+    if !near.is_empty() {
+        cancel((scene, model), workspace, rows, (q, &near), |i| u[3 * i + 2])?;
+        v.iter_mut().zip(&rows.response).for_each(|(v, change)| *v += change);
+    }
+    Ok(())
+}
+
+/// The response to normal impulses of the contacts `which`, placed at `q`, that reduces their normal velocities by c;
+/// impulses of dependent contacts are those of least norm.
+fn cancel(
+    (scene, model): (&Scene, &Model<f64>),
+    workspace: &mut Workspace<f64>,
+    rows: &mut ContactScratch,
+    (q, which): (&[f64], &[usize]),
+    c: impl Fn(usize) -> f64,
+) -> Result<(), (String, Error)> {
+    /// Smallest eigenvalue of G of independent contacts, relative to the largest.
+    const DEPENDENT: f64 = 1e-10;
+    let (points, mut near) = (scene.contact_points(), which.to_vec());
+    factorised(scene, (model, q), workspace)?;
+    if let Some(closed) = &mut rows.closed {
+        closed.factorize(model, workspace, q).map_err(|at| (String::new(), scene.row_fault(at)))?;
+    }
+    let blocks = rows.gram(model, points, workspace, &mut near);
+    let g = Cones::new(blocks, &vec![0.0; near.len()]).whole().g;
+    let normal = DMatrix::from_fn(near.len(), near.len(), |i, j| g[(3 * i + 2, 3 * j + 2)]);
+    let Some(normal) = eigenvalues(normal) else {
+        rows.response.fill(0.0);
+        return Ok(());
+    };
+    let mut along = normal.eigenvectors.tr_mul(&DVector::from_fn(near.len(), |at, _| c(near[at])));
+    let least = DEPENDENT * normal.eigenvalues.amax();
+    along.zip_apply(&normal.eigenvalues, |x, value| *x = if value > least { -*x / value } else { 0.0 });
+    let push = normal.eigenvectors * along;
+    let push = DVector::from_fn(3 * near.len(), |i, _| if i % 3 == 2 { push[i / 3] } else { 0.0 });
+    rows.respond(model, points, workspace, &near, &push);
+    Ok(())
+}
 
 /// Displaces `q` with the least kinetic energy until no contact is below its surface: min d M d/2 subject to gap +
 /// `J_n` d >= 0, and `J_k` d = 0 for connections, in a few Newton steps, each followed by a projection onto the

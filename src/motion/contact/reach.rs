@@ -42,10 +42,12 @@ use crate::scene::contact_point::ContactPoint;
 use crate::spatial::{angular, linear};
 use nalgebra::Vector6;
 
+/// Gap of a contact at rest from rounding, m.
+const ROUNDING: f64 = 1e-9;
+
 /// A contact with at most this gap touches: the distance of a fall in a step of `h`, m, so that contacts at rest are
 /// not released by rounding.
 pub(super) fn touching_gap(model: &Model<f64>, h: f64) -> f64 {
-    const ROUNDING: f64 = 1e-9;
     model.gravity.norm() * h * h + ROUNDING
 }
 
@@ -131,6 +133,17 @@ impl Reach {
         }
         self.start.set(model, points, (q, v));
         self.start.rows.gaps.iter().any(|&gap| is_near(gap))
+    }
+
+    /// True if a contact touches at this state and does not leave its surface faster than `speed`.
+    pub fn rests(&mut self, scene: &Scene, speed: f64, state: (&[f64], &[f64])) -> bool {
+        self.start.set(scene.model(), scene.contact_points(), state);
+        self.start.rows.gaps.iter().zip(&self.start.rates).any(|(&gap, &rate)| !(gap > ROUNDING) && !(rate > speed))
+    }
+
+    /// The rates of the gaps at the state of [`Reach::rests`], m/s.
+    pub fn rates(&self) -> &[f64] {
+        &self.start.rates
     }
 
     /// True if no contact can act in a step of `h`, or in a substep, from the state of [`Reach::touches`] to this one,

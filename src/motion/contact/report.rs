@@ -22,9 +22,19 @@ pub(in crate::motion) fn begin(kept: &mut [f64]) {
     }
 }
 
+/// True if a contact acted in the last step.
+pub(super) fn acts(kept: &[f64], contacts: usize, contact: usize) -> bool {
+    kept[6 * contacts + contact].to_bits() != ContactState::Open.number().to_bits()
+}
+
+/// The indices of the energies dissipated in impacts and by friction in `len` values of a state.
+pub(super) fn dissipated(len: usize) -> std::ops::Range<usize> {
+    len - REPORT + 3..len - REPORT + 5
+}
+
 /// The first contact that acted in the last step.
 pub(super) fn acting(kept: &[f64], contacts: usize) -> Option<usize> {
-    kept[6 * contacts..7 * contacts].iter().position(|&state| state.to_bits() != ContactState::Open.number().to_bits())
+    (0..contacts).find(|&contact| acts(kept, contacts, contact))
 }
 
 /// Diagnostics of the contacts of one state, accumulated since it began.

@@ -10,11 +10,12 @@ use super::super::step_settings::StepSettings;
 use super::super::totals::STOPS;
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
+use super::control::RESTS;
 use super::faults::{check, check_movable, check_normals, factorised};
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::moves::Pulled;
 use super::pairs::{from_fixed_axes, into_fixed_axes};
-use super::project::out_of_planes;
+use super::project::{onto_surfaces, out_of_planes};
 use super::reach::touching_gap;
 use super::record::{Laws, StepRecord};
 use super::report::ContactReport;
@@ -39,6 +40,10 @@ pub(super) struct ContactStep {
     pub impacts: Vec<StopImpact>,
     /// The last step, if its adjoint follows.
     pub record: Option<StepRecord>,
+    /// The largest acceleration of a joint without contacts in the last step, and whether friction changed its
+    /// direction.
+    pub acceleration: f64,
+    pub reverses: bool,
 }
 
 /// Gaps, axes and velocities of contacts at the start of a step.
@@ -64,6 +69,8 @@ pub(super) struct Outcome {
     slowed: Option<Vec<f64>>,
     /// True if the displacement is that of a free step with an impact at its start.
     pub strikes: bool,
+    /// True if the slip of a contact with friction turned by more than 60 degrees.
+    reverses: bool,
     /// The solves of the law, if they are recorded.
     pub laws: Option<Laws>,
 }
@@ -79,6 +86,7 @@ impl Outcome {
             report: ContactReport::nothing(),
             slowed: None,
             strikes: false,
+            reverses: false,
             laws: None,
         }
     }
@@ -91,7 +99,7 @@ impl ContactStep {
         rows.closed = eliminated(scene, settings);
         // The equations of motion are those of the tree; coupled joints are rows of the step.
         let solver = Checked::new(scene.model(), None, form).accepting(settings.tolerance);
-        Self { solver, rows, impacts: Vec::new(), record: None }
+        Self { solver, rows, impacts: Vec::new(), record: None, acceleration: 0.0, reverses: false }
     }
 
     /// One step from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the joint and the
@@ -109,6 +117,7 @@ impl ContactStep {
             return Err(fault);
         }
         let (h, points) = (settings.step, scene.contact_points());
+        self.acceleration = s.v_next.iter().zip(&s.v).fold(0.0, |most, (next, v)| (next - v).abs().max(most)) / h;
         to_axes_at_rest(&s.model, h, &s.v, &mut s.v_next);
         let mut pulls = self.record.is_some().then(<[Pulled; 2]>::default);
         let at_start = (&s.model, &mut self.solver.workspace);
@@ -125,6 +134,7 @@ impl ContactStep {
             Some(smoothing) => self.touch_smoothed((scene, settings, smoothing), s, &before, kept)?,
             None => self.touch(scene, settings, s, &before, kept)?,
         };
+        self.reverses = outcome.reverses;
         self.record = v_free.map(|v_free| StepRecord::new(v_free, &s.v_next, &before, &mut outcome));
         move_along(h, s);
         if let Some(slowed) = outcome.slowed.take() {
@@ -137,6 +147,16 @@ impl ContactStep {
             (depth, 0)
         } else {
             let workspace = &mut self.solver.workspace;
+            if settings.accuracy.is_some() {
+                // The error is then smooth in the length of the step.
+                let held = outcome
+                    .near
+                    .iter()
+                    .enumerate()
+                    .filter(|(at, i)| **i < points.len() && outcome.held[3 * at + 2] > 0.0);
+                let held: Vec<usize> = held.map(|(_, &i)| i).collect();
+                onto_surfaces((scene, &s.model), workspace, &mut self.rows, (&mut s.q_next, &mut s.q_stage), &held)?;
+            }
             let ends = (&mut s.q_next[..], &mut s.q_stage[..]);
             let moves = self.record.as_mut().map(|record| &mut record.moves);
             out_of_planes((scene, &s.model), workspace, &mut self.rows, ends, moves)?
@@ -273,6 +293,11 @@ impl ContactStep {
                 outcome.report = report(&solved, iterations, impulse_kept, hit_now, velocities, counted);
                 check((scene, &rows.limits), &near, &solved)?;
                 outcome.states = cone.states(&held, &c, &limits);
+                outcome.reverses = outcome.states[..touching].iter().enumerate().any(|(at, &state)| {
+                    let [before, after] = [velocities.1[0], &after_here].map(|u| u.fixed_rows::<2>(3 * at));
+                    let turned = before.dot(&after) < 0.5 * before.norm() * after.norm();
+                    state == ContactState::Sliding && friction[at] > 0.0 && turned
+                });
                 if let (Some(_), true, None) = (&hit, is_free, &outcome.slowed)
                     && outcome.states.iter().all(|&state| state == ContactState::Open)
                 {
@@ -317,9 +342,11 @@ impl ContactStep {
     }
 }
 
-/// The velocity that gravity adds in a step: slower rebounds would last less than two steps.
+/// The velocity that gravity adds in a step: slower rebounds would last less than two steps. With error control, at
+/// least a multiple of the accuracy.
 pub(super) fn rest_speed<T: Real>(model: &Model<T>, settings: &StepSettings) -> f64 {
-    model.gravity.map(|g| g.lane(0)).norm() * settings.step
+    let least = settings.accuracy.map_or(0.0, |accuracy| RESTS * accuracy);
+    (model.gravity.map(|g| g.lane(0)).norm() * settings.step).max(least)
 }
 
 /// Velocities u of the contacts `near`, the first `n` of which are not joint limits, minus the least velocities with

@@ -6,9 +6,12 @@ use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
 use super::super::torque::{StepFault, Torque};
 use super::super::totals::TOTALS;
+use super::closed::{onto_connections, positions_onto_connections};
+use super::project::{along_surfaces, onto_surfaces, out_of_planes};
 use super::report::RECORD;
 use super::step::ContactStep;
 use crate::dynamics::contacts::{ContactScratch, slip};
+use crate::error::Error;
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scene::Scene;
@@ -17,7 +20,7 @@ use crate::scene::contact_point::ContactPoint;
 /// Scratch memory for one state of a scene with contacts.
 pub(in crate::motion) struct ContactStepper {
     scratch: Scratch<f64>,
-    touching: ContactStep,
+    pub(super) touching: ContactStep,
 }
 
 impl ContactStepper {
@@ -47,6 +50,9 @@ impl ContactStepper {
         let (v, rest) = rest.split_at_mut(nv);
         let (totals, kept) = rest.split_at_mut(TOTALS);
         let Self { scratch: s, touching } = self;
+        if settings.accuracy.is_some() {
+            s.adopt(settings, &settings.scheme);
+        }
         s.q.copy_from_slice(q);
         s.v.copy_from_slice(v);
         s.totals.copy_from_slice(totals);
@@ -83,6 +89,35 @@ impl ContactStepper {
         v.copy_from_slice(&s.v);
         totals.copy_from_slice(&s.totals);
         outcome
+    }
+}
+
+impl ContactStepper {
+    /// Ends a substep of error control: the contacts `touching` move along their surfaces, or away from them if they
+    /// rebound, and the connections hold; with `positions`, these contacts are on their surfaces, and others not below.
+    /// Returns the joint and the error if it fails.
+    pub(super) fn project(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        (touching, rebounds, positions): (&[usize], bool, bool),
+        (q, v): (&mut [f64], &mut [f64]),
+    ) -> Result<(), (String, Error)> {
+        let Self { scratch: s, touching: ContactStep { solver, rows, .. } } = self;
+        let (system, workspace) = ((scene, &s.model), &mut solver.workspace);
+        if positions && settings.smoothing.is_none() {
+            onto_surfaces(system, workspace, rows, (&mut *q, &mut s.q_stage), touching)?;
+            out_of_planes(system, workspace, rows, (&mut *q, &mut s.q_stage), None)?;
+        } else if positions {
+            positions_onto_connections(scene, (&s.model, workspace), rows, q, None)?;
+        }
+        if settings.smoothing.is_none() {
+            along_surfaces(system, workspace, rows, (&*q, &mut *v), (touching, rebounds))?;
+        }
+        onto_connections(scene, (&s.model, workspace), rows, (&*q, &mut *v), None)?;
+        if let Some(coupling) = &settings.coupling {
+            coupling.restore(q, v);
+        }
+        Ok(())
     }
 }
 

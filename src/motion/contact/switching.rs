@@ -12,7 +12,7 @@ use super::super::totals::TOTALS;
 use super::reach::Reach;
 use super::report;
 use super::step::{Outcome, keep};
-use super::stepper::record;
+use super::stepper::{ContactStepper, record};
 use crate::batch::instruction_set::InstructionSet;
 use crate::dynamics::contacts::ContactScratch;
 use crate::filter::Form;
@@ -24,8 +24,11 @@ pub(in crate::motion) struct Switching {
     /// The steps without contacts, and those with contacts.
     free: Box<Stepper>,
     touching: Box<Stepper>,
+    /// One state, with error control.
+    pub(super) one: Option<Box<ContactStepper>>,
+    pub(super) form: Form,
     /// One per lane.
-    reaches: Vec<Reach>,
+    pub(super) reaches: Vec<Reach>,
     rows: ContactScratch,
     part: Part,
     divisions: Divisions,
@@ -77,6 +80,8 @@ impl Switching {
         Self {
             free: Box::new(Stepper::new(form, arm)),
             touching: Box::new(Stepper::new(form, arm)),
+            one: None,
+            form,
             reaches: (0..lanes).map(|_| Reach::new(scene)).collect(),
             rows: ContactScratch::new(scene.model(), scene.contact_points(), Vec::new()),
             part: Part::default(),
@@ -107,7 +112,17 @@ impl Switching {
         let all = u64::MAX >> (64 - job.states.len());
         let (acting, fault) = self.free_steps(job, n, all);
         let mut outcome = fault.map_or(Ok(()), Err);
-        if acting != 0 {
+        if settings.accuracy.is_some() {
+            for lane in (0..job.states.len()).filter(|lane| acting >> lane & 1 == 1) {
+                let fault = self.controlled(job, n, lane);
+                let is_earlier = |fault: &StepFault| {
+                    outcome.as_ref().err().is_none_or(|known: &StepFault| fault.state < known.state)
+                };
+                if fault.as_ref().is_err_and(is_earlier) {
+                    outcome = fault;
+                }
+            }
+        } else if acting != 0 {
             self.part.take(job, acting, (width, width));
             let touched = self.touching.steps(self.part.job(job, settings, n));
             for (lane, values) in self.part.lanes.iter().zip(self.part.current.chunks_exact(width)) {
@@ -145,7 +160,7 @@ impl Switching {
 
     /// Tries step `n` without contacts of the states given as bits; returns those that made it, and the fault of the
     /// lowest state.
-    fn attempt(
+    pub(super) fn attempt(
         &mut self,
         job: &mut Job<'_, '_>,
         free: &StepSettings,
