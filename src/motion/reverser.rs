@@ -358,8 +358,8 @@ fn through_event(
 /// Completes `start`, the gradients by the velocities after an impact, propagated to its start: adds those by the
 /// positions, which the impact leaves as they are, and by the time of the impact.
 ///
-/// An impact D from (q, v) with accelerations a to (q, v+) with a+, later by dt = -dq_i/v_i, changes the motion after it
-/// by (D (v, a) - (v+, a+)) dt (M. A. Aizerman and F. R. Gantmacher, Quarterly Journal of Mechanics and Applied
+/// An impact D from (q, v) with accelerations a to (q, v+) with a+, later by `dt = -dq_i/v_i`, changes the motion after
+/// it by (D (v, a) - (v+, a+)) dt (M. A. Aizerman and F. R. Gantmacher, Quarterly Journal of Mechanics and Applied
 /// Mathematics 11, 1958).
 fn through_impact(
     (v, h): (&[f64], f64),
