@@ -201,6 +201,22 @@ def test_a_cart_that_slides_into_a_stop_rebounds_from_it() -> None:
     assert path.q[:, 0].max() <= 0.25 and np.abs(path.qd[-1]).max() <= 1e-9
 
 
+@pytest.mark.parametrize("mimic", [True, False])
+@pytest.mark.parametrize("accuracy", [1e-5, 1e-8])
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_masses_that_fall_together_follow_the_parabolas_of_one(restitution: float, accuracy: float, mimic: bool) -> None:
+    """As mimic joints, or on a connection; the ground acts on one of them."""
+    builder = phipsi.SceneBuilder().link("base").link("left", 2.0).link("right", 3.0)
+    builder.joint("one", "prismatic", "base", "left", axis=(0, 0, 1)).joint("two", "prismatic", "base", "right", axis=(0, 0, 1), mimic="one" if mimic else None)
+    if not mimic:
+        builder.connect("beam", "point", "left", "right")
+    scene = builder.contact("ground", "right", friction=0.0, restitution=restitution).build(**({"mimic": "couple"} if mimic else {}))
+    path = scene.simulate(np.full(scene.nq, 0.4), np.zeros(scene.nv), dt=2e-2, steps=60, accuracy=accuracy)
+    expected = np.array([height(t, 0.4, restitution)[0] for t in path.t])
+    for q in path.q.T:
+        assert np.abs(q - expected).max() <= min(BOUND * accuracy, 10 * path.estimated_error + 1e-12)
+
+
 def test_robots_at_rest_are_not_divided() -> None:
     path = box(0.5).simulate(at(), np.zeros(6), dt=1e-2, steps=100, accuracy=1e-9)
     assert path.substeps <= 20 and path.estimated_error < 1e-9 and np.abs(path.q - at()).max() < 1e-9
@@ -280,5 +296,5 @@ def test_trajectories_with_error_control_have_no_gradient() -> None:
     path = ball(0.3).simulate(at(), np.zeros(6), dt=1e-2, steps=2, accuracy=1e-6)
     with pytest.raises(ArgumentError, match="accuracy: found a simulation with error control"):
         path.vjp(np.ones((3, 6)))
-    with pytest.raises(ArgumentError, match="accuracy: found error control with .* a fixed method"):
+    with pytest.raises(ArgumentError, match="accuracy: found error control with a fixed method"):
         ball(0.3).simulate(at(), np.zeros(6), dt=1e-2, steps=2, accuracy=1e-6, method="contact")

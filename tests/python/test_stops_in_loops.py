@@ -116,7 +116,7 @@ def test_error_control_with_friction_and_stops_of_joints_that_move_together(uppe
     assert [abs(stop.time - time) < 1e-2 * accuracy + 1e-8 for stop in path.stops] == [True] * (upper < 1.0)
 
 
-def test_error_control_of_a_loop_with_a_pendulum_while_a_stop_holds_it() -> None:
+def test_error_control_of_a_loop_while_a_stop_holds_it() -> None:
     """A step in which a stop holds a joint is of order 1: the error falls with the root of the bound."""
     linkage, bound = four_bar(-10.0, 10.0), 0.15
 
