@@ -385,12 +385,12 @@ class _Propagation:
         spread = np.asarray(away)
         # The variance about the mean of the simulations: the shift of the mean is a bias.
         found = np.var(spread, axis=0, ddof=1 if unsure.check == "monte-carlo" else 0)
-        # A variance below this share of the largest variance of its kind, or of a unit in the last place of the states,
-        # is rounding error.
+        # A variance below this share of the largest variance of its kind, or of some units in the last place of the
+        # states, is rounding error.
         halves = variance.reshape(*variance.shape[:-1], 2, -1)
         largest = np.max(halves, axis=(-1, -3), keepdims=True) * ROUNDING**2
         sizes = np.array([max(1.0, float(np.max(np.abs(x), initial=0.0))) for x in (self.path.q, self.path.qd)])
-        least = np.maximum(largest, (np.finfo(float).eps * sizes[:, None]) ** 2)
+        least = np.maximum(largest, (16 * np.finfo(float).eps * sizes[:, None]) ** 2)
         least = np.broadcast_to(least, halves.shape).reshape(variance.shape)
         known, unknown = variance > least, np.where(found > least, np.inf, np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
