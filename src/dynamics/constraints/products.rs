@@ -169,8 +169,9 @@ impl<T: Real> RowGradients<T> {
             sums[k] = [zero; 3];
         }
         let Some([c, d]) = &frames[index] else { return Ok(()) };
-        let moving = |frame: &Frame<T>| frame_motion((model, shifts), motions, constraint.junction, frame);
-        let (of_c, of_d) = (moving(c), moving(d));
+        // Closures would be compiled without the instructions of the kernel.
+        let of_c = frame_motion((model, shifts), motions, constraint.junction, c);
+        let of_d = frame_motion((model, shifts), motions, constraint.junction, d);
         let motion = RelativeMotion::of(&of_c, &of_d);
         let [by_place, by_velocity, force] =
             pair_cotangents(pair, &motion, multipliers).ok_or(RowFault::NoDirection(index))?;
@@ -186,7 +187,10 @@ impl<T: Real> RowGradients<T> {
         {
             let Some(k) = frame.body else { continue };
             for (to, force) in sums[k].iter_mut().zip(&forces) {
-                let force = sign.map_or(*force, |minus| scaled(&motion.place.force_to_parent(force), minus));
+                let force = match sign {
+                    Some(minus) => scaled(&motion.place.force_to_parent(force), minus),
+                    None => *force,
+                };
                 *to = sum(to, &frame.placement.force_to_parent(&force));
             }
         }
@@ -222,9 +226,11 @@ fn seen<T: Real>(
     constraint: &Constraint,
     k: usize,
 ) -> [Vector6<T>; 2] {
-    let moving = parent.filter(|_| parent != constraint.junction);
-    let still = [Vector6::from_element(shifts[k].lever[0].constant(0.0)); 2];
-    moving.map_or(still, |parent| motions[parent].map(|motion| shifts[k].motion_to_child(&motion)))
+    let Some(parent) = parent.filter(|_| parent != constraint.junction) else {
+        return [Vector6::from_element(shifts[k].lever[0].constant(0.0)); 2];
+    };
+    let [velocity, acceleration] = &motions[parent];
+    [shifts[k].motion_to_child(velocity), shifts[k].motion_to_child(acceleration)]
 }
 
 /// The motion of a frame relative to the body `junction`, in whose axes its pose is.
