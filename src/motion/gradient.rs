@@ -6,8 +6,8 @@
 //! the number of steps between rows. If every step is recorded, none is recomputed. With contacts, the whole run is
 //! repeated and every step is stored. `reverser` iterates over the steps; `backward` differentiates one.
 
-use super::backward::ACTING;
 use super::contact::{ContactReverse, ModeChange, check_reproduced};
+use super::gradient_layout::{Layout, RecordedRows};
 use super::job::Records;
 use super::method::Method;
 use super::reverser::{Job, Reverser};
@@ -22,21 +22,6 @@ use crate::{interrupt, memory};
 use std::borrow::Borrow;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
-
-/// The recorded rows of a rollout (see [`Records`](super::Records)), and the gradients of a scalar by them.
-#[derive(Debug, Clone, Copy)]
-pub struct RecordedRows<'a> {
-    /// Configurations, (states, rows, nq); the first row is the start.
-    pub q: &'a [f64],
-    /// Joint velocities, (states, rows, nv).
-    pub qd: &'a [f64],
-    /// Number of steps between rows.
-    pub every: usize,
-    /// Gradients by `q`, in the tangent space of each row, (states, rows, nv).
-    pub by_q: &'a [f64],
-    /// Gradients by `qd`, (states, rows, nv).
-    pub by_qd: &'a [f64],
-}
 
 /// Gradients of a scalar function of recorded rows, computed for each state separately, one state after another.
 #[derive(Debug, Clone, PartialEq)]
@@ -180,7 +165,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         }
         let mut mode_changes = changes.into_inner().unwrap_or_else(PoisonError::into_inner);
         mode_changes.sort_by_key(|change| (change.state, change.step, change.contact));
-        let gradients = layout.apart(&all, states).map_err(refuse)?;
+        let gradients = RolloutGradients::of(layout, &all, states).map_err(refuse)?;
         Ok(RolloutGradients { mode_changes, ..gradients })
     }
 
@@ -258,64 +243,25 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 }
 
-/// Layout of the gradients of one state: by q, qd, armature, damping, stiffness and friction, then torques, then
-/// contacts, then parameters.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Layout {
-    pub nv: usize,
-    /// Number of torque vectors: one, or one per step.
-    pub torques: usize,
-    /// Zero if parameters are not requested.
-    pub bodies: usize,
-    pub contacts: usize,
-}
-
-impl Layout {
-    /// Number of gradients with (nv) entries.
-    const OF_ROWS: usize = ACTING + 1;
-
-    pub fn width(&self) -> usize {
-        self.torques.saturating_add(Self::OF_ROWS).saturating_mul(self.nv).saturating_add(self.beyond())
-    }
-
-    /// Number of gradients by contacts and parameters.
-    fn beyond(&self) -> usize {
-        ContactReverse::WIDTH * self.contacts + 10 * self.bodies
-    }
-
-    pub fn contacts(&self) -> Range<usize> {
-        let first = self.width() - self.beyond();
-        first..first + ContactReverse::WIDTH * self.contacts
-    }
-
-    pub fn torque(&self, index: usize) -> Range<usize> {
-        let first = (Self::OF_ROWS + index) * self.nv;
-        first..first + self.nv
-    }
-
-    pub fn parameters(&self) -> Range<usize> {
-        let width = self.width();
-        width - 10 * self.bodies..width
-    }
-
+impl RolloutGradients {
     /// Splits the gradients by kind, each with one state after another.
-    fn apart(&self, all: &[f64], states: usize) -> Result<RolloutGradients, Error> {
+    fn of(layout: Layout, all: &[f64], states: usize) -> Result<Self, Error> {
         let gathered = |range: Range<usize>| -> Result<Vec<f64>, Error> {
             let mut own = memory::with_capacity("q", states * range.len())?;
-            all.chunks_exact(self.width().max(1)).for_each(|state| own.extend_from_slice(&state[range.clone()]));
+            all.chunks_exact(layout.width().max(1)).for_each(|state| own.extend_from_slice(&state[range.clone()]));
             Ok(own)
         };
-        let of_rows = |i: usize| gathered(i * self.nv..(i + 1) * self.nv);
-        Ok(RolloutGradients {
+        let of_rows = |i: usize| gathered(i * layout.nv..(i + 1) * layout.nv);
+        Ok(Self {
             q: of_rows(0)?,
             qd: of_rows(1)?,
             armature: of_rows(2)?,
             damping: of_rows(3)?,
             stiffness: of_rows(4)?,
             friction: of_rows(5)?,
-            torque: gathered(self.torque(0).start..self.contacts().start)?,
-            parameters: gathered(self.parameters())?.as_chunks().0.to_vec(),
-            contacts: ContactGradients::of(&gathered(self.contacts())?),
+            torque: gathered(layout.torque(0).start..layout.contacts().start)?,
+            parameters: gathered(layout.parameters())?.as_chunks().0.to_vec(),
+            contacts: ContactGradients::of(&gathered(layout.contacts())?),
             mode_changes: Vec::new(),
         })
     }

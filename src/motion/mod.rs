@@ -62,6 +62,7 @@ mod division;
 mod events;
 mod faults;
 mod gradient;
+mod gradient_layout;
 mod job;
 mod limit_rows;
 pub(crate) mod manifold;
@@ -86,7 +87,8 @@ mod works;
 
 pub use contact::{ContactReport, ContactState, ModeChange};
 pub use events::StopImpact;
-pub use gradient::{ContactGradients, RecordedRows, RolloutGradients};
+pub use gradient::{ContactGradients, RolloutGradients};
+pub use gradient_layout::RecordedRows;
 pub use job::Records;
 pub use method::{METHODS, Method};
 pub use properties::{FRICTION_SPEED, Gains, Properties};

@@ -8,7 +8,7 @@ use super::connected::ConnectedReverse;
 use super::contact::{ContactReverse, ModeChange};
 use super::division::{Substeps, TreeSteps};
 use super::events::{EventSolution, Events, Rebound};
-use super::gradient::{Layout, RecordedRows};
+use super::gradient_layout::{Layout, RecordedRows};
 use super::job::{self, Rows};
 use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};

@@ -2,9 +2,7 @@
 
 pub(super) use crate::error::choose;
 
-use super::input::in_python;
 use super::object::{Object, imported};
-use super::scene::PyScene;
 use crate::algorithm::Algorithm;
 use crate::error::{Error, name_in};
 use crate::filter::{FORMS, Form};
@@ -93,19 +91,4 @@ pub(super) fn items<'py>(
         items.push((key, value));
     }
     Ok(items)
-}
-
-impl PyScene {
-    /// Degrees of freedom from names of joints or a boolean array (nv,): true for those that are named.
-    pub(super) fn joint_mask(&self, argument: &str, given: &Object<'_>) -> PyResult<Vec<bool>> {
-        let flags = imported!(given.py(), "phipsi._arguments", "flags")?;
-        if let Some(mask) = in_python(flags, argument, given, self.rates())?.extract()? {
-            return Ok(mask);
-        }
-        let mut mask = vec![false; self.scene.nv()];
-        for joint in names(argument, given, "names of joints, or a boolean array (nv,)")? {
-            mask[self.scene.joint(&joint).map_err(|error| error.of_argument(argument))?.v.clone()].fill(true);
-        }
-        Ok(mask)
-    }
 }

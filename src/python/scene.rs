@@ -4,6 +4,7 @@ use super::axis::Axis;
 use super::choice::{names, read_mimic};
 use super::cost::WORTH_DETACHING;
 use super::description::{self, Description, body_names};
+use super::input::in_python;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
 use super::scratch::Scratch;
@@ -554,4 +555,19 @@ pub(super) fn numbers<'py>(
         Some(scene) => scene.rates(),
     };
     input::read(name, value, axis)
+}
+
+impl PyScene {
+    /// Degrees of freedom from names of joints or a boolean array (nv,): true for those that are named.
+    pub(super) fn joint_mask(&self, argument: &str, given: &Object<'_>) -> PyResult<Vec<bool>> {
+        let flags = imported!(given.py(), "phipsi._arguments", "flags")?;
+        if let Some(mask) = in_python(flags, argument, given, self.rates())?.extract()? {
+            return Ok(mask);
+        }
+        let mut mask = vec![false; self.scene.nv()];
+        for joint in names(argument, given, "names of joints, or a boolean array (nv,)")? {
+            mask[self.scene.joint(&joint).map_err(|error| error.of_argument(argument))?.v.clone()].fill(true);
+        }
+        Ok(mask)
+    }
 }

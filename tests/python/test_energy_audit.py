@@ -215,7 +215,7 @@ def test_what_error_control_refuses() -> None:
         path.vjp(np.ones((len(path), 3)))
     with pytest.raises(ArgumentError, match="accuracy: found a simulation with error control"):
         path.error_estimate()
-    with pytest.raises(ArgumentError, match="accuracy: found error control with .* or a fixed method"):
+    with pytest.raises(ArgumentError, match="accuracy: found error control with a fixed method"):
         scene.simulate(q, qd, duration=0.1, accuracy=1e-6, method="rk4")
 
 

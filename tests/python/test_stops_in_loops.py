@@ -262,14 +262,14 @@ def test_friction_of_coupled_joints_stops_their_sum() -> None:
         assert np.abs(path.qd[-1] + max(restitution * speed - 1.2 * (0.25 - time), 0.0)).max() < 1e-3
 
 
-def test_sliding_friction_in_loops_has_gradients_and_sticking_is_refused() -> None:
+def test_sliding_and_sticking_friction_in_loops_has_gradients() -> None:
     scene = two_blocks(upper=1.0, closed=True).with_properties(friction=np.array([2.0, 4.0]))
     last = np.zeros((101, 2))
     last[-1, 0] = 1.0
     found = scene.simulate(np.zeros(2), np.ones(2), dt=1e-3, steps=100).vjp(last)
     assert np.allclose(found.friction, -0.5 * 0.1**2 / 5, rtol=1e-9) and np.allclose(found.tau.sum(), 0.1**2 / 5, rtol=1e-9)
-    with pytest.raises(phipsi.errors.ArgumentError, match=r"friction_speed.*joint \"(left|right)\".*friction_speed=0.01"):
-        scene.simulate(np.zeros(2), np.zeros(2), dt=1e-3, steps=100).vjp(last)
+    held = scene.simulate(np.zeros(2), np.zeros(2), dt=1e-3, steps=100).vjp(last)
+    assert np.abs(held.tau).max() < 1e-15 and not held.friction.any() and abs(held.q.sum() - 1.0) < 1e-9
 
 
 @pytest.mark.parametrize("beyond", [0.02, 1e-3])
@@ -285,8 +285,8 @@ def test_a_joint_beyond_its_stop_at_a_dead_center_ends_no_simulation(crank: floa
     with pytest.warns(phipsi.errors.LimitWarning, match="beyond its upper limit"):
         simulator = scene.simulator(np.stack([q, q]), dt=1e-3)
     with pytest.warns(phipsi.errors.LimitWarning, match="prevent"):
-        simulator.step(steps=10)
-    assert np.array_equal(simulator.q, path.q[[10, 10]])
+        simulator.step(steps=100)
+    assert np.array_equal(simulator.q, path.q[[100, 100]])
 
 
 def test_exact_friction_beside_contacts_warns() -> None:

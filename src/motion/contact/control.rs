@@ -23,6 +23,7 @@ use super::super::step_settings::StepSettings;
 use super::super::torque::{StepFault, Torque};
 use super::super::totals::{ERROR, EVENTS, LENGTH, MOST, SUBSTEPS, TOTALS, WORKS};
 use super::report;
+use super::step::RESTS;
 use super::stepper::ContactStepper;
 use super::switching::Switching;
 use crate::dynamics::contacts::LimitRow;
@@ -39,10 +40,7 @@ const RETURNING: f64 = 5e-4;
 /// A joint within this distance of its limit is at it, rad or m.
 const AT_LIMIT: f64 = 1e-11;
 /// Largest number of substeps of a step, with those that are rejected.
-const MOST_TRIED: usize = 1_000_000;
-/// A contact that leaves or approaches its surface at most at this multiple of the accuracy, m/s, rests on it.
-pub(super) const RESTS: f64 = 10.0;
-
+const MOST_TRIED: usize = 20_000;
 /// The estimate of a smooth motion decreases at least by this factor in a substep of at most half the length.
 const SMOOTH: f64 = 0.9;
 /// The smallest and the largest ratio of the lengths of two substeps.

@@ -10,7 +10,6 @@ use super::super::step_settings::StepSettings;
 use super::super::totals::STOPS;
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
-use super::control::RESTS;
 use super::faults::{check, check_movable, check_normals, factorised};
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::moves::Pulled;
@@ -28,6 +27,9 @@ use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
 use nalgebra::{DVector, Matrix3};
+
+/// A contact that leaves or approaches its surface at most at this multiple of the accuracy, m/s, rests on it.
+pub(super) const RESTS: f64 = 10.0;
 
 /// An inactive contact becomes active if the step ends with a larger penetration, m.
 pub(super) const LATE: f64 = 1e-12;

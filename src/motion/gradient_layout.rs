@@ -1,0 +1,61 @@
+//! The layout of the gradients of a rollout, and the recorded rows that they are computed from.
+
+use super::backward::ACTING;
+use super::contact::ContactReverse;
+use std::ops::Range;
+
+/// The recorded rows of a rollout (see [`Records`](super::Records)), and the gradients of a scalar by them.
+#[derive(Debug, Clone, Copy)]
+pub struct RecordedRows<'a> {
+    /// Configurations, (states, rows, nq); the first row is the start.
+    pub q: &'a [f64],
+    /// Joint velocities, (states, rows, nv).
+    pub qd: &'a [f64],
+    /// Number of steps between rows.
+    pub every: usize,
+    /// Gradients by `q`, in the tangent space of each row, (states, rows, nv).
+    pub by_q: &'a [f64],
+    /// Gradients by `qd`, (states, rows, nv).
+    pub by_qd: &'a [f64],
+}
+
+/// Layout of the gradients of one state: by q, qd, armature, damping, stiffness and friction, then torques, then
+/// contacts, then parameters.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Layout {
+    pub nv: usize,
+    /// Number of torque vectors: one, or one per step.
+    pub torques: usize,
+    /// Zero if parameters are not requested.
+    pub bodies: usize,
+    pub contacts: usize,
+}
+
+impl Layout {
+    /// Number of gradients with (nv) entries.
+    const OF_ROWS: usize = ACTING + 1;
+
+    pub fn width(&self) -> usize {
+        self.torques.saturating_add(Self::OF_ROWS).saturating_mul(self.nv).saturating_add(self.beyond())
+    }
+
+    /// Number of gradients by contacts and parameters.
+    fn beyond(&self) -> usize {
+        ContactReverse::WIDTH * self.contacts + 10 * self.bodies
+    }
+
+    pub fn contacts(&self) -> Range<usize> {
+        let first = self.width() - self.beyond();
+        first..first + ContactReverse::WIDTH * self.contacts
+    }
+
+    pub fn torque(&self, index: usize) -> Range<usize> {
+        let first = (Self::OF_ROWS + index) * self.nv;
+        first..first + self.nv
+    }
+
+    pub fn parameters(&self) -> Range<usize> {
+        let width = self.width();
+        width - 10 * self.bodies..width
+    }
+}
