@@ -17,6 +17,7 @@
 //! product, all O(N), with the sweeps of forward dynamics.
 
 use super::events::RowSolution;
+use super::manifold::advance_cotangents;
 use super::method::STAGES;
 use super::modes::{STUCK_NOISE, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
@@ -384,10 +385,7 @@ impl<T: Real> StepGradients<T> {
         for i in 0..t.stages {
             add_scaled(increment, t.weights[i], &s.l[i]);
         }
-        for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
-            let row = stage.first_row;
-            body.motion.advance_cotangents(&increment[row..], &end[0][row..], &mut start[0][row..], &mut x[row..]);
-        }
+        advance_cotangents(&s.model, increment, &end[0], (&mut start[0], x));
         for i in 0..t.stages {
             clear(&mut l[i]);
             clear(&mut m[i]);

@@ -13,6 +13,7 @@
 
 use super::closed_stops::{Displacement, LawSolution, StopRecord, solution_of_stuck};
 use super::constrained::ConstrainedScratch;
+use super::manifold::advance_cotangents;
 use super::modes::STUCK_NOISE;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
@@ -78,10 +79,7 @@ impl StopReverse<'_> {
             s.model.system.noise = free_rows;
             let x: Vec<f64> = solution.velocities.iter().map(|v| h * v).collect();
             let mut of_x = vec![0.0; x.len()];
-            for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
-                let row = stage.first_row;
-                body.motion.advance_cotangents(&x[row..], &of_end[row..], &mut self.by_q[row..], &mut of_x[row..]);
-            }
+            advance_cotangents(&s.model, &x, &of_end, (&mut self.by_q, &mut of_x));
             let of_velocities: Vec<f64> = of_x.iter().zip(&of_bent).map(|(x, bent)| h * x - bent).collect();
             for ((by_q, of_end), bent) in self.by_q.iter_mut().zip(&mut of_end).zip(&of_bent) {
                 *by_q -= bent / h;

@@ -299,13 +299,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
                 break;
             }
             (before, step) = (left, step + 1);
-            rows.step_against(Residuals::Rates, innovations);
-            factor::smooth(target, scene, sweeps, innovations);
-            for (moved, (v, change)) in change.iter_mut().zip(v_next.iter().zip(&*innovations)) {
-                *moved = *v + *change;
-            }
-            replace(v_next, change, open);
-            rows.at_velocities(scene, sweeps, v_next);
+            slow((target, scene), (sweeps, rows), (innovations, change), (v_next, open));
         }
         (connected.is_ready, connected.doubt) = (is_shared, of_factor);
         doubt
@@ -328,6 +322,23 @@ fn step_back<T: Vectorized, I: Target>(
     advance(scene.0, q, change, moved);
     replace(q, moved, lanes);
     lanes & lanes_but::<T>(|lane| longest.lane(lane) <= FARTHEST)
+}
+
+/// Changes the velocities of the lanes given as bits by `innovations`, so that the rates of the rows vanish.
+#[inline(always)]
+fn slow<T: Vectorized, I: Target>(
+    (target, scene): (I, (&Model<T>, &SweepModel<T>)),
+    (sweeps, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
+    (innovations, changed): (&mut [T], &mut [T]),
+    (v, lanes): (&mut [T], u64),
+) {
+    rows.step_against(Residuals::Rates, innovations);
+    factor::smooth(target, scene, sweeps, innovations);
+    for (changed, (v, change)) in changed.iter_mut().zip(v.iter().zip(&*innovations)) {
+        *changed = *v + *change;
+    }
+    replace(v, changed, lanes);
+    rows.at_velocities(scene, sweeps, v);
 }
 
 /// The lanes whose largest residual is above rounding. A residual that is small and no longer decreases by `falls` is

@@ -197,10 +197,9 @@ impl Substeps {
                 }
                 // The time of a rebound, and the work of the other forces until then, need the shortest substep. Compliant
                 // connections store energy.
-                let rebounds = steps.solution().rebound.is_some();
-                let judges = settings.is_rigid() && !rebounds;
-                let is_short = if judges { conserves(settings, s, &totals, steps.workspace()) } else { !rebounds };
-                if settings.divides && size > 1 && !is_short {
+                let is_exact = steps.solution().rebound.is_none()
+                    && (!settings.is_rigid() || conserves(settings, s, &totals, steps.workspace()));
+                if settings.divides && size > 1 && !is_exact {
                     s.totals = totals;
                     self.impacts.truncate(impacts);
                     (size, calm) = (size / 2, 0);

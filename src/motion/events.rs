@@ -77,17 +77,8 @@ impl Events {
         Event { solutions: &self.solutions, reached: &self.reached, rebound: self.rebound.as_ref() }
     }
 
-    /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`. Returns an estimate of its error, as of
-    /// error control: velocities and accelerations change at an unknown time within the step, and rebounds are omitted.
-    /// The motion of a joint that returns from outside of its stops is defined by these steps. Adds the impacts on
-    /// stops, with the given time.
-    pub fn event(
-        &mut self,
-        settings: &StepSettings,
-        s: &mut Scratch<f64>,
-        solver: &mut Checked,
-        (h, time, impacts): Ending<'_>,
-    ) -> f64 {
+    /// The forces of an implicit Euler step from `q`, `v`, and the graphs and initial pieces of the rows.
+    fn begin(&mut self, settings: &StepSettings, h: f64, s: &mut Scratch<f64>) {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (settings, &scheme);
         s.adopt(settings, &scheme);
@@ -106,6 +97,36 @@ impl Events {
             self.graphs.push(graph);
             self.pieces.push(graph.piece(s.v[of.row]));
         }
+    }
+
+    /// Accelerations of all joints after an event of length h with a rebound, for its adjoint. Leaves `q` and `v` of
+    /// the scratch, and overwrites the solution.
+    pub fn accelerations_after(
+        &mut self,
+        settings: &StepSettings,
+        (h, rebound): (f64, &Rebound),
+        s: &mut Scratch<f64>,
+        solver: &mut Checked,
+    ) -> Vec<f64> {
+        let before = std::mem::replace(&mut s.v, rebound.velocities.clone());
+        self.begin(settings, h, s);
+        self.solve(settings, h, s, solver);
+        s.v = before;
+        s.v_next.iter().zip(&rebound.velocities).map(|(next, v)| (next - v) / h).collect()
+    }
+
+    /// One implicit Euler step with the set-valued law, to `q_next`, `v_next`. Returns an estimate of its error, as of
+    /// error control: velocities and accelerations change at an unknown time within the step, and rebounds are omitted.
+    /// The motion of a joint that returns from outside of its stops is defined by these steps. Adds the impacts on
+    /// stops, with the given time.
+    pub fn event(
+        &mut self,
+        settings: &StepSettings,
+        s: &mut Scratch<f64>,
+        solver: &mut Checked,
+        (h, time, impacts): Ending<'_>,
+    ) -> f64 {
+        self.begin(settings, h, s);
         let free = self.solve(settings, h, s, solver);
         self.solutions.clear();
         self.store_solution(settings, h, s);
@@ -171,39 +192,13 @@ impl Events {
             (s.v[row] * self.torque[row] < 0.0).then_some(row)
         };
         let rows: Vec<usize> = hits.iter().filter_map(hitting).collect();
-        self.rebound = None;
-        if settings.restitution > 0.0 && !rows.is_empty() {
-            let after = self.accelerations_at_end(settings, h, s, solver);
-            self.rebound = Some(Rebound { rows, velocities: s.v_next.clone(), accelerations: [free.clone(), after] });
-        }
+        let rebounds = settings.restitution > 0.0 && !rows.is_empty();
+        self.rebound =
+            rebounds.then(|| Rebound { rows, velocities: s.v_next.clone(), accelerations_before: free.clone() });
         let jump = s.v_next.iter().zip(&s.v).fold(0.0_f64, |most, (next, v)| most.max((next - v).abs()));
         let returns = hits.is_empty() && settings.set_valued.iter().any(|of| of.is_outside(&s.q));
         let late = if returns { 0.0 } else { largest(&free, 0.0) / fastest };
         h * jump.max(late) + omitted
-    }
-
-    /// Accelerations at the initial configuration and the final velocities; overwrites the solution.
-    fn accelerations_at_end(
-        &mut self,
-        settings: &StepSettings,
-        h: f64,
-        s: &mut Scratch<f64>,
-        solver: &mut Checked,
-    ) -> Vec<f64> {
-        let (start, end) = (s.v.clone(), s.v_next.clone());
-        s.v.copy_from_slice(&end);
-        clear(&mut s.control);
-        stage((settings, &Scheme::new(Method::ImplicitEuler, h)), s, 0);
-        self.given.copy_from_slice(&s.u);
-        for (i, of) in settings.set_valued.iter().enumerate() {
-            self.graphs[i] = Graph::new(of, (s.q[of.coordinate], s.v[of.row]), h);
-            self.pieces[i] = self.graphs[i].piece(s.v[of.row]);
-        }
-        self.solve(settings, h, s, solver);
-        let change = s.v_next.iter().zip(&end).map(|(next, v)| (next - v) / h).collect();
-        s.v.copy_from_slice(&start);
-        s.v_next.copy_from_slice(&end);
-        change
     }
 
     /// The works of friction and stop of a row in the current solution.
@@ -384,8 +379,8 @@ pub(super) struct Rebound {
     pub rows: Vec<usize>,
     /// The velocities of all joints after it.
     pub velocities: Vec<f64>,
-    /// The accelerations of all joints before and after it.
-    pub accelerations: [Vec<f64>; 2],
+    /// The accelerations of all joints before it.
+    pub accelerations_before: Vec<f64>,
 }
 
 /// One solution of the set-valued law.

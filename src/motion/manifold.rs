@@ -15,6 +15,16 @@ pub fn advance<T: Real>(model: &Model<T>, q: &[T], v: &[T], out: &mut [T]) {
     }
 }
 
+/// Adds the gradients by q, in its tangent space, and by x of a function of [`advance`], from those by its result; (nv)
+/// each.
+#[inline(always)]
+pub(super) fn advance_cotangents<T: Real>(model: &Model<T>, x: &[T], of_end: &[T], (of_q, of_x): (&mut [T], &mut [T])) {
+    for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
+        let row = stage.first_row;
+        body.motion.advance_cotangents(&x[row..], &of_end[row..], &mut of_q[row..], &mut of_x[row..]);
+    }
+}
+
 /// Replaces the body velocities `v` by the time derivative of the increment x: see
 /// [`Motion::carry_back`](crate::joints::Motion::carry_back).
 #[inline(always)]

@@ -293,13 +293,20 @@ impl OneState for Checked {
             made.push(Substep::new(settings, scheme, s, event));
         });
         through_substeps(self, settings, made, |one, Substep { scheme, event, .. }| {
-            let Self { scratch, gradients, solver, .. } = one;
+            let Self { scratch, gradients, solver, forward, events, .. } = one;
             let by = (settings, &scheme);
             match event {
                 None => {
                     backward(by, scratch, gradients, solver, None);
                 }
-                Some(event) => through_event(by, scratch, gradients, solver, &event),
+                Some(event) => {
+                    let after = event
+                        .rebound
+                        .as_ref()
+                        .map(|rebound| events.accelerations_after(settings, (scheme.step, rebound), scratch, forward));
+                    scratch.adopt(settings, &scheme);
+                    through_event(by, scratch, gradients, solver, (&event, after.as_deref()));
+                }
             }
             Ok(())
         })?;
@@ -321,7 +328,7 @@ fn through_event(
     s: &mut Scratch<f64>,
     gradients: &mut StepGradients<f64>,
     solver: &mut CheckedBackward,
-    RecordedEvent { solutions, reached, rebound }: &RecordedEvent,
+    (RecordedEvent { solutions, reached, rebound }, after): (&RecordedEvent, Option<&[f64]>),
 ) {
     // A joint that ends the step at a stop also ends there for all perturbed initial states, but not with a rebound.
     let rebounds = |row: &usize| rebound.as_ref().is_some_and(|rebound| rebound.rows.contains(row));
@@ -340,9 +347,9 @@ fn through_event(
     };
     let [of_q, of_v] = gradients.end.clone();
     gradients.end[0].fill(0.0);
-    if let Some(rebound) = rebound {
+    if let (Some(rebound), Some(after)) = (rebound, after) {
         through(gradients, for_velocities);
-        through_impact((&s.v, by.1.step), rebound, [&of_q, &of_v], &mut gradients.start);
+        through_impact((&s.v, by.1.step), (rebound, after), [&of_q, &of_v], &mut gradients.start);
         return;
     }
     through(gradients, for_velocities);
@@ -363,7 +370,7 @@ fn through_event(
 /// Mathematics 11, 1958).
 fn through_impact(
     (v, h): (&[f64], f64),
-    Rebound { rows, velocities, accelerations: [before, after] }: &Rebound,
+    (Rebound { rows, velocities, accelerations_before: before }, after): (&Rebound, &[f64]),
     end: [&[f64]; 2],
     [of_q, of_v]: &mut [Vec<f64>; 2],
 ) {

@@ -32,7 +32,7 @@ pub(super) struct RowWork {
     friction: f64,
     pub stop: f64,
     /// The impulse of the stop.
-    pub impulse: f64,
+    impulse: f64,
 }
 
 impl RowWork {

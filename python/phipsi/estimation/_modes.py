@@ -59,7 +59,7 @@ class ModeMargins:
         self.found: tuple[int, str] | None = None
 
     def closed(self, row: int | NDArray[np.int_]) -> NDArray[np.bool_]:
-        """Whether each contact has forces in the step that ends at rows, (..., rows, contacts)."""
+        """Return True for each contact that has forces in the step that ends at rows, (..., rows, contacts)."""
         assert self.path.contacts is not None
         return np.stack([self.path.contacts.state[name][..., row] != 0 for name in self.names], axis=-1)
 

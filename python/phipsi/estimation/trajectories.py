@@ -185,11 +185,11 @@ class _Propagation:
         #: The solution of the contact law depends on the step before, so that every step is a row there.
         self.every = path.record_every if self.scene.contact_names else 1
         self.whole = self._every_step() if self.every > 1 else path
-        #: Whether margins of contacts are compared with errors: samples and smoothed contacts have no modes.
+        #: True if margins of contacts are compared with errors; samples and smoothed contacts have no modes.
         self.has_modes = bool(
             self.scene.contact_names and uncertainty.check is None and not self.given.get("smoothing")
         )
-        #: Whether states satisfy the connections: their errors are then tangent to them.
+        #: True if states satisfy the connections; their errors are then tangent to them.
         self.rigid = bool(self.scene.constraint_names) and self._is_rigid()
         if self.rigid:
             self.initial = self._tangent(np.array([0])).projection[..., 0, :, :] @ self.initial

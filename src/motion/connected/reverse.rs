@@ -6,11 +6,12 @@
 //! if the step or one of these solutions needs the checked step.
 
 use super::super::backward::{ARMATURE, BackwardSolver, StepGradients, backward};
+use super::super::manifold::advance_cotangents;
 use super::super::scratch::{Scratch, add_scaled, clear};
 use super::super::solver::Solver;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
-use super::{Connected, STEPS, beyond_limits, factors, kernel_of_rows, open_lanes, replace, step_back};
+use super::{Connected, STEPS, beyond_limits, factors, kernel_of_rows, open_lanes, replace, slow, step_back};
 use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::{Target, Vectorized, Work};
 use crate::batch::{connected, factor, products};
@@ -202,16 +203,10 @@ impl<T: Vectorized> ConnectedReverse<T> {
                 break;
             }
             (before, made) = (left, made + 1);
-            rows.step_against(Residuals::Rates, innovations);
-            factor::smooth(target, scene, sweeps, innovations);
-            keep(innovations, going, zero);
-            for (v, &more) in v_next.iter_mut().zip(&*innovations) {
-                *v += more;
-            }
+            slow((target, scene), (sweeps, rows), (innovations, of_x), (v_next, going));
             of_rows.copy_from_slice(rows.step());
             keep(of_rows, going, zero);
             add_scaled(forces, 1.0, of_rows);
-            rows.at_velocities(scene, sweeps, v_next);
         }
         for (change, &v) in change.iter_mut().zip(&*v_next) {
             *change = v - *change;
@@ -228,10 +223,7 @@ impl<T: Vectorized> ConnectedReverse<T> {
         for NewtonStep { at, q, x, p, lanes } in before_end.iter_mut().rev() {
             clear(of_start);
             clear(of_x);
-            for (body, stage) in scene.0.bodies.iter().zip(&scene.0.system.stages) {
-                let row = stage.first_row;
-                body.motion.advance_cotangents(&x[row..], &of_q[row..], &mut of_start[row..], &mut of_x[row..]);
-            }
+            advance_cotangents(scene.0, x, of_q, (&mut *of_start, &mut *of_x));
             let mut at = At::new(kernels, scene, (at, products), q);
             doubt |= at.solve(gradients, of_x, active & !doubt);
             doubt |= failed(gradients.of_position_step(&mut at, Pushed { x, p }, of_x, of_start));

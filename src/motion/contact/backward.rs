@@ -20,6 +20,7 @@
 
 use super::super::backward::{ARMATURE, BackwardSolver, StepGradients, backward, gradients_at_accelerations};
 use super::super::limit_rows::least_slopes;
+use super::super::manifold::advance_cotangents;
 use super::super::scratch::{Scratch, add_scaled, clear};
 use super::super::step_settings::StepSettings;
 use super::at::{At, Connections};
@@ -321,10 +322,7 @@ impl ContactAdjoint {
 /// Cotangents of the start of a displacement by x, and of x.
 fn displacement_cotangents(model: &Model<f64>, x: &[f64], of_next: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let (mut of_q, mut of_x) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-    for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
-        let row = stage.first_row;
-        body.motion.advance_cotangents(&x[row..], &of_next[row..], &mut of_q[row..], &mut of_x[row..]);
-    }
+    advance_cotangents(model, x, of_next, (&mut of_q, &mut of_x));
     (of_q, of_x)
 }
 

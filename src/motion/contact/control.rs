@@ -74,11 +74,12 @@ struct Run {
     values: Vec<f64>,
     impulses: Vec<f64>,
     impacts: Vec<StopImpact>,
-    /// Whether states change in the first step, and in any.
+    /// True if states change in the first step, or in any.
     changes_first: bool,
     changes: bool,
-    /// Whether friction changes its direction, and the largest acceleration without contacts.
+    /// True if friction changes its direction.
     reverses: bool,
+    /// The largest acceleration of a joint without contacts.
     acceleration: f64,
 }
 
