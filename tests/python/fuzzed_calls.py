@@ -150,7 +150,7 @@ def calls(scene: phipsi.Scene, random: np.random.Generator) -> list[tuple[str, C
         except PhipsiError:
             q = scene.neutral()
     given = settings(scene, random)
-    if max(speed, torque) > (1.0 if scene.contact_names else 1e3):
+    if max(speed, torque) > 1e3:
         given.pop("accuracy", None)  # takes as many substeps as it may until it gives up
     link = scene.link_names[-1]
     step, form = pick(random, 1e-3, 0.02), pick(random, "auto", "covariance", "square-root")
