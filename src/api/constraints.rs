@@ -1,9 +1,8 @@
 //! Dynamics of closed kinematic loops (connections) at one state. Each method checks its arguments before it computes.
 
 use crate::algorithm::{Algorithm, Arguments};
-use crate::dynamics::constraints::{self, ConstraintScratch, accelerations_of_rows, errors_of_rows, jacobian_of_rows};
+use crate::dynamics::constraints::{self, ConstraintScratch, errors_of_rows, jacobian_of_rows};
 use crate::error::{Error, check_length, number};
-use crate::kinematics::placements_base_to_tip;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
@@ -72,15 +71,16 @@ impl Scene {
         self.check_configuration("q", q)?;
         self.check_scratch_of_rows(workspace, scratch)?;
         check_length("out", out.len(), self.constraint_rows() * self.nv())?;
-        placements_base_to_tip(self.model(), q, &mut workspace.store.shifts);
-        let at = (q, &workspace.rest[..]);
-        jacobian_of_rows(self.model(), self.constraints(), scratch, &workspace.store.shifts, at, out)
-            .map_err(|at| self.row_fault(at))?;
+        let (system, rest) = ((self.model(), self.constraints()), std::mem::take(&mut workspace.rest));
+        let placed = scratch.rows.place(system.0, workspace, (q, &rest));
+        workspace.rest = rest;
+        placed.map_err(|at| self.row_fault(at))?;
+        jacobian_of_rows(&scratch.rows, system, &workspace.store.shifts, out);
         self.check_result("constraint jacobian", out)
     }
 
     /// Constraint bias J' qd, written to `out` (m entries): the second time derivative of [`Scene::constraint_error`]
-    /// for zero joint accelerations. O(m depth).
+    /// for zero joint accelerations. O(N + m depth).
     ///
     /// # Errors
     ///
@@ -89,9 +89,9 @@ impl Scene {
         self.check_configuration("q", q)?;
         self.check_rates("qd", qd)?;
         check_length("out", out.len(), self.constraint_rows())?;
-        let mut terms = vec![0.0; out.len()];
-        accelerations_of_rows(self.model(), self.constraints(), (q, qd), None, (out, &mut terms))
-            .map_err(|at| self.row_fault(at))?;
+        for (out, row) in out.iter_mut().zip(&self.rows_at(q, qd)?.all) {
+            *out = row.gamma;
+        }
         self.check_result("constraint bias", out)
     }
 

@@ -135,7 +135,7 @@ impl Scene {
         }
         // A compliant connection may have an error.
         if compliance.is_empty() {
-            self.check_closed(state.0, state.1)?;
+            self.check_closed_rows(&scratch.rows, (state.0, state.1))?;
         }
         Ok((outcome.rank, outcome.residual))
     }

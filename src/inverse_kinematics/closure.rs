@@ -9,9 +9,8 @@ use super::limits::Bounds;
 use super::step::{BoxStep, add_squares};
 use crate::decompositions::eigenvalues;
 use crate::dynamics::ConstraintScratch;
-use crate::dynamics::constraints::{errors_of_rows, jacobian_of_rows};
+use crate::dynamics::constraints::errors_of_rows;
 use crate::error::Error;
-use crate::kinematics::placements_base_to_tip;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 use nalgebra::DMatrix;
@@ -88,17 +87,7 @@ impl Closure {
     /// Computes errors and Jacobian at `q`.
     pub fn evaluate(&mut self, workspace: &mut Workspace<f64>, scene: &Scene, q: &[f64]) -> Result<(), Error> {
         self.errors_at(scene, q)?;
-        placements_base_to_tip(scene.model(), q, &mut workspace.store.shifts);
-        let at = (q, &workspace.rest[..]);
-        jacobian_of_rows(
-            scene.model(),
-            scene.constraints(),
-            &mut self.scratch,
-            &workspace.store.shifts,
-            at,
-            &mut self.jacobian,
-        )
-        .map_err(|at| scene.row_fault(at))
+        scene.constraint_jacobian(workspace, &mut self.scratch, q, &mut self.jacobian)
     }
 
     /// Moves `q` within the limits until the connections are closed, as far as possible; [`Self::is_closed`] reports

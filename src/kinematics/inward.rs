@@ -117,22 +117,9 @@ pub fn frame_motion<T: Real>(
     qdd: Option<&[T]>,
     frame: &Frame<T>,
 ) -> FrameMotion<T> {
-    motion_along(model, (q, qd, qdd), frame, (None, &Vector3::from_element(T::zero())))
-}
-
-/// The motion relative to the body `junction`, without the motion of that body; the pose is in its axes, relative to
-/// `origin`.
-#[inline(always)]
-pub(super) fn motion_along<T: Real>(
-    model: &Model<T>,
-    (q, qd, qdd): (&[T], &[T], Option<&[T]>),
-    frame: &Frame<T>,
-    (junction, origin): (Option<usize>, &Vector3<T>),
-) -> FrameMotion<T> {
     let mut path = PathToBase::from(model, q, frame);
     let (mut velocity, mut acceleration) = (zero(), zero());
-    while path.body != junction {
-        let Some(k) = path.body else { break };
+    while let Some(k) = path.body {
         let (body, row) = (&model.bodies[k], model.system.stages[k].first_row);
         let own = path.placement.motion_to_child(&joint_motion(body, row, qd));
         acceleration = sum(&acceleration, &cross_motion(&own, &velocity));
@@ -140,9 +127,9 @@ pub(super) fn motion_along<T: Real>(
             acceleration = sum(&acceleration, &path.placement.motion_to_child(&joint_motion(body, row, qdd)));
         }
         velocity = sum(&velocity, &own);
-        path.past_from(k, junction, origin);
+        path.past(k);
     }
-    FrameMotion { placement: path.placement_from(frame, junction, origin), velocity, acceleration }
+    FrameMotion { placement: path.placement, velocity, acceleration }
 }
 
 impl<T: Real> FrameMotion<T> {

@@ -329,8 +329,6 @@ pub(crate) struct RelativeMotion<T: Real> {
     pub velocity: Vector6<T>,
     /// V', the derivative of V in the axes of the frame.
     pub acceleration: Vector6<T>,
-    /// Sizes of the terms of V', angular and linear.
-    pub terms: [T; 2],
 }
 
 /// The pose of frame C in frame D. Origins are subtracted first, while both are similarly far away.
@@ -349,18 +347,7 @@ impl<T: Real> RelativeMotion<T> {
         let (seen, felt) = (place.motion_to_child(&d.velocity), place.motion_to_child(&d.acceleration));
         let minus_one = c.velocity[0].constant(-1.0);
         let velocity = scaled_add(&seen, minus_one, &c.velocity);
-        let turning = cross_motion(&velocity, &seen);
-        let terms = [
-            size(&angular(&c.acceleration), &angular(&felt), &angular(&turning)),
-            size(&linear(&c.acceleration), &linear(&felt), &linear(&turning)),
-        ];
-        let acceleration = sum(&scaled_add(&felt, minus_one, &c.acceleration), &turning);
-        Self { place, velocity, acceleration, terms }
+        let acceleration = sum(&scaled_add(&felt, minus_one, &c.acceleration), &cross_motion(&velocity, &seen));
+        Self { place, velocity, acceleration }
     }
-}
-
-/// The sum of three norms, in the first lane.
-#[inline(always)]
-fn size<T: Real>(a: &Vector3<T>, b: &Vector3<T>, c: &Vector3<T>) -> T {
-    a[0].constant(square(a).lane(0).sqrt() + square(b).lane(0).sqrt() + square(c).lane(0).sqrt())
 }

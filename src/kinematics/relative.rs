@@ -5,7 +5,7 @@
 //! the base has no effect either. At 10 km it would cause a rounding error of 1e-12 m in the relative position.
 
 use super::frame::Frame;
-use super::inward::{FrameMotion, PathToBase, motion_along};
+use super::inward::PathToBase;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::RigidShift;
@@ -28,19 +28,6 @@ pub(crate) fn placements_from<T: Real>(
         }
         path.placement_from(frame, junction, &origin)
     })
-}
-
-/// The motions of frames C and D relative to the body `junction`, like [`frame_motion`](super::frame_motion) relative
-/// to the base; poses are those of [`placements_from`].
-#[inline(always)]
-pub(crate) fn motions_from<T: Real>(
-    model: &Model<T>,
-    (q, qd, qdd): (&[T], &[T], Option<&[T]>),
-    [c, d]: [&Frame<T>; 2],
-    junction: Option<usize>,
-) -> [FrameMotion<T>; 2] {
-    let origin = origin_of(model, q, d, junction);
-    [c, d].map(|frame| motion_along(model, (q, qd, qdd), frame, (junction, &origin)))
 }
 
 /// The beginning of the branch of a frame, in the axes of the body `junction`: the origin of its first body, or of the

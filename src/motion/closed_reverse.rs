@@ -245,7 +245,7 @@ fn through_projections(
     let change = Pushed { x: &x, p: &end.forces };
     adjoint.of_velocities(system, (workspace, rows), (&end.q, &end.v, change), (of_v, compliance), of_q)?;
     // The steps end where the next one would be rounding. Perturbed configurations are moved by this step too.
-    adjoint.of_last_step(system, (workspace, rows), &end.q, (of_q, compliance))?;
+    adjoint.of_last_step(system, (workspace, rows), &end.q, (of_q, compliance));
     let mut of_sum = vec![0.0; end.forces.len()];
     subtract_products(&mut of_sum, compliance, &adjoint.r);
     for made in newton.iter().rev() {

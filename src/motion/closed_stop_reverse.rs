@@ -65,7 +65,7 @@ impl StopReverse<'_> {
             if let Some(end) = end {
                 factorise(system.0, workspace, end);
                 rows.factorise(system, workspace, end, compliance)?;
-                self.adjoint.of_last_step(system, (workspace, rows), end, (&mut of_end, compliance))?;
+                self.adjoint.of_last_step(system, (workspace, rows), end, (&mut of_end, compliance));
             }
             let mut of_sum = vec![0.0; constraints.rows];
             for step in newton.iter().rev() {
@@ -116,22 +116,22 @@ impl StopReverse<'_> {
 
         let mut right = of_v.to_vec();
         let mut solved = |right: &[f64], adjoint: &mut ConstraintAdjoint| {
-            adjoint.solve(system, (&mut *workspace, &mut *rows), &s.q, (right, &[]), compliance)?;
-            Ok(DVector::from_iterator(stuck.len(), stuck.iter().map(|of| adjoint.y[of.row])))
+            adjoint.solve(system.0, (&mut *workspace, &mut *rows), (right, &[]), compliance);
+            DVector::from_iterator(stuck.len(), stuck.iter().map(|of| adjoint.y[of.row]))
         };
-        let wanted = solved(&right, adjoint)?;
+        let wanted = solved(&right, adjoint);
         let mut g = DMatrix::zeros(stuck.len(), stuck.len());
         let mut unit = vec![0.0; of_v.len()];
         for (a, of) in stuck.iter().enumerate() {
             unit[of.row] = 1.0;
-            g.set_column(a, &solved(&unit, adjoint)?);
+            g.set_column(a, &solved(&unit, adjoint));
             unit[of.row] = 0.0;
         }
         let sigma = solution_of_stuck(g.clone(), g.amax(), |sigma| &wanted - &g * sigma);
         for (of, sigma) in stuck.iter().zip(&sigma) {
             right[of.row] -= sigma;
         }
-        solved(&right, adjoint)?;
+        solved(&right, adjoint);
         let mut of_free = right;
         let (y, velocities) = (adjoint.y.clone(), &solution.velocities[..]);
         let change = Pushed { x: &x, p: &p };

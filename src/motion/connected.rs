@@ -210,7 +210,7 @@ fn factors<T: Vectorized, I: Target>(
     estimates: &mut [T],
 ) -> u64 {
     let doubt = connected::factors((target, form), scene, (scratch, &mut *rows), (q, v), estimates);
-    rows.joint_errors(q);
+    rows.rows.joint_errors(q);
     doubt
 }
 
@@ -223,7 +223,7 @@ fn rows_at<T: Vectorized, I: Target>(
     (q, v): (&[T], &[T]),
 ) -> u64 {
     let irregular = factor_rows(target, scene, scratch, rows, v);
-    rows.joint_errors(q);
+    rows.rows.joint_errors(q);
     irregular
 }
 
@@ -263,7 +263,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
         let mut open = if is_shared { *active & !doubt } else { 0 };
         while open != 0 && step < STEPS {
             sweeps::place(scene.1, sweeps, T::Columns::from_f64(0.0), q_next);
-            rows.errors_at(scene, sweeps, q_next);
+            rows.rows.errors_at(scene, sweeps, q_next);
             let left = rows.largest(Residuals::Errors);
             open &= open_lanes(left, before, size, 0.5);
             open &= lanes_but::<T>(|lane| !(left.lane(lane) * distance.lane(lane) <= ALIKE * size.lane(lane)));
@@ -338,7 +338,7 @@ fn slow<T: Vectorized, I: Target>(
         *changed = *v + *change;
     }
     replace(v, changed, lanes);
-    rows.at_velocities(scene, sweeps, v);
+    rows.rows.at_velocities(scene, sweeps, v);
 }
 
 /// The lanes whose largest residual is above rounding. A residual that is small and no longer decreases by `falls` is

@@ -22,7 +22,6 @@
 use super::RowFault;
 use super::products::RowGradients;
 use super::projection::{ProjectionStep, share};
-use super::rows::rates_of_rows;
 use super::scratch::ConstraintScratch;
 use crate::dynamics;
 use crate::dynamics::derivatives::{
@@ -300,7 +299,7 @@ impl ConstraintAdjoint {
     ) -> Result<(), RowFault> {
         dynamics::factorise(system.0, workspace, q);
         scratch.factorise(system, workspace, q, compliance)?;
-        self.solve(system, (&mut *workspace, &mut *scratch), q, (cotangent, &[]), compliance)?;
+        self.solve(system.0, (&mut *workspace, &mut *scratch), (cotangent, &[]), compliance);
         let (gradients, mut at) = self.parts(system, workspace, q);
         let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
         gradients.of_accelerations(&mut at, (motion, &scratch.forces), (constants, out))
@@ -329,7 +328,7 @@ impl ConstraintAdjoint {
         for ((out, dtau), of_torque) in out.iter_mut().zip(along.u).zip(of_torques) {
             *out = dtau - *out + *of_torque;
         }
-        self.solve(system, (workspace, scratch), state.0, (out, &of_rows), &[])?;
+        self.solve(system.0, (workspace, scratch), (out, &of_rows), &[]);
         out.copy_from_slice(&self.y);
         Ok(())
     }
@@ -344,7 +343,7 @@ impl ConstraintAdjoint {
         (q, dq): (&[f64], &[f64]),
         cotangent: &[f64],
     ) -> Result<([Vec<f64>; 2], [Vec<f64>; 2]), RowFault> {
-        self.solve(system, (workspace, scratch), q, (cotangent, &[]), &[])?;
+        self.solve(system.0, (workspace, scratch), (cotangent, &[]), &[]);
         let solution = [self.y.clone(), self.r.clone()];
         let Self { gradients: SolutionGradients { rows, rest, y, r, .. }, products, weightless } = self;
         let (mut right, mut of_rows, mut of_torques) = (vec![0.0; y.len()], vec![0.0; r.len()], vec![0.0; y.len()]);
@@ -353,7 +352,7 @@ impl ConstraintAdjoint {
         let (shifts, directions) = (&workspace.store.shifts, ([dq, &rest[..]], &r[..]));
         rows.along(system, shifts, (q, rest, y), directions, [&mut of_rows, &mut of_torques])?;
         right.iter_mut().zip(&of_torques).for_each(|(right, more)| *right = -(*right + more));
-        self.solve(system, (workspace, scratch), q, (&right, &of_rows), &[])?;
+        self.solve(system.0, (workspace, scratch), (&right, &of_rows), &[]);
         Ok((solution, [self.y.clone(), self.r.clone()]))
     }
 
@@ -386,7 +385,7 @@ impl ConstraintAdjoint {
         }
         dynamics::factorise(system.0, workspace, q);
         scratch.factorise(system, workspace, q, compliance)?;
-        self.solve(system, (&mut *workspace, scratch), q, (&of_x, &of_p), compliance)?;
+        self.solve(system.0, (&mut *workspace, scratch), (&of_x, &of_p), compliance);
         let (gradients, mut at) = self.parts(system, workspace, q);
         gradients.of_position_step(&mut at, step, &of_x, &mut of_start)?;
         subtract_products(of_sum, compliance, &self.r);
@@ -406,7 +405,7 @@ impl ConstraintAdjoint {
     ) -> Result<(), RowFault> {
         dynamics::factorise(system.0, workspace, q);
         scratch.factorise(system, workspace, q, compliance)?;
-        self.solve(system, (&mut *workspace, scratch), q, (of_v, &[]), compliance)?;
+        self.solve(system.0, (&mut *workspace, scratch), (of_v, &[]), compliance);
         self.of_solved_velocities(system, workspace, (q, projected, change), of_v, by_q)
     }
 
@@ -431,43 +430,40 @@ impl ConstraintAdjoint {
         (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
         q: &[f64],
         (of_q, compliance): (&mut [f64], &[f64]),
-    ) -> Result<(), RowFault> {
-        self.solve(system, (&mut *workspace, scratch), q, (of_q, &[]), compliance)?;
+    ) {
+        self.solve(system.0, (&mut *workspace, scratch), (of_q, &[]), compliance);
         let (gradients, mut at) = self.parts(system, workspace, q);
         gradients.of_last_step(&mut at, of_q);
-        Ok(())
     }
 
-    /// y and r for the cotangents of x and of p (empty for zero), with the factors of M and of the rows at `q`.
+    /// y and r for the cotangents of x and of p (empty for zero), with the factors of M and of the rows at one configuration.
     pub fn solve(
         &mut self,
-        (model, constraints): (&Model<f64>, &Constraints),
+        model: &Model<f64>,
         (workspace, scratch): (&mut Workspace<f64>, &mut ConstraintScratch),
-        q: &[f64],
         (of_x, of_p): (&[f64], &[f64]),
         compliance: &[f64],
-    ) -> Result<(), RowFault> {
+    ) {
         let SolutionGradients { y, r, .. } = &mut self.gradients;
         dynamics::solve(model, workspace, of_x, y);
         if r.is_empty() {
-            return Ok(());
+            return;
         }
         r.fill(0.0);
         let (mut left, mut step) = (vec![0.0; r.len()], vec![0.0; r.len()]);
         // The second solution removes the rounding errors of the first.
         for _ in 0..2 {
-            rates_of_rows(model, constraints, (q, y), &mut left)?;
+            scratch.rates_of(model, workspace, y);
+            left.copy_from_slice(&scratch.rates);
             left.iter_mut().zip(of_p).for_each(|(left, of_p)| *left += of_p);
             for ((left, c), r) in left.iter_mut().zip(compliance).zip(&*r) {
                 *left -= c * r;
             }
             scratch.inverse.apply(&left, &mut step);
             r.iter_mut().zip(&step).for_each(|(r, step)| *r += step);
-            scratch.spread(&step);
-            scratch.respond(model, workspace);
+            scratch.respond(model, workspace, &step);
             y.iter_mut().zip(&scratch.estimates).for_each(|(y, change)| *y -= change);
         }
-        Ok(())
     }
 
     /// Adds the gradients of -y* M(q) x + p* J(q) y - r* J(q) along.

@@ -58,8 +58,7 @@ pub(crate) fn constrained_derivatives(
         unit[i] = 1.0;
         scratch.inverse.apply(&unit, &mut step);
         unit[i] = 0.0;
-        scratch.spread(&step);
-        scratch.respond(model, workspace);
+        scratch.respond(model, workspace, &step);
         response.column_mut(i).copy_from_slice(&scratch.estimates);
     }
     let through = by(&inverse);

@@ -54,7 +54,7 @@ impl Elimination {
         (q, v): (&[f64], &mut [f64]),
     ) -> Result<Projected, RowFault> {
         let projected = project_velocities((model, &self.constraints), workspace, &mut self.scratch, (q, v), &[])?;
-        self.orthogonalize(model)?;
+        self.orthogonalize(workspace)?;
         Ok(projected)
     }
 
@@ -77,18 +77,17 @@ impl Elimination {
     /// Factorizes the rows at `q`, with the factor of M in the workspace.
     pub fn factorize(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, q: &[f64]) -> Result<(), RowFault> {
         self.scratch.factorise((model, &self.constraints), workspace, q, &[])?;
-        self.orthogonalize(model)
+        self.orthogonalize(workspace)
     }
 
     /// Q, R and C from the whitened rows in the scratch.
-    fn orthogonalize(&mut self, model: &Model<f64>) -> Result<(), RowFault> {
+    fn orthogonalize(&mut self, workspace: &Workspace<f64>) -> Result<(), RowFault> {
         let Self { constraints, scratch, .. } = self;
-        let (m, nv) = (constraints.rows, model.nv());
+        let (m, sizes) = (constraints.rows, &scratch.rows.whitened.sizes);
         let mut combined = scratch.relaxed.basis().map_or_else(|| DMatrix::identity(m, m), DMatrix::transpose);
-        let whitened = DMatrix::from_column_slice(nv, m, &scratch.whitened[..m * nv]);
-        let mut columns = whitened * &combined;
+        let mut columns = scratch.whitened(&workspace.store) * &combined;
         for j in 0..columns.ncols() {
-            let size = combined.column(j).iter().zip(&scratch.sizes).map(|(c, size)| (c * size).powi(2)).sum::<f64>();
+            let size = combined.column(j).iter().zip(sizes).map(|(c, size)| c * c * size).sum::<f64>();
             let (norm, size) = (columns.column(j).norm(), size.sqrt());
             let scale = if norm > NOTHING * size { norm.recip() } else { 0.0 };
             columns.column_mut(j).scale_mut(scale);
@@ -123,13 +122,6 @@ impl Elimination {
         // The diagonal has no zeros.
         self.triangle.solve_upper_triangular_mut(&mut pivots);
         let lambda = &self.combined * pivots;
-        for (unit, lambda) in self.scratch.units.iter().zip(lambda.iter()) {
-            for (k, force) in unit.forces.into_iter().flatten() {
-                forces[k] += force * *lambda;
-            }
-            for (v, unit) in unit.torques.into_iter().flatten() {
-                torque[v] -= unit * lambda;
-            }
-        }
+        self.scratch.rows.add_forces(lambda.as_slice(), (forces, torque), -1.0);
     }
 }

@@ -1,11 +1,12 @@
 //! Error messages for connections.
 
 use super::geometry::relaxed_at;
-use super::rows::{errors_of_rows, rates_of_rows};
+use super::rows::ConnectionRows;
 use super::{Outcome, RowFault};
 use crate::error::{ConstraintViolation, Error, in_language};
 use crate::scene::Scene;
 use crate::scene::constraint::Tie;
+use crate::workspace::Workspace;
 
 /// The largest error of the connections that a call accepts, m or rad, and m/s or rad/s. Measurements, finite
 /// differences and the drift of an integrator stay below it.
@@ -61,25 +62,34 @@ impl Scene {
     /// `slack`, m/s or rad/s, or relative to the fastest joint velocity if that exceeds 1. Combinations of rows that
     /// count as dependent may have errors up to the tolerance of the scene.
     pub(crate) fn check_on_connections(&self, q: &[f64], qd: &[f64], slack: f64) -> Result<(), Error> {
-        if self.constraints().is_empty() {
+        self.check_rows(&self.rows_at(q, qd)?, (q, qd), slack)
+    }
+
+    /// The rows of the connections at a state.
+    pub(crate) fn rows_at(&self, q: &[f64], qd: &[f64]) -> Result<ConnectionRows<f64>, Error> {
+        let mut workspace = Workspace::new(self.model());
+        let mut rows = ConnectionRows::new((self.model(), &workspace.sweeps), self.constraints());
+        rows.place(self.model(), &mut workspace, (q, qd)).map_err(|at| self.row_fault(at))?;
+        Ok(rows)
+    }
+
+    /// The same check with the rows at the state.
+    fn check_rows(&self, at: &ConnectionRows<f64>, (q, qd): (&[f64], &[f64]), slack: f64) -> Result<(), Error> {
+        if at.all.is_empty() {
             return Ok(());
         }
         let remedy = format!(
             "a state that meets the connections to within {slack}{}",
             in_language(", for instance that of Scene::project", ": q, qd, rank = scene.project(q, qd)")
         );
-        let (model, constraints) = (self.model(), self.constraints());
-        let (mut rows, mut rest) = (vec![0.0; constraints.rows], vec![0.0; constraints.rows]);
+        let mut rest = vec![0.0; self.constraints().rows];
         let worst =
             |rows: &[f64]| (0..rows.len()).max_by(|&i, &j| rows[i].abs().total_cmp(&rows[j].abs())).unwrap_or(0);
         let fastest = qd.iter().fold(1.0, |most: f64, v| most.max(v.abs()));
         let mut relaxed = None;
         for (argument, unit, speed) in [("q", "m or rad", 1.0), ("qd", "m/s or rad/s", fastest)] {
-            let found = match argument {
-                "q" => errors_of_rows(model, constraints, q, &mut rows),
-                _ => rates_of_rows(model, constraints, (q, qd), &mut rows),
-            };
-            found.map_err(|at| self.row_fault(at))?;
+            let mut rows: Vec<f64> =
+                at.all.iter().map(|row| if argument == "q" { row.error } else { row.rate }).collect();
             let mut row = worst(&rows);
             if rows[row].abs() <= slack * speed {
                 continue;
@@ -101,6 +111,15 @@ impl Scene {
     /// Checks that the state of a call meets the connections.
     pub(crate) fn check_closed(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
         self.check_on_connections(q, qd, IN_CALLS)
+    }
+
+    /// The same with the rows at the state.
+    pub(in crate::dynamics) fn check_closed_rows(
+        &self,
+        rows: &ConnectionRows<f64>,
+        state: (&[f64], &[f64]),
+    ) -> Result<(), Error> {
+        self.check_rows(rows, state, IN_CALLS)
     }
 
     /// True if a configuration of the right length meets the couplings of joints, whose positions the kernels do not

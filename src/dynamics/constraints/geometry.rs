@@ -17,15 +17,14 @@ use super::RowFault;
 use super::gram_inverse::Relaxed;
 use super::mobility::{Group, SizedRows, groups};
 use super::mobility::{mobility, moved, scattered};
-use super::rows::units_of_rows;
 use super::scratch::ConstraintScratch;
 use crate::decompositions::singular_values;
 use crate::error::Error;
-use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::scene::constraint::Constraints;
 use crate::spatial::RigidShift;
+use crate::workspace::Workspace;
 use nalgebra::{DMatrix, DVector, RowDVector};
 
 /// Singular values below this are zeros with rounding errors; they require no relaxation.
@@ -44,7 +43,7 @@ const NEARBY: f64 = 0.2;
 const ALLOWED: f64 = 10.0;
 
 impl ConstraintScratch {
-    /// The combinations of rows that are kept, from the rows' unit forces in `units` and phi of every body in `shift`.
+    /// The combinations of rows that are kept, from the unit forces of the rows and phi of every body in `shift`.
     /// Rows with compliance are always kept.
     pub(super) fn relax(
         &mut self,
@@ -58,7 +57,7 @@ impl ConstraintScratch {
         if !(tolerance > 0.0) || m == 0 {
             return Ok(());
         }
-        let sized = SizedRows::of(self, (model, constraints), shift)?;
+        let sized = SizedRows::of(&self.rows, (model, constraints), shift)?;
         let is_rigid = |i: usize| compliance.get(i).is_none_or(|&compliance| compliance == 0.0);
         let mut relaxed = Relaxed { sizes: sized.sizes.clone(), ..Relaxed::default() };
         let mut projector = DMatrix::identity(m, m);
@@ -142,7 +141,7 @@ impl ConstraintScratch {
 
     /// The rows of a group at this configuration and at two nearby ones, concatenated.
     fn around(
-        &mut self,
+        &self,
         (model, constraints): (&Model<f64>, &Constraints),
         q: &[f64],
         (here, rows, group): (&SizedRows, &[usize], &Group),
@@ -150,16 +149,13 @@ impl ConstraintScratch {
         let n = group.columns.len();
         let mut wide = here.part(rows, group).resize_horizontally(3 * n, 0.0);
         let rest = vec![0.0; model.nv()];
-        let mut shift = vec![RigidShift::identity(); model.bodies.len()];
-        let units = self.units.clone();
+        let (mut workspace, mut rows_there) = (Workspace::new(model), self.rows.clone());
         for place in 1..3 {
             let other = moved(model, q, &scattered(model.nv(), place, NEARBY));
-            placements_base_to_tip(model, &other, &mut shift);
-            let found = units_of_rows(model, constraints, (&other, &rest), &mut self.units);
-            let sized = found.and_then(|()| SizedRows::of(self, (model, constraints), &shift));
+            let found = rows_there.place(model, &mut workspace, (&other, &rest));
+            let sized = found.and_then(|()| SizedRows::of(&rows_there, (model, constraints), &workspace.store.shifts));
             wide.columns_mut(place * n, n).copy_from(&sized.as_ref().unwrap_or(here).part(rows, group));
         }
-        self.units = units;
         wide
     }
 }
@@ -180,11 +176,10 @@ fn left_vectors(matrix: DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
 /// The combinations of rows that are kept at `q`.
 pub(crate) fn relaxed_at(scene: &Scene, q: &[f64]) -> Result<Relaxed, Error> {
     let (model, constraints) = (scene.model(), scene.constraints());
-    let mut scratch = ConstraintScratch::new(model, constraints);
-    let mut shift = vec![RigidShift::identity(); model.bodies.len()];
-    placements_base_to_tip(model, q, &mut shift);
+    let (mut workspace, mut scratch) = (Workspace::new(model), ConstraintScratch::new(model, constraints));
     let rest = vec![0.0; model.nv()];
-    units_of_rows(model, constraints, (q, &rest), &mut scratch.units).map_err(|at| scene.row_fault(at))?;
-    scratch.relax((model, constraints), &shift, q, &[]).map_err(|at| scene.row_fault(at))?;
+    let placed = scratch.rows.place(model, &mut workspace, (q, &rest));
+    let relaxed = placed.and_then(|()| scratch.relax((model, constraints), &workspace.store.shifts, q, &[]));
+    relaxed.map_err(|at| scene.row_fault(at))?;
     Ok(scratch.relaxed)
 }

@@ -37,10 +37,10 @@ impl Default for Factor {
 }
 
 impl GramInverse {
-    /// None if the combinations of rows overflow.
+    /// `sizes` are the squares of the rows of W without cancellation. None if the combinations of rows overflow.
     pub fn of(gram: &DMatrix<f64>, sizes: &[f64], kept: Option<&DMatrix<f64>>) -> Option<Self> {
         if let Some(kept) = kept {
-            let size = |row: usize| (0..sizes.len()).map(|i| (kept[(row, i)] * sizes[i]).powi(2)).sum::<f64>().sqrt();
+            let size = |row: usize| (0..sizes.len()).map(|i| kept[(row, i)].powi(2) * sizes[i]).sum::<f64>();
             let combined: Vec<f64> = (0..kept.nrows()).map(size).collect();
             let of_combined = Self::of(&(kept * gram * kept.transpose()), &combined, None)?;
             return Some(Self { kept: Some(kept.clone()), ..of_combined });
@@ -49,7 +49,7 @@ impl GramInverse {
         if m == 0 {
             return Some(Self::default());
         }
-        let moves = |i: usize| gram[(i, i)] > (NOTHING * sizes[i]).powi(2);
+        let moves = |i: usize| gram[(i, i)] > NOTHING * NOTHING * sizes[i];
         let scale: Vec<f64> = (0..m).map(|i| if moves(i) { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
         let scaled = DMatrix::from_fn(m, m, |i, j| gram[(i, j)] * scale[i] * scale[j]);
         // The pivots are the squares of the diagonal.

@@ -1,7 +1,7 @@
 //! Inverse dynamics and the inverse mass matrix through connections.
 
 use super::RowFault;
-use super::rows::{accelerations_of_rows, jacobian_of_rows};
+use super::mobility::jacobian_of_rows;
 use super::scratch::ConstraintScratch;
 use crate::accuracy::largest;
 use crate::decompositions::singular_values;
@@ -52,19 +52,19 @@ pub(crate) fn constrained_inverse_dynamics(
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(InverseOutcome { pivots, rank: 0, residual: f64::NAN, unmet: None });
     }
-    scratch.factorise((model, constraints), workspace, q, &[])?;
-    let ConstraintScratch { residual, terms, .. } = &mut *scratch;
-    accelerations_of_rows(model, constraints, (q, qd), Some(qdd), (residual, terms))?;
+    scratch.factorise_moving((model, constraints), workspace, (q, qd), &[])?;
+    let ConstraintScratch { rows, residual, terms, .. } = &mut *scratch;
+    rows.times::<true>((model, &workspace.sweeps), &workspace.store, qdd, (residual, terms));
     let residual = largest(residual);
 
     let white = whitened(model, workspace, tau);
-    let w = DMatrix::from_fn(nv, m, |row, i| scratch.whitened_row(i, nv)[row]);
+    let w = scratch.whitened(&workspace.store);
     if actuated.iter().all(|&a| a) {
         let against = w.tr_mul(&white);
         scratch.inverse.apply(against.as_slice(), &mut scratch.forces);
     } else {
         let mut jacobian = vec![0.0; m * nv];
-        jacobian_of_rows(model, constraints, scratch, &workspace.store.shifts, (q, &workspace.rest), &mut jacobian)?;
+        jacobian_of_rows(&scratch.rows, (model, constraints), &workspace.store.shifts, &mut jacobian);
         let free: Vec<usize> = (0..nv).filter(|&row| !actuated[row]).collect();
         // Rows are scaled by the inertia at each joint, columns by the innovations of the rows of the connections.
         let weight = |row: usize| workspace.store.measured[row].pivot_inverse.sqrt();
@@ -75,9 +75,7 @@ pub(crate) fn constrained_inverse_dynamics(
         scratch.forces.copy_from_slice((forces * mu).as_slice());
     }
 
-    let forces = std::mem::take(&mut scratch.forces);
-    scratch.spread(&forces);
-    scratch.forces = forces;
+    scratch.spread();
     let ConstraintScratch { wrenches, torque, estimates, .. } = scratch;
     let (scene, store) = workspace.passes(model);
     store.set_forces(wrenches.iter().copied());
@@ -148,14 +146,13 @@ pub(crate) fn constrained_mass_matrix_inverse(
     q: &[f64],
     out: &mut [f64],
 ) -> Result<PivotMonitor<f64>, RowFault> {
-    let (nv, m) = (model.nv(), constraints.rows);
+    let nv = model.nv();
     let pivots = factorise(model, workspace, q);
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(pivots);
     }
     scratch.factorise((model, constraints), workspace, q, &[])?;
-    let w = DMatrix::from_fn(nv, m, |row, i| scratch.whitened_row(i, nv)[row]);
-    let whole = w * scratch.inverse.columns();
+    let whole = scratch.whitened(&workspace.store) * scratch.inverse.columns();
     let basis = if whole.is_empty() { whole } else { whole.qr().q() };
     let mut unit = vec![0.0; nv];
     let mut columns = DMatrix::zeros(nv, nv);

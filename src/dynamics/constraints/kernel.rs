@@ -14,26 +14,15 @@
 //! moves no joint is skipped. If the other rows are dependent, or if a residual above rounding remains, the state needs
 //! a fallback: [`constrained_dynamics`](super::constrained_dynamics) determines the rank.
 
-mod ends;
 mod gram;
-mod projection;
 
 use super::faults::IN_CALLS;
+use super::rows::ConnectionRows;
 use super::solution::{NO_ROUNDING, weight};
-use crate::dynamics::sweeps::{
-    Forces, MOST_FORCES, Path, PathRows, SweepModel, SweepScratch, WhitenedRows, accelerations_along, frame_here,
-    motions_along, point_along,
-};
-use crate::kinematics::Frame;
-use crate::kinematics::pair::{Pair, PairRows, RelativeMotion};
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::{Real, larger, largest_of};
-use crate::scene::constraint::{Constraint, Constraints, Tie};
-use crate::spatial::{RigidShift, angular, cross, dot, linear, scaled};
-use ends::{axis_of, less, relative_motion, set_anchored};
-use nalgebra::Vector3;
-
-pub(crate) use projection::Residuals;
+use crate::scene::constraint::Constraints;
 
 /// A residual of a row below this number of units in the last place of its terms is rounding and is not corrected.
 const ROUNDING: f64 = 8.0;
@@ -41,64 +30,27 @@ const ROUNDING: f64 = 8.0;
 /// Rows count as independent in this kernel only if they are independent to within the geometric tolerance times this.
 const UNSURE: f64 = 10.0;
 
-/// The connections, in the scalar of the kernel.
-#[derive(Debug)]
-enum LaneTie<T> {
-    /// Frames on the bodies, relative to the body frames of the sweeps.
-    Frames(Pair, [RigidShift<T>; 2]),
-    /// A point of a body on a point of the base: the frame on the body, and the point of the base.
-    Anchored(RigidShift<T>, [T; 3]),
-    /// Rows of joint coordinates, and their torques for a unit force.
-    Joints([Option<(usize, T)>; 2], Followed<T>),
-}
-
-/// The error of a row of joint coordinates: the sum of coordinates times factors, minus an offset.
-#[derive(Debug)]
-struct Followed<T> {
-    coordinates: [Option<(usize, T)>; 2],
-    offset: T,
-}
-
-/// One connection.
-#[derive(Debug)]
-struct Connection<T> {
-    tie: LaneTie<T>,
-    /// The steps of its path on which the forces act.
-    ends: [Option<usize>; 2],
-}
-
-/// A row of a connection at one state.
-#[derive(Debug, Clone, Copy)]
-struct Row<T> {
-    /// The forces on the bodies at the ends of its path, in the frames of the sweeps, and the sums of the absolute
-    /// values of their angular and linear parts.
-    forces: [[T; 6]; 2],
-    sizes: [[T; 2]; 2],
-    /// J' qd.
-    gamma: T,
-    /// The error, m or rad, and its time derivative J qd.
-    error: T,
-    rate: T,
+/// The residuals that a step of the projection removes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Residuals {
+    /// Errors, m and rad.
+    Errors,
+    /// Their time derivatives.
+    Rates,
 }
 
 /// The data of the kernel for one scene and the current states; initialized with NaN.
 #[derive(Debug)]
 pub(crate) struct ConstraintKernel<T> {
-    connections: Vec<Connection<T>>,
-    rows: Vec<Row<T>>,
-    /// W, and G, then its factor L D L*; one path per connection.
-    whitened: WhitenedRows<T>,
-    /// One per step of the longest path.
-    forces: Vec<Forces<T>>,
-    motions: Vec<[[T; 6]; 2]>,
-    accelerations: Vec<[T; 6]>,
-    /// Torques of a unit force.
-    torque: Vec<T>,
+    /// The rows, and W; in the place of G, its factor L D L*.
+    pub rows: ConnectionRows<T>,
     /// One for each row, zero for a row that moves no joint; and the diagonal of G, one for such rows.
     kept: Vec<T>,
     diagonal: Vec<T>,
     pivot_inverses: Vec<T>,
     step: Vec<T>,
+    /// Sizes of the terms of each row at the last accelerations.
+    sizes: Vec<T>,
     /// Rows that depend on each other to within this, squared, need the rank by geometry.
     unsure: f64,
     /// The compliance of each row as measurement noise; zero for rigid rows.
@@ -112,8 +64,6 @@ pub(crate) struct ConstraintKernel<T> {
     /// The largest error of a row, m or rad, and the largest |J qd| for joint velocities of at most 1, that count as
     /// meeting the connections.
     pub slack: f64,
-    /// The largest |J qd| of a row for a state that meets the connections.
-    fastest: T,
     /// lambda.
     pub forces_of_rows: Vec<T>,
     /// The number of rows that move a joint.
@@ -124,35 +74,20 @@ pub(crate) struct ConstraintKernel<T> {
 
 impl<T: Real> ConstraintKernel<T> {
     pub fn new((model, sweeps): (&Model<T>, &SweepModel<T>), constraints: &Constraints) -> Self {
-        let (nan, zero, m, nv) = (T::from_f64(f64::NAN), T::zero(), constraints.rows, model.nv());
-        let all = constraints.all.iter();
-        let (connections, paths): (Vec<_>, Vec<_>) = all
-            .map(|of| {
-                let (connection, path) = Connection::new(sweeps, of);
-                (connection, (path, of.rows()))
-            })
-            .unzip();
-        let whitened = WhitenedRows::new(model, paths);
-        let longest = whitened.longest();
+        let (nan, zero, m) = (T::from_f64(f64::NAN), T::zero(), constraints.rows);
         Self {
-            connections,
-            whitened,
-            rows: vec![Row { forces: [[zero; 6]; 2], sizes: [[zero; 2]; 2], gamma: nan, error: nan, rate: nan }; m],
-            forces: vec![Forces { z: [[nan; 6]; MOST_FORCES], moments: [nan; MOST_FORCES] }; longest],
-            motions: vec![[[nan; 6]; 2]; longest],
-            accelerations: vec![[nan; 6]; longest],
-            torque: vec![zero; nv],
+            rows: ConnectionRows::new((model, sweeps), constraints),
             kept: vec![nan; m],
             diagonal: vec![nan; m],
             pivot_inverses: vec![nan; m],
             step: vec![nan; m],
+            sizes: vec![nan; m],
             unsure: (UNSURE * constraints.tolerance).powi(2),
             compliance: vec![zero; m],
             terms: vec![nan; m],
             weight: T::from_f64(weight(model)),
             pushing: nan,
             slack: IN_CALLS,
-            fastest: nan,
             forces_of_rows: vec![nan; m],
             rank: nan,
             residual: nan,
@@ -164,22 +99,10 @@ impl<T: Real> ConstraintKernel<T> {
     #[inline(always)]
     pub fn factor(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
         let zero = scene.0.gravity[0].constant(0.0);
-        self.whitened.sizes.fill(zero);
-        let speed = largest_of(qd, zero.constant(1.0));
-        self.fastest = speed * zero.constant(self.slack);
-        let mut regular = zero.constant(1.0);
-        for at in 0..self.connections.len() {
-            regular = regular.worst(self.rows_of(at, scene, scratch, qd));
-            self.whitened.innovations_of(at, scene, scratch, (&mut self.forces, &self.torque));
-            if let LaneTie::Joints(torques, _) = &self.connections[at].tie {
-                for &(row, unit) in torques.iter().flatten() {
-                    self.torque[row] = unit.constant(0.0);
-                }
-            }
-        }
-        self.whitened.multiply(zero);
-        regular = regular.worst(self.prepare(zero));
-        regular.worst(self.factorise(zero))
+        let (slack, speed) = (zero.constant(self.slack), largest_of(qd, zero.constant(1.0)));
+        let regular = self.rows.whiten(scene, scratch, qd, [slack, speed * slack]);
+        let independent = self.prepare(zero);
+        regular.worst(independent).worst(self.factorise(zero))
     }
 
     /// The first step of lambda, from the innovations of the tree. The scales of rounding errors are needed only if the
@@ -188,7 +111,7 @@ impl<T: Real> ConstraintKernel<T> {
     pub fn first_step(&mut self, scratch: &SweepScratch<T>, tau: &[T], innovations: &[T], is_watched: bool) {
         let zero = self.weight.constant(0.0);
         self.forces_of_rows.fill(zero);
-        let Self { step, terms, rows, whitened, pushing, weight, .. } = self;
+        let Self { step, terms, rows: ConnectionRows { all, whitened, .. }, pushing, weight, .. } = self;
         if is_watched {
             *pushing = *weight;
             for (row, &tau) in tau.iter().enumerate() {
@@ -197,7 +120,7 @@ impl<T: Real> ConstraintKernel<T> {
         }
         for of in &whitened.paths {
             for i in of.rows.clone() {
-                let gamma = rows[i].gamma;
+                let gamma = all[i].gamma;
                 if is_watched {
                     (step[i], terms[i]) = whitened.times(of, i, innovations, (gamma, gamma.abs()));
                 } else {
@@ -208,94 +131,10 @@ impl<T: Real> ConstraintKernel<T> {
         self.solve();
     }
 
-    /// Computes the unit forces of one connection and J' qd of its rows. Returns a value that is positive where the
-    /// usual form of the rows applies and the state meets them.
-    #[inline(always)]
-    fn rows_of(&mut self, at: usize, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
-        let zero = scene.0.gravity[0].constant(0.0);
-        let Connection { tie, ends } = &self.connections[at];
-        let PathRows { path, rows, .. } = &self.whitened.paths[at];
-        // The forces on other bodies of the path are set by the first that they receive.
-        for &step in ends.iter().flatten() {
-            let forces = &mut self.forces[step];
-            for i in 0..rows.len() {
-                (forces.z[i], forces.moments[i]) = ([zero; 6], zero);
-            }
-        }
-        let frames = match tie {
-            LaneTie::Anchored(frame, anchor) => {
-                let step = ends[0].unwrap_or_default();
-                let point = point_along(scene, scratch, path, *anchor);
-                motions_along(scene, scratch, (path, qd), &mut self.motions);
-                let own = &mut self.rows[rows.clone()];
-                set_anchored((frame, &point), &self.motions[step], own);
-                let mut usual = zero.constant(1.0);
-                let on = &mut self.forces[step];
-                let apart = less(&frame.lever, &point);
-                let reach = square(&frame.lever) + square(&apart);
-                for (i, to) in own.iter_mut().enumerate() {
-                    usual = usual.worst(zero.constant(self.slack) - to.error.abs());
-                    usual = usual.worst(self.fastest - to.rate.abs());
-                    let force = axis_of(frame, i);
-                    let [x, y, z] = cross(&point.into(), &force).into();
-                    to.forces[0] = [x, y, z, force[0], force[1], force[2]];
-                    to.sizes[0] = halves(&to.forces[0]);
-                    // A force on a body reduces the force that its joint transmits.
-                    on.z[i] = [-x, -y, -z, -force[0], -force[1], -force[2]];
-                    on.moments[i] = reach;
-                }
-                return usual;
-            }
-            LaneTie::Joints(torques, _) => {
-                for &(row, torque) in torques.iter().flatten() {
-                    self.torque[row] = torque;
-                    let size = &mut self.whitened.sizes[rows.start];
-                    *size = (torque * torque).mul_add(scratch.pivot_inverse(row), *size);
-                }
-                let rate = joints_rate(torques, qd, zero);
-                (self.rows[rows.start].gamma, self.rows[rows.start].rate) = (zero, rate);
-                return self.fastest - rate.abs();
-            }
-            LaneTie::Frames(_, frames) => frames,
-        };
-        let Some((motion, of_pair)) =
-            relative_motion((&self.connections[at], path), scene, scratch, qd, &mut self.motions)
-        else {
-            return zero.constant(-1.0);
-        };
-        let mut usual = of_pair.margin;
-        for (i, to) in self.rows[rows.clone()].iter_mut().enumerate() {
-            let force = &of_pair.of_motion[i];
-            to.set(&motion, &of_pair, i);
-            usual = usual.worst(zero.constant(self.slack) - to.error.abs());
-            usual = usual.worst(self.fastest - to.rate.abs());
-            for (end, (&step, frame)) in ends.iter().zip(frames).enumerate() {
-                let Some(step) = step else { continue };
-                let (force, reach) = if end == 0 {
-                    (*force, square(&frame.lever))
-                } else {
-                    let back = motion.place.force_to_parent(force);
-                    (scaled(&back, zero.constant(-1.0)), square(&frame.lever) + square(&motion.place.lever))
-                };
-                let (moment, push) = (square(&angular(&force)), square(&linear(&force)));
-                let on_body: [T; 6] = frame.force_to_parent(&force).into();
-                // A force on a body reduces the force that its joint transmits.
-                let on = &mut self.forces[step];
-                for (z, &force) in on.z[i].iter_mut().zip(&on_body) {
-                    *z -= force;
-                }
-                on.moments[i] += reach.mul_add(push, moment);
-                to.sizes[end] = halves(&on_body);
-                to.forces[end] = on_body;
-            }
-        }
-        usual
-    }
-
     /// The next accelerations meet J qdd = 0, as at rest.
     #[inline(always)]
     pub fn rest(&mut self) {
-        for row in &mut self.rows {
+        for row in &mut self.rows.all {
             row.gamma = row.gamma.constant(0.0);
         }
     }
@@ -311,7 +150,7 @@ impl<T: Real> ConstraintKernel<T> {
         for (lambda, &step) in self.forces_of_rows.iter_mut().zip(&self.step) {
             *lambda += step;
         }
-        self.whitened.add(&self.step, innovations);
+        self.rows.whitened.add(&self.step, innovations);
     }
 
     /// The residuals of the rows at these accelerations, and the step that corrects them. Returns the margins to the
@@ -319,20 +158,7 @@ impl<T: Real> ConstraintKernel<T> {
     #[inline(always)]
     pub fn look(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qdd: &[T]) -> [T; 2] {
         let zero = scene.0.gravity[0].constant(0.0);
-        let Self {
-            connections,
-            rows,
-            accelerations,
-            step,
-            compliance,
-            terms,
-            forces_of_rows,
-            diagonal,
-            whitened,
-            pushing,
-            residual,
-            ..
-        } = self;
+        let Self { rows, step, sizes, compliance, terms, forces_of_rows, diagonal, pushing, residual, .. } = self;
         let (mut most, mut near, mut far) = (zero, zero.constant(1.0), zero.constant(1.0));
         // The row of bodies in static equilibrium is a sum of rounding errors. It is compared with the forces that act
         // on the bodies: sqrt(G_jj) |lambda_j| for connection forces.
@@ -341,44 +167,16 @@ impl<T: Real> ConstraintKernel<T> {
             // Skipped rows contribute zero.
             acting = lambda.abs().mul_add(diagonal.sqrt(), acting);
         }
-        for (connection, of) in connections.iter().zip(&whitened.paths) {
-            if !matches!(connection.tie, LaneTie::Joints(..)) {
-                accelerations_along(scene, scratch, (&of.path, qdd), accelerations);
-            }
-            for i in of.rows.clone() {
-                let row = &rows[i];
-                let (mut sum, mut size) = (row.gamma, row.gamma.abs());
-                let given_way = compliance[i] * forces_of_rows[i];
-                match &connection.tie {
-                    LaneTie::Frames(..) | LaneTie::Anchored(..) => {
-                        for (end, &step) in connection.ends.iter().enumerate() {
-                            let Some(step) = step else { continue };
-                            let motion = &accelerations[step];
-                            for (&a, &force) in motion.iter().zip(&row.forces[end]) {
-                                sum = a.mul_add(force, sum);
-                            }
-                            for (&a, &force) in halves(motion).iter().zip(&row.sizes[end]) {
-                                size = a.mul_add(force, size);
-                            }
-                        }
-                    }
-                    LaneTie::Joints(torques, _) => {
-                        for &(row, torque) in torques.iter().flatten() {
-                            let term = qdd[row] * torque;
-                            sum += term;
-                            size += term.abs();
-                        }
-                    }
-                }
-                most = larger(most, sum.abs());
-                sum += given_way;
-                terms[i] = larger(terms[i], size + given_way.abs());
-                step[i] = sum;
-                let unit = terms[i] * zero.constant(f64::EPSILON);
-                near = near.worst(unit.mul_add(zero.constant(ROUNDING), -sum.abs()));
-                let unit = whitened.sizes[i].sqrt().mul_add(acting, terms[i]) * zero.constant(f64::EPSILON);
-                far = far.worst(unit.mul_add(zero.constant(NO_ROUNDING), -sum.abs()));
-            }
+        rows.times::<true>(scene, scratch, qdd, (step, sizes));
+        for i in 0..step.len() {
+            most = larger(most, step[i].abs());
+            let given_way = compliance[i] * forces_of_rows[i];
+            step[i] += given_way;
+            terms[i] = larger(terms[i], sizes[i] + given_way.abs());
+            let unit = terms[i] * zero.constant(f64::EPSILON);
+            near = near.worst(unit.mul_add(zero.constant(ROUNDING), -step[i].abs()));
+            let unit = rows.whitened.sizes[i].sqrt().mul_add(acting, terms[i]) * zero.constant(f64::EPSILON);
+            far = far.worst(unit.mul_add(zero.constant(NO_ROUNDING), -step[i].abs()));
         }
         *residual = most;
         self.solve();
@@ -392,70 +190,28 @@ impl<T: Real> ConstraintKernel<T> {
             *step *= kept;
         }
     }
-}
 
-impl<T: Real> Connection<T> {
-    /// The connection and its path.
-    fn new(sweeps: &SweepModel<T>, constraint: &Constraint) -> (Self, Path) {
-        let ends = constraint.tie.bodies();
-        let act_on: Vec<usize> = ends.into_iter().flatten().collect();
-        let path = Path::new(sweeps, (&constraint.path, &constraint.branches), &act_on);
-        let ends = ends.map(|end| end.and_then(|body| path.step_of(body)));
-        let tie = match &constraint.tie {
-            Tie::Frames { pair, frames: [c, d] } => {
-                let here = |frame: &Frame<f64>, step: Option<usize>| {
-                    let placement = frame.placement.cast();
-                    step.map_or(placement, |step| frame_here(sweeps, (&path, step), &placement))
-                };
-                let frames = [here(c, ends[0]), here(d, ends[1])];
-                if *pair == Pair::Point && ends[0].is_some() && ends[1].is_none() {
-                    let [frame, on_base] = frames;
-                    LaneTie::Anchored(frame, on_base.lever.into())
-                } else {
-                    LaneTie::Frames(*pair, frames)
-                }
-            }
-            Tie::Coordinates { first, second, multiplier, offset } => {
-                let factor = T::from_f64(-multiplier);
-                let coordinates = [Some((first.q, T::one())), second.map(|second| (second.q, factor))];
-                LaneTie::Joints(
-                    [Some((first.v, T::one())), second.map(|second| (second.v, factor))],
-                    Followed { coordinates, offset: T::from_f64(*offset) },
-                )
-            }
-        };
-        (Self { tie, ends }, path)
-    }
-}
-
-impl<T: Real> Row<T> {
-    /// Sets the error, its time derivative and gamma of row `i` of a pair.
+    /// The largest residual of a row.
     #[inline(always)]
-    fn set(&mut self, motion: &RelativeMotion<T>, of_pair: &PairRows<T>, i: usize) {
-        let force = &of_pair.of_motion[i];
-        self.error = of_pair.error[i];
-        self.rate = dot(force, &motion.velocity);
-        self.gamma = dot(force, &motion.acceleration) + of_pair.turning[i];
+    pub fn largest(&self, which: Residuals) -> T {
+        let zero = self.weight.constant(0.0);
+        let mut most = zero;
+        for row in &self.rows.all {
+            let left = if which == Residuals::Errors { row.error } else { row.rate };
+            most = larger(most, left.abs());
+        }
+        most
     }
-}
 
-/// J qd of a row of joint coordinates.
-#[inline(always)]
-fn joints_rate<T: Real>(torques: &[Option<(usize, T)>; 2], qd: &[T], zero: T) -> T {
-    let mut rate = zero;
-    for &(row, torque) in torques.iter().flatten() {
-        rate = torque.mul_add(qd[row], rate);
+    /// The innovations of the forces -G^-1 residual, which remove the residuals to first order, into `innovations`.
+    #[inline(always)]
+    pub fn step_against(&mut self, which: Residuals, innovations: &mut [T]) {
+        for (step, row) in self.step.iter_mut().zip(&self.rows.all) {
+            *step = if which == Residuals::Errors { row.error } else { row.rate };
+        }
+        self.solve();
+        let zero = self.weight.constant(0.0);
+        innovations.fill(zero);
+        self.rows.whitened.add(&self.step, innovations);
     }
-    rate
-}
-
-#[inline(always)]
-fn square<T: Real>(v: &Vector3<T>) -> T {
-    v[0].mul_add(v[0], v[1].mul_add(v[1], v[2] * v[2]))
-}
-
-/// The sums of the absolute values of the angular and the linear part.
-#[inline(always)]
-fn halves<T: Real>(v: &[T; 6]) -> [T; 2] {
-    [v[0].abs() + v[1].abs() + v[2].abs(), v[3].abs() + v[4].abs() + v[5].abs()]
 }

@@ -7,17 +7,16 @@
 //! by the reach of the loops.
 
 use super::RowFault;
-use super::rows::{begin, errors_of_rows, units_of_rows};
-use super::scratch::ConstraintScratch;
+use super::rows::ConnectionRows;
 use crate::accuracy::largest;
 use crate::decompositions::singular_values;
 use crate::filter::HingeMap;
-use crate::kinematics::placements_base_to_tip;
-use crate::kinematics::propagation::tip_to_base;
+use crate::kinematics::propagation::{Accumulates, tip_to_base};
 use crate::model::Model;
 use crate::scene::constraint::{Constraints, Mobility, Near, Tie};
-use crate::spatial::{RigidShift, linear};
-use nalgebra::DMatrix;
+use crate::spatial::{RigidShift, angular, linear, sum, zero};
+use crate::workspace::Workspace;
+use nalgebra::{DMatrix, Vector6};
 
 /// Number of starts from the neutral configuration, and from the given one.
 const STARTS: usize = 6;
@@ -45,8 +44,8 @@ struct Closed {
 
 /// The ranks of all groups, from the neutral configuration, or from `q` if that cannot be closed.
 pub(super) fn mobility(model: &Model<f64>, constraints: &Constraints, q: &[f64]) -> Mobility {
-    let mut scratch = ConstraintScratch::new(model, constraints);
-    let mut shift = vec![RigidShift::identity(); model.bodies.len()];
+    let mut workspace = Workspace::new(model);
+    let mut rows = ConnectionRows::new((model, &workspace.sweeps), constraints);
     let mut found = Mobility::default();
     for group in groups(model, constraints) {
         let mut closed: Vec<Closed> = Vec::new();
@@ -54,7 +53,7 @@ pub(super) fn mobility(model: &Model<f64>, constraints: &Constraints, q: &[f64])
             for start in 0..STARTS {
                 if closed.len() < ENOUGH {
                     let start = moved(model, from, &scattered(model.nv(), start, size));
-                    closed.extend(close((model, constraints), (&mut scratch, &mut shift), &group, start));
+                    closed.extend(close((model, constraints), (&mut rows, &mut workspace), &group, start));
                 }
             }
         }
@@ -93,24 +92,22 @@ pub(super) fn moved(model: &Model<f64>, q: &[f64], velocity: &[f64]) -> Vec<f64>
 /// A closed position of a group near a start, if there is one.
 fn close(
     (model, constraints): (&Model<f64>, &Constraints),
-    (scratch, shift): (&mut ConstraintScratch, &mut [RigidShift<f64>]),
+    (rows, workspace): (&mut ConnectionRows<f64>, &mut Workspace<f64>),
     group: &Group,
     mut q: Vec<f64>,
 ) -> Option<Closed> {
     let rest = vec![0.0; model.nv()];
-    let mut errors = vec![0.0; constraints.rows];
     let mut velocity = vec![0.0; model.nv()];
     for _ in 0..STEPS {
-        errors_of_rows(model, constraints, &q, &mut errors).ok()?;
-        placements_base_to_tip(model, &q, shift);
-        units_of_rows(model, constraints, (&q, &rest), &mut scratch.units).ok()?;
-        let sized = SizedRows::of(scratch, (model, constraints), shift).ok()?;
+        rows.place(model, workspace, (&q, &rest)).ok()?;
+        let sized = SizedRows::of(rows, (model, constraints), &workspace.store.shifts).ok()?;
         let svd = singular_values(sized.part(&group.rows, group), true, true)?;
         let (u, v) = (svd.u.as_ref()?, svd.v_t.as_ref()?);
         velocity.fill(0.0);
         let mut open = 0.0_f64;
         for (k, &value) in svd.singular_values.iter().enumerate().filter(|(_, value)| **value > constraints.tolerance) {
-            let along: f64 = group.rows.iter().zip(&u.column(k)).map(|(&i, u)| u * errors[i] / sized.sizes[i]).sum();
+            let along: f64 =
+                group.rows.iter().zip(&u.column(k)).map(|(&i, u)| u * rows.all[i].error / sized.sizes[i]).sum();
             open = open.max(along.abs());
             for (j, &column) in group.columns.iter().enumerate() {
                 velocity[column] -= v[(k, j)] * along / value;
@@ -118,7 +115,8 @@ fn close(
         }
         if open <= CLOSED {
             // Dropped combinations must also hold, to within the tolerance.
-            let slack = |&i: &usize| errors[i].abs() <= (CLOSED + 10.0 * constraints.tolerance) * sized.sizes[i];
+            let slack =
+                |&i: &usize| rows.all[i].error.abs() <= (CLOSED + 10.0 * constraints.tolerance) * sized.sizes[i];
             let rank = svd.singular_values.iter().filter(|&&value| value > constraints.tolerance).count();
             let small = svd.singular_values.iter().enumerate();
             let near = small
@@ -154,49 +152,43 @@ pub(super) struct SizedRows {
 }
 
 impl SizedRows {
-    /// From the rows' unit forces in the scratch, with phi of every body in `shift`.
+    /// From the unit forces of the rows, with phi of every body in `shift`.
     pub fn of(
-        scratch: &mut ConstraintScratch,
+        rows: &ConnectionRows<f64>,
         (model, constraints): (&Model<f64>, &Constraints),
         shift: &[RigidShift<f64>],
     ) -> Result<Self, RowFault> {
-        let ConstraintScratch { units, state, .. } = scratch;
         let (m, nv) = (constraints.rows, model.nv());
         let mut jacobian = DMatrix::zeros(m, nv);
         // The largest moment, and the largest force at a translational joint.
         let (mut turning, mut pushing) = (vec![0.0_f64; m], vec![0.0_f64; m]);
-        let hinges =
-            model.system.stages.iter().flat_map(|stage| (0..stage.rows.count()).map(|row| stage.rows.row(row)));
-        let translates: Vec<bool> = hinges.map(|hinge| matches!(hinge, HingeMap::Axis(axis) if axis >= 3)).collect();
+        let hinges: Vec<HingeMap<f64>> = model
+            .system
+            .stages
+            .iter()
+            .flat_map(|stage| (0..stage.rows.count()).map(|row| stage.rows.row(row)))
+            .collect();
+        let translates = |v: usize| matches!(hinges[v], HingeMap::Axis(axis) if axis >= 3);
         let mut reach = 0.0_f64;
-        for constraint in &constraints.all {
-            for i in constraint.rows() {
-                begin(constraint, &units[i], state, 1.0);
-                let stages = &model.system.stages;
-                tip_to_base(stages, shift, constraint.branches.iter().copied(), state, |k, z| {
-                    let (stage, push) = (&stages[k], linear(&z.force).norm());
-                    for row in 0..stage.rows.count() {
-                        let (hinge, column) = (stage.rows.row(row), stage.first_row + row);
-                        jacobian[(i, column)] = hinge.project(&z.force);
-                        match hinge {
-                            HingeMap::Axis(axis) if axis < 3 => turning[i] = turning[i].max(z.moment),
-                            HingeMap::Axis(_) => pushing[i] = pushing[i].max(push),
-                            HingeMap::Screw(pitch) => turning[i] = turning[i].max(z.moment + pitch.abs() * push),
-                        }
-                    }
-                    if push > 0.0 {
-                        reach = reach.max(turning[i]);
-                    }
-                });
-                for (v, torque) in units[i].torques.into_iter().flatten() {
-                    jacobian[(i, v)] += torque;
-                    let size = if translates[v] { &mut pushing[i] } else { &mut turning[i] };
-                    *size = size.max(torque.abs());
-                }
+        each_entry(rows, (model, constraints), shift, |(i, v), entry, at| {
+            jacobian[(i, v)] += entry;
+            let Some(SizedForce { force, moment }) = at else {
+                let size = if translates(v) { &mut pushing[i] } else { &mut turning[i] };
+                *size = size.max(entry.abs());
+                return;
+            };
+            let push = linear(force).norm();
+            match hinges[v] {
+                HingeMap::Axis(axis) if axis < 3 => turning[i] = turning[i].max(*moment),
+                HingeMap::Axis(_) => pushing[i] = pushing[i].max(push),
+                HingeMap::Screw(pitch) => turning[i] = turning[i].max(moment + pitch.abs() * push),
             }
-        }
+            if push > 0.0 {
+                reach = reach.max(turning[i]);
+            }
+        });
         let reach = if reach > 0.0 { reach } else { 1.0 };
-        let weights: Vec<f64> = translates.iter().map(|&translates| if translates { reach } else { 1.0 }).collect();
+        let weights: Vec<f64> = (0..nv).map(|v| if translates(v) { reach } else { 1.0 }).collect();
         let size = |i: usize| turning[i].max(pushing[i] * reach);
         let sizes: Vec<f64> = (0..m).map(|i| if size(i) > 0.0 { size(i) } else { 1.0 }).collect();
         for i in 0..m {
@@ -215,6 +207,68 @@ impl SizedRows {
     pub fn part(&self, rows: &[usize], group: &Group) -> DMatrix<f64> {
         DMatrix::from_fn(rows.len(), group.columns.len(), |i, j| self.jacobian[(rows[i], group.columns[j])])
     }
+}
+
+/// A force on a body with those that were propagated to it, and the size of the terms of its moment.
+#[derive(Debug, Clone, Copy)]
+struct SizedForce {
+    force: Vector6<f64>,
+    moment: f64,
+}
+
+impl Accumulates<f64> for SizedForce {
+    fn propagated(&self, shift: &RigidShift<f64>) -> Self {
+        let Self { force, moment } = self;
+        // A lever parallel to a force gives a moment that is only rounding; it does not count as a moment.
+        let moment = angular(force).norm().max(*moment) + shift.lever.norm() * linear(force).norm();
+        Self { force: shift.force_to_parent(force), moment }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Self { force: sum(&self.force, &other.force), moment: self.moment + other.moment }
+    }
+}
+
+/// Calls `at` with the indices and the value of each entry of J, and with the force at the joint: a unit force along
+/// each row is propagated inward over the branches of its loop. Torques of the row at a joint come without a force.
+fn each_entry(
+    rows: &ConnectionRows<f64>,
+    (model, constraints): (&Model<f64>, &Constraints),
+    shift: &[RigidShift<f64>],
+    mut at: impl FnMut((usize, usize), f64, Option<&SizedForce>),
+) {
+    let none = SizedForce { force: zero(), moment: 0.0 };
+    let (stages, mut state) = (&model.system.stages, vec![none; model.bodies.len()]);
+    for (index, constraint) in constraints.all.iter().enumerate() {
+        for i in constraint.rows() {
+            for &k in &constraint.path {
+                state[k] = none;
+            }
+            for (k, force, moment) in rows.on_bodies(index, i) {
+                state[k] = state[k].plus(&SizedForce { force, moment: moment.sqrt() });
+            }
+            tip_to_base(stages, shift, constraint.branches.iter().copied(), &mut state, |k, z| {
+                for row in 0..stages[k].rows.count() {
+                    at((i, stages[k].first_row + row), stages[k].rows.row(row).project(&z.force), Some(z));
+                }
+            });
+            for (v, torque) in rows.on_joints(index) {
+                at((i, v), torque, None);
+            }
+        }
+    }
+}
+
+/// J, (m x nv) row by row, from the unit forces of the rows, with phi of every body in `shift`. O(m depth), plus the
+/// zeros.
+pub(crate) fn jacobian_of_rows(
+    rows: &ConnectionRows<f64>,
+    system: (&Model<f64>, &Constraints),
+    shift: &[RigidShift<f64>],
+    out: &mut [f64],
+) {
+    out.fill(0.0);
+    each_entry(rows, system, shift, |(i, v), entry, _| out[i * system.0.nv() + v] += entry);
 }
 
 /// Rows that share joints, directly or through other rows, with these joints.

@@ -52,12 +52,13 @@ pub(crate) use elimination::Elimination;
 pub(crate) use hessian::constrained_hvp;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
 pub(crate) use kernel::{ConstraintKernel, Residuals};
+pub(crate) use mobility::jacobian_of_rows;
 #[cfg(feature = "motion")]
 pub(crate) use products::RowGradients;
 pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities};
 #[cfg(feature = "motion")]
 pub(crate) use projection::{ProjectionStep, record_projection};
-pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows};
+pub(crate) use rows::errors_of_rows;
 pub use scratch::ConstraintScratch;
 pub(crate) use solution::{Outcome, constrained_dynamics};
 

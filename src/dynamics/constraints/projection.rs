@@ -2,7 +2,7 @@
 
 use super::RowFault;
 use super::gram_inverse::Relaxed;
-use super::rows::{errors_of_rows, rates_of_rows};
+use super::rows::errors_of_rows;
 use super::scratch::ConstraintScratch;
 use crate::dynamics::forward::factorise;
 use crate::filter::pivots::PivotMonitor;
@@ -158,7 +158,7 @@ pub(crate) fn project_velocities(
     let mut before = f64::INFINITY;
     scratch.forces.fill(0.0);
     loop {
-        rates_of_rows(model, constraints, (q, qd), &mut scratch.rates)?;
+        scratch.rates_of(model, workspace, qd);
         let left = scratch.open(compliance, false);
         if !(left < 0.25 * before && left > 0.0) {
             let stays = (!(left <= CLOSED * speed)).then(|| worst(&scratch.rates));
@@ -188,6 +188,12 @@ impl ConstraintScratch {
         largest(residual)
     }
 
+    /// J v into `rates`, with the rows and phi of one configuration.
+    pub(super) fn rates_of(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, v: &[f64]) {
+        let Self { rows, rates, terms, .. } = self;
+        rows.times::<false>((model, &workspace.sweeps), &workspace.store, v, (rates, terms));
+    }
+
     /// -G^+ residual, into `step`.
     pub(super) fn solve_for_step(&mut self) {
         self.inverse.apply(&self.residual, &mut self.step);
@@ -200,9 +206,8 @@ impl ConstraintScratch {
     pub(super) fn step_against(&mut self, model: &Model<f64>, workspace: &mut Workspace<f64>) {
         self.solve_for_step();
         let step = std::mem::take(&mut self.step);
-        self.spread(&step);
+        self.respond(model, workspace, &step);
         self.step = step;
-        self.respond(model, workspace);
     }
 
     /// Adds a fraction of a step to the sum of forces.

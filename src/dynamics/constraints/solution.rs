@@ -1,7 +1,6 @@
 //! Forward dynamics through connections.
 
 use super::RowFault;
-use super::rows::accelerations_of_rows;
 use super::scratch::ConstraintScratch;
 use crate::accuracy::largest;
 use crate::dynamics::forces::Motion;
@@ -61,24 +60,21 @@ pub(crate) fn constrained_dynamics(
     (wrenches, compliance): (&[Vector6<f64>], &[f64]),
     qdd: &mut [f64],
 ) -> Result<Outcome, RowFault> {
-    let state = (q, qd);
     let (mut pivots, right_sides) = accelerations_of_tree(model, workspace, (q, qd, tau), wrenches, qdd);
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(Outcome { pivots, rank: 0, residual: f64::NAN, contradicted: Vec::new() });
     }
-    scratch.factorise((model, constraints), workspace, q, compliance)?;
+    scratch.factorise_moving((model, constraints), workspace, (q, qd), compliance)?;
     scratch.forces.fill(0.0);
     let mut terms = vec![0.0; constraints.rows];
-    let before = scratch.left(model, constraints, state, (qdd, compliance))?;
+    let before = scratch.left(model, workspace, (qdd, compliance));
     keep_larger(&mut terms, &scratch.terms);
     scratch.solve_for_step();
     scratch.push(1.0);
 
     // The forces enter as arguments, so that cancellation occurs in the sums that determine the rounding bound and not
     // in the accelerations.
-    let forces = std::mem::take(&mut scratch.forces);
-    scratch.spread(&forces);
-    scratch.forces = forces;
+    scratch.spread();
     for (sum, own) in scratch.torque.iter_mut().zip(tau) {
         *sum += own;
     }
@@ -97,7 +93,7 @@ pub(crate) fn constrained_dynamics(
             scratch.wrenches = acting;
         }
     }
-    let mut largest = scratch.left(model, constraints, state, (qdd, compliance))?;
+    let mut largest = scratch.left(model, workspace, (qdd, compliance));
     keep_larger(&mut terms, &scratch.terms);
     let mut residual = before.max(largest);
     for _ in 0..CORRECTIONS {
@@ -113,11 +109,11 @@ pub(crate) fn constrained_dynamics(
         for (a, change) in qdd.iter_mut().zip(&scratch.estimates) {
             *a += change;
         }
-        largest = scratch.left(model, constraints, state, (qdd, compliance))?;
+        largest = scratch.left(model, workspace, (qdd, compliance));
         if !(largest < residual) {
             qdd.copy_from_slice(&kept);
             scratch.forces = forces;
-            scratch.left(model, constraints, state, (qdd, compliance))?;
+            scratch.left(model, workspace, (qdd, compliance));
             break;
         }
     }
@@ -126,7 +122,8 @@ pub(crate) fn constrained_dynamics(
     let acting = scratch.acting() + pushing(model, workspace, tau);
     let is_left = |&i: &usize| {
         let (left, dropped) = (scratch.residual[i].abs(), scratch.dropped[i].abs());
-        let is_kept = left > AGREES * terms[i] && left > NO_ROUNDING * f64::EPSILON * scratch.sizes[i] * acting;
+        let is_kept = left > AGREES * terms[i]
+            && left > NO_ROUNDING * f64::EPSILON * scratch.rows.whitened.sizes[i].sqrt() * acting;
         is_kept || dropped > (AGREES + scratch.relaxed.allowed) * terms[i]
     };
     let contradicted = (0..constraints.rows).filter(is_left).collect();
@@ -193,22 +190,16 @@ fn keep_larger(terms: &mut [f64], others: &[f64]) {
 
 impl ConstraintScratch {
     /// The residual of every row at these accelerations, in `residual`. Returns the largest.
-    fn left(
-        &mut self,
-        model: &Model<f64>,
-        constraints: &Constraints,
-        state: (&[f64], &[f64]),
-        (qdd, compliance): (&[f64], &[f64]),
-    ) -> Result<f64, RowFault> {
-        let Self { residual, terms, forces, relaxed, dropped, .. } = self;
-        accelerations_of_rows(model, constraints, state, Some(qdd), (residual, terms))?;
+    fn left(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, (qdd, compliance): (&[f64], &[f64])) -> f64 {
+        let Self { rows, residual, terms, forces, relaxed, dropped, .. } = self;
+        rows.times::<true>((model, &workspace.sweeps), &workspace.store, qdd, (residual, terms));
         relaxed.split(residual, dropped);
         for (i, &compliance) in compliance.iter().enumerate() {
             let given_way = compliance * forces[i];
             residual[i] += given_way;
             terms[i] += given_way.abs();
         }
-        Ok(largest(residual))
+        largest(residual)
     }
 
     /// The sum of sqrt(`G_jj`) |`lambda_j`|. Times the size of a row it bounds the terms of the connection forces in

@@ -8,7 +8,7 @@ use crate::scalar::Real;
 use std::ops::Range;
 
 /// Adjacent rows whose forces act on the bodies of one path.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct PathRows {
     pub path: Path,
     /// Their indices among all rows.
@@ -18,7 +18,7 @@ pub(crate) struct PathRows {
 }
 
 /// The innovations of all rows and their Gram matrix; initialized with NaN or zero.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct WhitenedRows<T> {
     pub paths: Vec<PathRows>,
     nv: usize,
@@ -52,6 +52,11 @@ impl<T: Real> WhitenedRows<T> {
     /// The length of the longest path.
     pub fn longest(&self) -> usize {
         self.paths.iter().map(|of| of.path.len()).max().unwrap_or_default()
+    }
+
+    /// w of row `i`, (nv).
+    pub fn row(&self, i: usize) -> &[T] {
+        &self.innovations[i * self.nv..(i + 1) * self.nv]
     }
 
     /// w and w / D of one path, from the unit forces of its rows and their torques.

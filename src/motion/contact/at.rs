@@ -95,19 +95,17 @@ impl<'a> At<'a> {
     }
 
     /// The response to `torque` + J* p.
-    pub fn respond(&mut self, near: &[usize], torque: &[f64], p: &DVector<f64>) -> Result<Moved, (String, Error)> {
+    pub fn respond(&mut self, near: &[usize], torque: &[f64], p: &DVector<f64>) -> Moved {
         let mut all = torque.to_vec();
         self.add_torques(near, p, &mut all);
         self.solve(&all)
     }
 
     /// The response to `torque`.
-    pub fn solve(&mut self, torque: &[f64]) -> Result<Moved, (String, Error)> {
-        let Connections { constraints, scratch, adjoint, q } = &mut *self.connections;
-        let (system, room) = ((self.model, &*constraints), (&mut *self.workspace, scratch));
-        adjoint.solve(system, room, q, (torque, &[]), &[]).map_err(|at| self.row_fault(at))?;
-        let adjoint = &self.connections.adjoint;
-        Ok(Moved { v: adjoint.y.clone(), lambda: adjoint.r.iter().map(|r| -r).collect() })
+    pub fn solve(&mut self, torque: &[f64]) -> Moved {
+        let Connections { scratch, adjoint, .. } = &mut *self.connections;
+        adjoint.solve(self.model, (&mut *self.workspace, scratch), (torque, &[]), &[]);
+        Moved { v: adjoint.y.clone(), lambda: adjoint.r.iter().map(|r| -r).collect() }
     }
 
     /// out += J* p.

@@ -229,12 +229,12 @@ impl ContactAdjoint {
         let (mut of_q, of_x) = displacement_cotangents(at.model, moved, of_next);
         let limits = Limits::beside(gaps);
         let p = cone.polished(impulses, gaps, &limits).map_or_else(|| impulses.clone(), |(p, _)| p);
-        let z = at.solve(&of_x)?;
+        let z = at.solve(&of_x);
         let bar = at.velocities(near, &z.v);
         let of = cone.linearized(&cone.modes(&p, gaps, &limits), &p, gaps).cotangents(&bar);
         let Some(of) = of else { return Ok(of_q) };
-        let m = at.respond(near, &of_x, &of.velocities)?;
-        let y = at.respond(near, &vec![0.0; of_x.len()], &p)?;
+        let m = at.respond(near, &of_x, &of.velocities);
+        let y = at.respond(near, &vec![0.0; of_x.len()], &p);
         std::mem::swap(&mut self.q, &mut of_q);
         self.add_rows(at, (near, &of.velocities, moved));
         let added = self.add_response(at, near, &Response { p, y, m });

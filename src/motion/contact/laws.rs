@@ -77,7 +77,7 @@ impl Chain {
         };
 
         // Persistent contact, and the solve for joints that arrive at their stops.
-        let z = at.solve(of_moving)?;
+        let z = at.solve(of_moving);
         let mut of_struck = at.velocities(near, &z.v);
         let mut forces = nothing();
         let (held, of) = if let Some(energies) = &laws.energies {
@@ -89,40 +89,40 @@ impl Chain {
             (held, of)
         };
         let all = &struck + &held;
-        let y = at.respond(near, &none, &all)?;
+        let y = at.respond(near, &none, &all);
         chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y.v)));
-        chain.turn(at, near, &of)?;
+        chain.turn(at, near, &of);
         chain.of_target.iter_mut().enumerate().for_each(|(k, sum)| *sum += of.velocities[3 * k + 2]);
         chain.add(&of);
         forces += &of.velocities;
         if let Some((c, slower)) = &laws.slower {
-            let m_held = at.respond(near, of_moving, &of.velocities)?;
-            let y_held = at.respond(near, &none, &held)?;
+            let m_held = at.respond(near, of_moving, &of.velocities);
+            let y_held = at.respond(near, &none, &held);
             chain.responses.push(Response { p: held, y: y_held, m: m_held });
-            let z = at.solve(of_last)?;
+            let z = at.solve(of_last);
             let bar = at.velocities(near, &z.v);
             let slower = polished(cone, slower, c, &Limits::beside(c));
             let of = law(cone, &slower, c, &Limits::beside(c), &bar)?;
-            let y = at.respond(near, &none, &(&struck + &slower))?;
+            let y = at.respond(near, &none, &(&struck + &slower));
             chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y.v)));
-            chain.turn(at, near, &of)?;
+            chain.turn(at, near, &of);
             for k in (0..near.len()).filter(|k| !laws.arriving.contains(k)) {
                 chain.of_target[k] += of.velocities[3 * k + 2];
             }
             chain.add(&of);
-            let m_slower = at.respond(near, of_last, &of.velocities)?;
-            let y_slower = at.respond(near, &none, &slower)?;
+            let m_slower = at.respond(near, of_last, &of.velocities);
+            let y_slower = at.respond(near, &none, &slower);
             chain.responses.push(Response { p: slower, y: y_slower, m: m_slower });
             forces += &of.velocities;
             of_struck += bar;
         } else if hit.is_none() {
-            let m = at.respond(near, of_moving, &forces)?;
+            let m = at.respond(near, of_moving, &forces);
             chain.responses.push(Response { p: all, y, m });
             chain.of_free += forces;
             return Ok(Some(chain));
         } else {
-            let m = at.respond(near, of_moving, &forces)?;
-            let y_held = at.respond(near, &none, &held)?;
+            let m = at.respond(near, of_moving, &forces);
+            let y_held = at.respond(near, &none, &held);
             chain.responses.push(Response { p: held, y: y_held, m });
         }
         chain.of_free += &forces;
@@ -144,7 +144,7 @@ impl Chain {
     ) -> Result<(), (String, Error)> {
         let (near, cone, none) = (&record.near[..], &laws.cone, vec![0.0; s.v.len()]);
         let middle: Vec<f64> = s.v.iter().zip(&record.v_free).map(|(a, b)| a + laws.part * (b - a)).collect();
-        let (y_all, y_first) = (at.respond(near, &none, &hit.all)?, at.respond(near, &none, &hit.first)?);
+        let (y_all, y_first) = (at.respond(near, &none, &hit.all), at.respond(near, &none, &hit.first));
         let mut of_middle = DVector::zeros(3 * near.len());
         if let (Some(second), true) = (&hit.second, hit.kept < 1.0) {
             // p (u + G p/2) = 0 determines s.
@@ -160,34 +160,34 @@ impl Chain {
             forces += &hit.all * (0.5 * part);
             of_all += (&laws.middle + &change) * part;
         }
-        let m = at.respond(near, torque, &forces)?;
+        let m = at.respond(near, torque, &forces);
         self.responses.push(Response { p: hit.all.clone(), y: y_all, m });
         let mut of_first = of_all.clone();
         let mut forces = DVector::zeros(3 * near.len());
         if let Some(second) = &hit.second {
             let (limits, c) = (hit.bound(laws), &laws.middle + &cone.g * &hit.first);
             let of = law(cone, second, &c, &limits, &(of_all * hit.kept))?;
-            let y = at.respond(near, &none, second)?;
+            let y = at.respond(near, &none, second);
             let before = sum(&middle, &y_first.v);
             self.evaluations.push((of.velocities.clone(), sum(&before, &y.v)));
-            self.turn(at, near, &of)?;
+            self.turn(at, near, &of);
             self.add(&of);
             for (k, least) in of.least.iter().enumerate() {
                 self.restitution[k] += least * hit.first[3 * k + 2];
                 of_first[3 * k + 2] += least * laws.rebound[k];
             }
-            let m = at.respond(near, &none, &of.velocities)?;
+            let m = at.respond(near, &none, &of.velocities);
             self.responses.push(Response { p: second.clone(), y, m });
             of_first += &cone.g * &of.velocities;
             forces += of.velocities;
         }
         let of = law(cone, &hit.first, &laws.middle, &Limits::beside(&laws.middle), &of_first)?;
         self.evaluations.push((of.velocities.clone(), sum(&middle, &y_first.v)));
-        self.turn(at, near, &of)?;
+        self.turn(at, near, &of);
         self.add(&of);
         forces += of.velocities;
         of_middle += &forces;
-        let m = at.respond(near, &none, &forces)?;
+        let m = at.respond(near, &none, &forces);
         self.responses.push(Response { p: hit.first.clone(), y: y_first, m });
         self.of_free += &of_middle * laws.part;
         self.of_start += of_middle * (1.0 - laws.part);
@@ -195,13 +195,12 @@ impl Chain {
     }
 
     /// Adds z* dG s of redundant contacts.
-    fn turn(&mut self, at: &mut At<'_>, near: &[usize], of: &LawCotangents) -> Result<(), (String, Error)> {
-        let Some(Turning { z, s }) = &of.turning else { return Ok(()) };
+    fn turn(&mut self, at: &mut At<'_>, near: &[usize], of: &LawCotangents) {
+        let Some(Turning { z, s }) = &of.turning else { return };
         let still = vec![0.0; at.model.nv()];
-        let (y, m) = (at.respond(near, &still, s)?, at.respond(near, &still, z)?);
+        let (y, m) = (at.respond(near, &still, s), at.respond(near, &still, z));
         self.evaluations.push((z.clone(), y.v.clone()));
         self.responses.push(Response { p: s.clone(), y, m });
-        Ok(())
     }
 
     fn add(&mut self, of: &LawCotangents) {

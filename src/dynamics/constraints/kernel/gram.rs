@@ -13,7 +13,8 @@ impl<T: Real> ConstraintKernel<T> {
     /// they do not count for the rank.
     #[inline(always)]
     pub(super) fn prepare(&mut self, zero: T) -> T {
-        let Self { whitened: WhitenedRows { gram, sizes, .. }, kept, diagonal, rank, compliance, unsure, .. } = self;
+        let Self { rows, kept, diagonal, rank, compliance, unsure, .. } = self;
+        let WhitenedRows { gram, sizes, .. } = &mut rows.whitened;
         let (m, one, nothing) = (kept.len(), zero.constant(1.0), zero.constant(NOTHING * NOTHING));
         let (mut count, mut finite) = (zero, one);
         for i in 0..m {
@@ -44,7 +45,8 @@ impl<T: Real> ConstraintKernel<T> {
     /// above the bound from which G is regular.
     #[inline(always)]
     pub(super) fn factorise(&mut self, zero: T) -> T {
-        let Self { whitened: WhitenedRows { gram, .. }, pivot_inverses, diagonal, unsure, .. } = self;
+        let Self { rows, pivot_inverses, diagonal, unsure, .. } = self;
+        let gram = &mut rows.whitened.gram;
         let m = pivot_inverses.len();
         let bound = zero.constant(REGULAR.max(*unsure));
         let (mut least, mut j) = (zero.constant(1.0), 0);
@@ -64,7 +66,8 @@ impl<T: Real> ConstraintKernel<T> {
     /// step := -G^-1 step.
     #[inline(always)]
     pub(super) fn solve(&mut self) {
-        let Self { whitened: WhitenedRows { gram, .. }, pivot_inverses, kept, step, .. } = self;
+        let Self { rows, pivot_inverses, kept, step, .. } = self;
+        let gram = &rows.whitened.gram;
         for (step, &kept) in step.iter_mut().zip(&*kept) {
             *step *= kept;
         }

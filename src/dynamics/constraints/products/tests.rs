@@ -1,6 +1,6 @@
 //! Gradients of the rows of connections, compared with differences in double-double arithmetic.
 
-use super::super::rows::pair_at;
+use super::super::rows::ConnectionRows;
 use super::RowGradients;
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
@@ -8,7 +8,8 @@ use crate::scalar::{DoubleDouble, Real};
 use crate::scene::{Connection, ConnectionKind, Inertial, JointDescription, JointKind, LinkDescription};
 use crate::scene::{Scene, SceneBuilder};
 use crate::scenes::draw::Draw;
-use crate::spatial::{RigidShift, Symmetric3, dot};
+use crate::spatial::{RigidShift, Symmetric3};
+use crate::workspace::Workspace;
 use nalgebra::Vector3;
 
 /// A floating robot with every kind of joint, and connections of every kind between its branches and to the world.
@@ -59,15 +60,14 @@ fn value(
     (q, qd, qdd): (&[DoubleDouble], &[DoubleDouble], &[DoubleDouble]),
     multipliers: &[f64],
 ) -> DoubleDouble {
-    let mut sum = DoubleDouble::from_f64(0.0);
-    for (index, constraint) in scene.constraints().all.iter().enumerate() {
-        let found = pair_at(model, (index, constraint), (q, qd), Some(qdd)).expect("rows").expect("frames");
-        for (i, r) in constraint.rows().enumerate() {
-            let row = dot(&found.1.of_motion[i], &found.0.acceleration) + found.1.turning[i];
-            sum += row * DoubleDouble::from_f64(multipliers[r]);
-        }
-    }
-    sum
+    let mut workspace = Workspace::new(model);
+    let mut rows = ConnectionRows::new((model, &workspace.sweeps), scene.constraints());
+    rows.place(model, &mut workspace, (q, qd)).expect("rows");
+    let mut out = vec![DoubleDouble::from_f64(0.0); multipliers.len()];
+    let mut terms = out.clone();
+    rows.times::<true>((model, &workspace.sweeps), &workspace.store, qdd, (&mut out, &mut terms));
+    let products = out.into_iter().zip(multipliers).map(|(row, r)| row * DoubleDouble::from_f64(*r));
+    products.fold(DoubleDouble::from_f64(0.0), |sum, product| sum + product)
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The poses and motions of the frames of a connection, relative to the body where its branches meet.
 
-use super::{Connection, LaneTie, Row};
+use super::{Connection, Row, RowTie};
 use crate::dynamics::sweeps::{Path, SweepModel, SweepScratch, motions_along, origin_along, placement_along};
 use crate::kinematics::FrameMotion;
 use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
@@ -19,7 +19,7 @@ pub(super) fn relative_motion<T: Real>(
     qd: &[T],
     motions: &mut [[[T; 6]; 2]],
 ) -> Option<(RelativeMotion<T>, PairRows<T>)> {
-    let Connection { tie: LaneTie::Frames(pair, frames), ends } = connection else { return None };
+    let Connection { tie: RowTie::Frames(pair, frames), ends, .. } = connection else { return None };
     motions_along(scene, scratch, (path, qd), motions);
     let [at_c, at_d] = poses_of_ends((connection, path), scene, scratch, frames);
     let c = motion_of_end(scene, (path, &*motions), (ends[0], &frames[0]), at_c);
