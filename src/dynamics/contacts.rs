@@ -28,7 +28,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6};
 /// A row of W that the projection reduces below this, relative to its size, is zero: the connections fix its motion.
 const HELD: f64 = 1e-12;
 
-/// No row.
+/// No group.
 const NONE: usize = usize::MAX;
 
 /// A joint limit as a row of the contact law.
