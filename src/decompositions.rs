@@ -37,34 +37,17 @@ where
     matrix.try_symmetric_eigen(f64::EPSILON, most).filter(|found| found.eigenvalues.iter().all(|x| x.is_finite()))
 }
 
-/// A factorization A P = Q R of the columns of A that are independent.
-#[derive(Debug, Clone)]
-pub(crate) struct PivotedColumns {
-    /// Q, (rows x rank).
-    pub basis: DMatrix<f64>,
-    /// R, (rank x rank), with no zeros on the diagonal.
-    pub triangle: DMatrix<f64>,
-    /// The columns of A that are kept, in the order of R.
-    pub kept: Vec<usize>,
-}
-
-/// Householder reflections with column pivoting, up to the first pivot that is at most `lost`. None if the matrix is
-/// not finite.
-pub(crate) fn pivoted_columns(matrix: DMatrix<f64>, lost: f64) -> Option<PivotedColumns> {
+/// An orthonormal basis Q of the columns of a matrix, (rows x rank): Householder reflections with column pivoting, up to
+/// the first pivot that is at most `lost`. None if the matrix is not finite.
+pub(crate) fn column_basis(matrix: DMatrix<f64>, lost: f64) -> Option<DMatrix<f64>> {
     if !is_finite(matrix.as_slice()) {
         return None;
     }
-    let mut order = nalgebra::RowDVector::from_fn(matrix.ncols(), |_, column| column);
     let factor = matrix.col_piv_qr();
     let triangle = factor.r();
     let most = triangle.nrows().min(triangle.ncols());
     let rank = (0..most).take_while(|&i| triangle[(i, i)].abs() > lost).count();
-    factor.p().permute_columns(&mut order);
-    Some(PivotedColumns {
-        basis: factor.q().columns(0, rank).into_owned(),
-        triangle: triangle.view((0, 0), (rank, rank)).into_owned(),
-        kept: order.iter().take(rank).copied().collect(),
-    })
+    Some(factor.q().columns(0, rank).into_owned())
 }
 
 fn is_finite(entries: &[f64]) -> bool {
@@ -92,7 +75,7 @@ mod tests {
                 let square = DMatrix::from_column_slice(3, 3, square.as_slice());
                 assert!(eigenvalues(square.clone()).is_none());
                 assert!(singular_values(square.clone(), true, true).is_none());
-                assert!(pivoted_columns(square, 1e-9).is_none());
+                assert!(column_basis(square, 1e-9).is_none());
             }
         }
     }
@@ -101,11 +84,9 @@ mod tests {
     fn the_rank_of_wide_tall_and_empty_matrices() {
         for (rows, columns, rank) in [(3, 8, 2), (3, 8, 3), (8, 3, 2), (5, 5, 4), (1, 6, 1), (4, 4, 0)] {
             let matrix = product(rows, columns, rank);
-            let found = pivoted_columns(matrix.clone(), 1e-9).expect("finite");
-            assert_eq!((found.kept.len(), found.basis.ncols(), found.triangle.shape()), (rank, rank, (rank, rank)));
-            let apart = matrix.select_columns(&found.kept) - &found.basis * &found.triangle;
-            assert!(apart.norm() <= 1e-12 * (1.0 + matrix.norm()));
-            let outside = &matrix - &found.basis * found.basis.tr_mul(&matrix);
+            let basis = column_basis(matrix.clone(), 1e-9).expect("finite");
+            assert_eq!(basis.shape(), (rows, rank));
+            let outside = &matrix - &basis * basis.tr_mul(&matrix);
             assert!(outside.norm() <= 1e-12 * (1.0 + matrix.norm()));
             let values = singular_values(matrix, false, false).expect("finite").singular_values;
             assert_eq!(values.iter().filter(|&&value| value > 1e-9).count(), rank);
@@ -113,7 +94,7 @@ mod tests {
         for (rows, columns) in [(0, 0), (3, 0), (0, 3)] {
             let empty = DMatrix::zeros(rows, columns);
             assert!(singular_values(empty.clone(), true, true).is_none());
-            assert!(pivoted_columns(empty, 1e-9).is_some_and(|found| found.kept.is_empty()));
+            assert!(column_basis(empty, 1e-9).is_some_and(|basis| basis.ncols() == 0));
         }
     }
 

@@ -1,6 +1,6 @@
 //! Contact kinematics of a scene at one state.
 
-use crate::dynamics::contact_points;
+use crate::dynamics::contact_kernel::ContactKernel;
 use crate::dynamics::forward::factorise;
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
@@ -74,7 +74,7 @@ impl Scene {
         let pivots = factorise(self.model(), workspace, q);
         self.check_pivots(workspace, pivots)?;
         let (scene, store) = workspace.passes(self.model());
-        contact_points::gram(scene, store, self.contact_points(), q, out);
+        ContactKernel::new(scene, self.contact_points()).along_base_axes().gram_at(scene, store, out);
         self.check_result("contact gram", out)
     }
 

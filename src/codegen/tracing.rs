@@ -1,19 +1,21 @@
 //! Traces of the sweeps of each function on a scalar that records its operations.
 
 use crate::dynamics::constraints::ConstraintKernel;
-use crate::dynamics::contact_points;
+use crate::dynamics::contact_kernel::ContactKernel;
 use crate::dynamics::derivatives::{
     Changes, CoStates, Constants, DerivativeColumns, Directions, Kept, Matrices, Product, gradients_in_sweeps,
     in_sweeps, tangent_in_sweeps,
 };
 use crate::dynamics::fixed_rows;
 use crate::dynamics::forces::Motion;
+use crate::dynamics::sweeps::place;
 use crate::dynamics::traced::TracedSweeps;
 use crate::kinematics::{self, Frame, ReferenceFrame};
 use crate::model::Model;
 use crate::scalar::{Real, Traced};
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
+use num_traits::Zero;
 
 /// The frame of a function of one link, and the frame in which its motion is expressed.
 pub(super) type Place = (Frame<f64>, ReferenceFrame);
@@ -262,16 +264,27 @@ pub(super) fn jacobian(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut
 }
 
 pub(super) fn contact_gaps(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    contact_points::gaps(&tracer.traced.model, tracer.scene.tree().contact_points(), &given[0], out);
+    out.copy_from_slice(&contacts_at(tracer, &given[0]).gaps);
 }
 
 pub(super) fn contact_velocities(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let points = tracer.scene.tree().contact_points();
-    contact_points::velocities(&tracer.traced.model, points, (&given[0], &given[1]), out);
+    let mut contacts = contacts_at(tracer, &given[0]);
+    let TracedSweeps { model, sweeps, scratch } = &tracer.traced;
+    contacts.velocities((model, sweeps), scratch, &given[1], out);
 }
 
 pub(super) fn contact_gram(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     tracer.traced.factor(&given[0]);
+    let TracedSweeps { model, sweeps, scratch } = &tracer.traced;
+    let points = tracer.scene.tree().contact_points();
+    ContactKernel::new((model, sweeps), points).along_base_axes().gram_at((model, sweeps), scratch, out);
+}
+
+/// The contacts at `q`, with rows along the axes of the base frame.
+fn contacts_at(tracer: &mut Tracer<'_>, q: &[Traced]) -> ContactKernel<Traced> {
     let TracedSweeps { model, sweeps, scratch } = &mut tracer.traced;
-    contact_points::gram((model, sweeps), scratch, tracer.scene.tree().contact_points(), &given[0], out);
+    place::<Traced, Traced>(sweeps, scratch, Traced::zero(), q);
+    let mut contacts = ContactKernel::new((model, sweeps), tracer.scene.tree().contact_points()).along_base_axes();
+    contacts.place((model, sweeps), scratch);
+    contacts
 }

@@ -1,16 +1,18 @@
-//! Contacts with planes of the base in the kernels, for one state per lane of a scalar: gaps, velocities, G = J M^-1 J*
+//! All contacts of a scene with planes of the base, for one state per lane of a scalar: gaps, velocities, G = J M^-1 J*
 //! of all contacts, and the effect of impulses. The factor of M is in the scratch of the
 //! [sweeps](crate::dynamics::sweeps).
 //!
-//! The rows are those of [`contacts`](super::contacts): t1, t2, n of the plane of each contact.
+//! The rows are those of [`contacts`](super::contacts): t1, t2, n of the plane of each contact; or the axes of the base
+//! frame.
 
+use super::contact_rows::UnitForces;
 use super::sweeps::{
     Forces, MOST_FORCES, Path, SweepModel, SweepScratch, WhitenedRows, accelerations_along, frame_here, placement_along,
 };
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::contact_point::ContactPoint;
-use crate::spatial::{RigidShift, cross, dot, spatial};
+use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// One contact, in the scalar of the kernel.
@@ -21,22 +23,18 @@ struct Touching<T> {
     frame: RigidShift<T>,
     /// The step of its path that is the body.
     step: usize,
+    /// The directions of the rows, and the normal of the plane.
     axes: Matrix3<T>,
+    normal: Vector3<T>,
     offset: T,
     radius: T,
 }
 
 impl<T: Real> Touching<T> {
-    /// t1, t2 or n.
-    #[inline(always)]
-    fn axis(&self, row: usize) -> Vector3<T> {
-        Vector3::new(self.axes[(row, 0)], self.axes[(row, 1)], self.axes[(row, 2)])
-    }
-
     /// The distance of the sphere from the plane, for the pose of its frame in the base frame.
     #[inline(always)]
     fn gap(&self, place: &RigidShift<T>) -> T {
-        let (n, center) = (self.axis(2), &place.lever);
+        let (n, center) = (&self.normal, &place.lever);
         n[0] * center[0] + n[1] * center[1] + n[2] * center[2] - self.radius - self.offset
     }
 }
@@ -47,8 +45,7 @@ pub(crate) struct ContactKernel<T> {
     contacts: Vec<Touching<T>>,
     /// W and G, three rows per contact.
     whitened: WhitenedRows<T>,
-    /// Unit forces along the rows of each contact, on its body in the frame of the sweeps.
-    units: Vec<[Vector6<T>; 3]>,
+    units: Vec<UnitForces<T>>,
     /// One per step of the longest path.
     forces: Vec<Forces<T>>,
     motions: Vec<[T; 6]>,
@@ -70,6 +67,7 @@ impl<T: Real> ContactKernel<T> {
                 frame: frame_here(sweeps, (path, step), &center.cast()),
                 step,
                 axes: point.axes.map(T::from_f64),
+                normal: point.normal().map(T::from_f64),
                 offset: T::from_f64(point.offset),
                 radius: T::from_f64(point.radius),
             }
@@ -80,12 +78,18 @@ impl<T: Real> ContactKernel<T> {
         Self {
             contacts,
             whitened,
-            units: vec![[Vector6::from_element(nan); 3]; n],
+            units: vec![UnitForces::zero(); n],
             forces: vec![Forces { z: [[nan; 6]; MOST_FORCES], moments: [nan; MOST_FORCES] }; longest],
             motions: vec![[nan; 6]; longest],
             torque: vec![zero; model.nv()],
             gaps: vec![nan; n],
         }
+    }
+
+    /// With rows along the axes of the base frame.
+    pub fn along_base_axes(mut self) -> Self {
+        self.contacts.iter_mut().for_each(|contact| contact.axes = Matrix3::identity());
+        self
     }
 
     /// Gaps and unit forces at the q of the scratch.
@@ -94,19 +98,11 @@ impl<T: Real> ContactKernel<T> {
         let zero = scene.0.gravity[0].constant(0.0);
         let Self { contacts, whitened, units, gaps, .. } = self;
         for (((contact, of), units), gap) in contacts.iter().zip(&whitened.paths).zip(units).zip(gaps) {
-            let Touching { frame, step, radius, .. } = contact;
+            let Touching { frame, step, axes, normal, radius, .. } = contact;
             let place = placement_along(scene, scratch, (&of.path, *step), (frame, &[zero; 3]));
             *gap = contact.gap(&place);
-            // Without closures, which are compiled for the baseline where they are not inlined.
-            let mut forces = [Vector3::new(zero, zero, zero); 3];
-            for (row, force) in forces.iter_mut().enumerate() {
-                *force = place.rotate_back(&contact.axis(row));
-            }
-            let n = &forces[2];
-            let arm = Vector3::new(-(n[0] * *radius), -(n[1] * *radius), -(n[2] * *radius));
-            for (unit, force) in units.iter_mut().zip(&forces) {
-                *unit = frame.force_to_parent(&spatial(&cross(&arm, force), force));
-            }
+            let arm = Vector3::new(-(normal[0] * *radius), -(normal[1] * *radius), -(normal[2] * *radius));
+            units.set(0, (axes, &arm), (&place, frame));
         }
     }
 
@@ -133,8 +129,8 @@ impl<T: Real> ContactKernel<T> {
         for (at, (contact, of)) in contacts.iter().zip(&whitened.paths).enumerate() {
             accelerations_along(scene, scratch, (&of.path, v), motions);
             let velocity = Vector6::from(motions[contact.step]);
-            for (out, unit) in out[3 * at..3 * at + 3].iter_mut().zip(&units[at]) {
-                *out = dot(unit, &velocity);
+            for row in 0..3 {
+                out[3 * at + row] = units[at].velocity(row, &velocity, None);
             }
         }
     }
@@ -145,15 +141,7 @@ impl<T: Real> ContactKernel<T> {
         let zero = scene.0.gravity[0].constant(0.0);
         let Self { contacts, whitened, units, forces, torque, .. } = self;
         for (at, (contact, units)) in contacts.iter().zip(units).enumerate() {
-            // A force on a body reduces the force that its joint transmits. The forces on the other bodies of the path
-            // are set by the first that they receive.
-            let on = &mut forces[contact.step];
-            for (row, unit) in units.iter().enumerate() {
-                for i in 0..6 {
-                    on.z[row][i] = -unit[i];
-                }
-                on.moments[row] = zero;
-            }
+            units.put(forces, [Some(contact.step), None], zero);
             whitened.innovations_of(at, scene, scratch, (forces, torque));
         }
         whitened.multiply(zero);
@@ -162,6 +150,17 @@ impl<T: Real> ContactKernel<T> {
     /// G, in the lower triangle, (3 contacts x 3 contacts).
     pub fn gram(&self) -> &[T] {
         &self.whitened.gram
+    }
+
+    /// G at the q of the scratch, row by row.
+    pub fn gram_at(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, out: &mut [T]) {
+        self.place(scene, scratch);
+        self.multiply(scene, scratch);
+        let m = 3 * self.gaps.len();
+        for (at, out) in out.iter_mut().enumerate() {
+            let (i, j) = (at / m, at % m);
+            *out = self.gram()[i.max(j) * m + i.min(j)];
+        }
     }
 
     /// J v + G p of all contacts, into `out`, from J v.

@@ -2,10 +2,10 @@
 //! velocities.
 //!
 //! The rows of a contact are t1, t2, n of its surface: u = J v is the velocity of the material point of the link
-//! nearest to the surface, relative to the link of the surface. The innovations W of a unit force along each row, and
-//! of the opposite force on the other link, are propagated inward to the base. G = W* W as for
-//! [connections](super::constraints), without subtraction. Contacts whose trees are not coupled have separate blocks of
-//! G.
+//! nearest to the surface, relative to the link of the surface. The innovations W of unit forces along the rows are
+//! propagated inward along the path of the contact, and G = W* W without subtraction, as for all
+//! [rows](super::sweeps). Contacts whose trees are not coupled have separate blocks of G. Only the contacts that are
+//! asked for have W and G.
 //!
 //! With connections or coupled joints, W is first projected onto the complement of their rows
 //! ([`Elimination`](super::constraints::Elimination)): G and the responses are those on the connections.
@@ -16,21 +16,19 @@
 pub(crate) mod derivatives;
 
 use super::constraints::Elimination;
-use super::sweeps::general;
-use crate::filter::innovations;
-use crate::filter::riccati::Measured;
-use crate::kinematics::propagation::{inward_along_path, tip_to_base};
+use super::contact_rows::UnitForces;
+use super::sweeps::{Forces, MOST_FORCES, Path, SweepModel, WhitenedRows, general};
 use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::model::Model;
 use crate::scene::contact_point::{ContactPoint, Touch};
-use crate::spatial::{RigidShift, dot, spatial, zero};
+use crate::spatial::{RigidShift, zero};
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6};
 
 /// A row of W that the projection reduces below this, relative to its size, is zero: the connections fix its motion.
 const HELD: f64 = 1e-12;
 
-/// No row.
+/// No group.
 const NONE: usize = usize::MAX;
 
 /// A joint limit as a row of the contact law.
@@ -64,7 +62,7 @@ impl LimitRow {
     }
 }
 
-/// Scratch of contacts and joint limits: about 400 bytes per body and 24 nv bytes per contact.
+/// Scratch of contacts and joint limits: about 400 bytes per body, and 48 nv bytes per active contact of a block.
 #[derive(Debug, Clone)]
 pub(crate) struct ContactScratch {
     pub shift: Vec<RigidShift<f64>>,
@@ -76,21 +74,70 @@ pub(crate) struct ContactScratch {
     pub gaps: Vec<f64>,
     /// Rows t1, t2, n of each contact in the base frame.
     pub axes: Vec<Matrix3<f64>>,
-    /// Unit forces along the rows of each contact, on its body, and the opposite forces on the body of its surface.
-    units: Vec<[Vector6<f64>; 3]>,
-    opposite: Vec<[Vector6<f64>; 3]>,
+    /// Unit forces along the rows of each contact; zero for limits.
+    units: Vec<UnitForces<f64>>,
     /// The rows of connections and coupled joints, if the scene has any.
     pub closed: Option<Box<Elimination>>,
     velocity: Vec<Vector6<f64>>,
     state: Vec<Vector6<f64>>,
     torque: Vec<f64>,
-    innovations: Vec<f64>,
     /// The body next to the base on the path of each body.
     roots: Vec<usize>,
-    /// The first row in W of each body; `NONE` without rows.
-    rows: Vec<usize>,
+    /// The blocks of the last G, and W on the connections, one column per row.
+    blocks: Vec<Block>,
+    projected: DMatrix<f64>,
     /// The result of [`ContactScratch::respond`], (nv).
     pub response: Vec<f64>,
+}
+
+/// Contacts and joint limits whose trees are coupled.
+#[derive(Debug, Clone)]
+struct Block {
+    which: Vec<usize>,
+    /// Their indices among the contacts of G.
+    members: Vec<usize>,
+    /// The steps of the path of each on which its forces act.
+    ends: Vec<[Option<usize>; 2]>,
+    whitened: WhitenedRows<f64>,
+    forces: Vec<Forces<f64>>,
+}
+
+impl Block {
+    fn new(
+        (model, sweeps): (&Model<f64>, &SweepModel<f64>),
+        (points, limits): (&[ContactPoint], &[LimitRow]),
+        which: Vec<usize>,
+    ) -> Self {
+        let (mut ends, mut paths) = (Vec::with_capacity(which.len()), Vec::with_capacity(which.len()));
+        for (at, &i) in which.iter().enumerate() {
+            let path = if let Some(point) = points.get(i) {
+                let on = [Some(point.body), point.other_body()];
+                let act_on: Vec<usize> = on.into_iter().flatten().collect();
+                let path = Path::new(sweeps, (&point.path, &[]), &act_on);
+                ends.push(on.map(|body| path.step_of(body?)));
+                (path, 3 * at..3 * at + 3)
+            } else {
+                let body = limits[i - points.len()].body;
+                let bodies = std::iter::successors(Some(body), |&k| model.system.stages[k].parent);
+                ends.push([Some(0), None]);
+                (Path::new(sweeps, (&bodies.collect::<Vec<_>>(), &[]), &[body]), 3 * at + 2..3 * at + 3)
+            };
+            paths.push(path);
+        }
+        let mut whitened = WhitenedRows::new(model, paths);
+        // Joint limits have no tangents.
+        whitened.gram.fill(0.0);
+        let none = Forces { z: [[f64::NAN; 6]; MOST_FORCES], moments: [f64::NAN; MOST_FORCES] };
+        Self { forces: vec![none; whitened.longest()], which, members: Vec::new(), ends, whitened }
+    }
+
+    /// G.
+    fn gram(&self) -> DMatrix<f64> {
+        let m = 3 * self.which.len();
+        let mut gram = DMatrix::from_row_slice(m, m, &self.whitened.gram);
+        gram.fill_upper_triangle_with_lower_triangle();
+        gram
+    }
 }
 
 impl ContactScratch {
@@ -104,17 +151,16 @@ impl ContactScratch {
             shift: vec![RigidShift::identity(); bodies],
             places: vec![RigidShift::identity(); bodies],
             gaps: vec![f64::NAN; points.len() + limits.len()],
+            units: vec![UnitForces::zero(); points.len() + limits.len()],
             limits,
             axes: points.iter().map(|point| point.axes).collect(),
-            units: vec![[zero(); 3]; points.len()],
-            opposite: vec![[zero(); 3]; points.len()],
             closed: None,
             velocity: vec![zero(); bodies],
             state: vec![zero(); bodies],
             torque: vec![0.0; nv],
-            innovations: vec![0.0; nv],
             roots,
-            rows: vec![NONE; bodies],
+            blocks: Vec::new(),
+            projected: DMatrix::zeros(0, 0),
             response: vec![0.0; nv],
         }
     }
@@ -129,15 +175,11 @@ impl ContactScratch {
             let other = point.other_body().map(|k| self.places[k]);
             let Touch { axes, gap, at } = point.touch(place, &other.unwrap_or_else(RigidShift::identity));
             (self.axes[i], self.gaps[i]) = (axes, gap);
-            let arm = point.center - place.rotate_back(&axes.row(2).transpose()) * point.radius;
-            let unit = |place: &RigidShift<f64>, arm: &Vector3<f64>, row: usize| {
-                let force = place.rotate_back(&axes.row(row).transpose());
-                spatial(&arm.cross(&force), &force)
-            };
-            self.units[i] = std::array::from_fn(|row| unit(place, &arm, row));
+            let on_body = RigidShift { rotation: Matrix3::identity(), lever: point.center };
+            let arm = axes.row(2).transpose() * -point.radius;
+            self.units[i].set(0, (&axes, &arm), (place, &on_body));
             if let Some(other) = other {
-                let arm = other.rotate_back(&(at - other.lever));
-                self.opposite[i] = std::array::from_fn(|row| -unit(&other, &arm, row));
+                self.units[i].set(1, (&axes, &(at - other.lever)), (&other, &RigidShift::identity()));
             }
         }
         for (gap, limit) in self.gaps[points.len()..].iter_mut().zip(&self.limits) {
@@ -150,10 +192,7 @@ impl ContactScratch {
     pub fn velocities(&mut self, model: &Model<f64>, points: &[ContactPoint], v: &[f64]) -> DVector<f64> {
         velocities_base_to_tip(model, &self.shift, v, &mut self.velocity);
         DVector::from_fn(3 * self.gaps.len(), |i, _| match (points.get(i / 3), i % 3) {
-            (Some(point), row) => {
-                let own = dot(&self.units[i / 3][row], &self.velocity[point.body]);
-                point.other_body().map_or(own, |k| own + dot(&self.opposite[i / 3][row], &self.velocity[k]))
-            }
+            (Some(point), row) => self.velocity_of((point, i / 3), row),
             (None, 2) => self.limits[i / 3 - points.len()].velocity(v),
             (None, _) => 0.0,
         })
@@ -162,10 +201,13 @@ impl ContactScratch {
     /// The rates of the gaps of all contacts, m/s, as [`ContactScratch::velocities`].
     pub fn rates(&mut self, model: &Model<f64>, points: &[ContactPoint], v: &[f64], out: &mut [f64]) {
         velocities_base_to_tip(model, &self.shift, v, &mut self.velocity);
-        for ((out, point), (unit, opposite)) in out.iter_mut().zip(points).zip(self.units.iter().zip(&self.opposite)) {
-            let own = dot(&unit[2], &self.velocity[point.body]);
-            *out = point.other_body().map_or(own, |k| own + dot(&opposite[2], &self.velocity[k]));
+        for (i, (out, point)) in out.iter_mut().zip(points).enumerate() {
+            *out = self.velocity_of((point, i), 2);
         }
+    }
+
+    fn velocity_of(&self, (point, i): (&ContactPoint, usize), row: usize) -> f64 {
+        self.units[i].velocity(row, &self.velocity[point.body], point.other_body().map(|k| &self.velocity[k]))
     }
 
     /// The contacts `near`, by index in it, in groups whose trees they do not couple.
@@ -204,106 +246,44 @@ impl ContactScratch {
         workspace: &Workspace<f64>,
         near: &mut Vec<usize>,
     ) -> Vec<(Vec<usize>, DMatrix<f64>)> {
-        if self.closed.is_some() {
-            let whitened = self.whiten_on_connections(model, points, workspace, near);
-            return vec![((0..near.len()).collect(), squared(&whitened))];
-        }
-        let groups = self.coupled(points, near);
-        let of = |members: Vec<usize>| {
+        let groups = if self.closed.is_some() { vec![(0..near.len()).collect()] } else { self.coupled(points, near) };
+        let scene = (model, &workspace.sweeps);
+        let mut known = std::mem::take(&mut self.blocks).into_iter();
+        for members in groups {
             let which: Vec<usize> = members.iter().map(|&at| near[at]).collect();
-            let whitened = self.whiten(model, points, workspace, &which);
-            (members, squared(&whitened))
-        };
-        groups.into_iter().map(of).collect()
+            let block = known.next().filter(|block| block.which == which);
+            let mut block = block.unwrap_or_else(|| Block::new(scene, (points, &self.limits), which));
+            block.members = members;
+            for (at, &i) in block.which.iter().enumerate() {
+                self.units[i].put(&mut block.forces, block.ends[at], 0.0);
+                let limit = i.checked_sub(points.len()).map(|at| self.limits[at]);
+                limit.iter().for_each(|limit| self.torque[limit.row] = limit.sign());
+                block.whitened.innovations_of(at, scene, &workspace.store, (&mut block.forces, &self.torque));
+                limit.iter().for_each(|limit| self.torque[limit.row] = 0.0);
+            }
+            block.whitened.multiply(0.0);
+            self.blocks.push(block);
+        }
+        if self.closed.is_some() {
+            return vec![self.on_connections(points, workspace, near)];
+        }
+        self.blocks.iter().map(|block| (block.members.clone(), block.gram())).collect()
     }
 
-    /// W of some contacts, with the rows of the joints on their paths.
-    fn whiten(
+    /// G of the contacts `near` after the projection of W onto the complement of the rows of connections; removes joint
+    /// limits that the connections fix.
+    fn on_connections(
         &mut self,
-        model: &Model<f64>,
-        points: &[ContactPoint],
-        workspace: &Workspace<f64>,
-        which: &[usize],
-    ) -> DMatrix<f64> {
-        let (system, m) = (&model.system, 3 * which.len());
-        let measured = &workspace.store.measured;
-        let Self { shift, limits, units, opposite, state, torque, innovations, rows, closed, .. } = self;
-        let (mut height, mut bodies) = (0, Vec::new());
-        let mut add = |k: usize| {
-            if rows[k] == NONE {
-                rows[k] = height;
-                height += system.stages[k].rows.count();
-                bodies.push(k);
-            }
-        };
-        if closed.is_some() {
-            // The rows of all joints, in the order of the rows of connections.
-            (0..system.stages.len()).for_each(&mut add);
-        } else {
-            for &i in which {
-                if let Some(point) = points.get(i) {
-                    point.path.iter().copied().for_each(&mut add);
-                } else {
-                    let mut body = Some(limits[i - points.len()].body);
-                    while let Some(k) = body {
-                        add(k);
-                        body = system.stages[k].parent;
-                    }
-                }
-            }
-        }
-        let mut whitened = DMatrix::zeros(height, m);
-        for row in 0..m {
-            let (i, out) = (which[row / 3], &mut whitened.as_mut_slice()[row * height..(row + 1) * height]);
-            // A force on a body reduces the force that its joint transmits; a limit acts as a torque of its joint.
-            let (force, body) = match points.get(i) {
-                Some(point) => (-units[i][row % 3], point.body),
-                None if row % 3 == 2 => {
-                    let limit = &limits[i - points.len()];
-                    torque[limit.row] = limit.sign();
-                    (zero(), limit.body)
-                }
-                None => continue,
-            };
-            let past = |k: usize, z: &mut Vector6<f64>| {
-                whiten((model, k), (measured, torque), (innovations, z), &mut out[rows[k]..]);
-            };
-            match points.get(i).and_then(|point| Some((point, point.other_body()?))) {
-                Some((point, other)) => {
-                    for &k in &point.path {
-                        state[k] = zero();
-                    }
-                    state[body] += force;
-                    state[other] -= opposite[i][row % 3];
-                    tip_to_base(&system.stages, shift, point.path.iter().copied(), state, past);
-                }
-                None => {
-                    inward_along_path(&system.stages, shift, [Some(body), None], force, past);
-                }
-            }
-            if let Some(limit) = i.checked_sub(points.len()) {
-                torque[limits[limit].row] = 0.0;
-            }
-        }
-        for k in bodies {
-            rows[k] = NONE;
-        }
-        whitened
-    }
-
-    /// W of the contacts `near`, projected onto the complement of the rows of connections; removes joint limits that
-    /// the connections fix.
-    fn whiten_on_connections(
-        &mut self,
-        model: &Model<f64>,
         points: &[ContactPoint],
         workspace: &Workspace<f64>,
         near: &mut Vec<usize>,
-    ) -> DMatrix<f64> {
-        let mut whitened = self.whiten(model, points, workspace, near);
-        let Some(closed) = &mut self.closed else { return whitened };
+    ) -> (Vec<usize>, DMatrix<f64>) {
+        let mut whitened = DMatrix::zeros(self.response.len(), 3 * near.len());
+        for block in &self.blocks {
+            block.whitened.scaled(&workspace.store.measured, whitened.as_mut_slice());
+        }
         let sizes: Vec<f64> = whitened.column_iter().map(|column| column.norm()).collect();
-        closed.project(&mut whitened);
+        self.closed.iter().for_each(|closed| closed.project(&mut whitened));
         for (mut column, size) in whitened.column_iter_mut().zip(sizes) {
             if column.norm() <= HELD * size {
                 column.fill(0.0);
@@ -312,81 +292,34 @@ impl ContactScratch {
         let moves = |&at: &usize| near[at] < points.len() || whitened.column(3 * at + 2).amax() > 0.0;
         let moving: Vec<usize> = (0..near.len()).filter(moves).collect();
         if moving.len() < near.len() {
-            let columns: Vec<usize> = moving.iter().flat_map(|at| 3 * at..3 * at + 3).collect();
-            whitened = whitened.select_columns(&columns);
-            closed.select(&columns);
+            whitened = whitened.select_columns(&moving.iter().flat_map(|at| 3 * at..3 * at + 3).collect::<Vec<_>>());
             *near = moving.iter().map(|&at| near[at]).collect();
         }
-        whitened
+        let mut gram = whitened.tr_mul(&whitened);
+        gram.fill_lower_triangle_with_upper_triangle();
+        self.projected = whitened;
+        ((0..near.len()).collect(), gram)
     }
 
-    /// M^-1 J* p of the contacts `near`, which [`ContactScratch::gram`] has returned, into `response`: one more
-    /// right-hand side. The forces of connections keep their velocities unchanged. O(N).
-    pub fn respond(
-        &mut self,
-        model: &Model<f64>,
-        points: &[ContactPoint],
-        workspace: &mut Workspace<f64>,
-        near: &[usize],
-        impulses: &DVector<f64>,
-    ) {
-        let mut torque = std::mem::take(&mut self.torque);
-        self.spread(points, (near, impulses), -1.0, &mut torque);
-        self.torque = torque;
-        if let Some(closed) = &mut self.closed {
-            closed.add_forces(impulses, (&mut self.state, &mut self.torque));
-        }
+    /// M^-1 J* p of the contacts of the last [`ContactScratch::gram`] into `response`: the smoother, from the sum of W
+    /// p. The forces of connections keep their velocities unchanged. O(N).
+    pub fn respond(&mut self, model: &Model<f64>, workspace: &mut Workspace<f64>, impulses: &DVector<f64>) {
         let (scene, store) = workspace.passes(model);
-        store.set_forces(self.state.iter().copied());
-        general::solve::<f64, true>(scene, store, &self.torque, &mut self.response);
-        self.torque.fill(0.0);
-    }
-
-    /// Sets `state` to the forces of impulses on the bodies, times `sign`, and adds those of joint limits to `torque`.
-    fn spread(
-        &mut self,
-        points: &[ContactPoint],
-        (near, impulses): (&[usize], &DVector<f64>),
-        sign: f64,
-        torque: &mut [f64],
-    ) {
-        self.state.fill(zero());
-        for (at, &i) in near.iter().enumerate() {
-            let Some(point) = points.get(i) else {
-                let limit = &self.limits[i - points.len()];
-                torque[limit.row] += limit.sign() * impulses[3 * at + 2];
-                continue;
-            };
-            let sides = [Some((point.body, &self.units[i])), point.other_body().map(|k| (k, &self.opposite[i]))];
-            for (k, units) in sides.into_iter().flatten() {
-                for (row, unit) in units.iter().enumerate() {
-                    self.state[k] += unit * (sign * impulses[3 * at + row]);
-                }
+        self.response.fill(0.0);
+        if self.closed.is_some() {
+            let whitened = &self.projected * impulses;
+            for ((out, e), m) in self.response.iter_mut().zip(&whitened).zip(&store.measured) {
+                *out = e / m.pivot_inverse.sqrt();
+            }
+        } else {
+            for block in &self.blocks {
+                let own: Vec<f64> =
+                    block.members.iter().flat_map(|at| (3 * at..3 * at + 3).map(|i| impulses[i])).collect();
+                block.whitened.add(&own, &mut self.response);
             }
         }
+        general::smooth(scene, store, &mut self.response);
     }
-}
-
-/// One stage of the inward pass of a unit force: its rows of W into `out`.
-fn whiten(
-    (model, k): (&Model<f64>, usize),
-    (measured, torque): (&[Measured<f64>], &[f64]),
-    (innovations, z): (&mut [f64], &mut Vector6<f64>),
-    out: &mut [f64],
-) {
-    innovations::through_stage((&model.system, k), measured, torque, z, innovations);
-    let stage = &model.system.stages[k];
-    let joint = stage.first_row..stage.first_row + stage.rows.count();
-    for ((out, e), measured) in out.iter_mut().zip(&innovations[joint.clone()]).zip(&measured[joint]) {
-        *out = e * measured.pivot_inverse.sqrt();
-    }
-}
-
-/// W* W.
-fn squared(whitened: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut gram = whitened.tr_mul(whitened);
-    gram.fill_lower_triangle_with_upper_triangle();
-    gram
 }
 
 /// The first of a chain of leaders, with the chain shortened.

@@ -38,7 +38,7 @@ mod checked_derivatives;
 mod columns;
 pub(crate) mod constraints;
 pub(crate) mod contact_kernel;
-pub(crate) mod contact_points;
+pub(crate) mod contact_rows;
 pub(crate) mod contacts;
 pub(crate) mod coupled;
 #[cfg(feature = "derivatives")]

@@ -6,19 +6,18 @@
 //!
 //! ```text
 //! M dv = J_c* p + J_k* lambda,   J_k dv = 0
-//! lambda = -C R^-1 Q* W_c p
-//! J_c dv = G p,   G = W* W,   W = W_c - Q (Q* W_c)
+//! J_c dv = W* W p,   dv = (1 - L*) D^-1/2 W p,   W = W_c - Q (Q* W_c)
 //! ```
 
 use super::RowFault;
 use super::gram_inverse::NOTHING;
 use super::projection::{Projected, ProjectionStep, project_velocities, record_projection};
 use super::scratch::ConstraintScratch;
-use crate::decompositions::pivoted_columns;
+use crate::decompositions::column_basis;
 use crate::model::Model;
 use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
-use nalgebra::{DMatrix, DVector, Vector6};
+use nalgebra::DMatrix;
 
 /// Diagonal entries of R below this count as zero: the root of the bound for eigenvalues of Gram matrices.
 const LOST: f64 = 3e-7;
@@ -30,19 +29,12 @@ pub(crate) struct Elimination {
     scratch: ConstraintScratch,
     /// Q, (nv x rank).
     basis: DMatrix<f64>,
-    /// R, (rank x rank).
-    triangle: DMatrix<f64>,
-    /// C, (m x rank).
-    combined: DMatrix<f64>,
-    /// Q* `W_c` of the contacts that were projected last, (rank x rows).
-    coupled: DMatrix<f64>,
 }
 
 impl Elimination {
     pub fn new(model: &Model<f64>, constraints: Constraints) -> Self {
         let scratch = ConstraintScratch::new(model, &constraints);
-        let empty = || DMatrix::zeros(0, 0);
-        Self { constraints, scratch, basis: empty(), triangle: empty(), combined: empty(), coupled: empty() }
+        Self { constraints, scratch, basis: DMatrix::zeros(0, 0) }
     }
 
     /// Projects `v` onto the velocities that satisfy the connections at `q`, and factorizes their rows. The workspace
@@ -80,48 +72,28 @@ impl Elimination {
         self.orthogonalize(workspace)
     }
 
-    /// Q, R and C from the whitened rows in the scratch.
+    /// Q from the whitened rows in the scratch.
     fn orthogonalize(&mut self, workspace: &Workspace<f64>) -> Result<(), RowFault> {
         let Self { constraints, scratch, .. } = self;
         let (m, sizes) = (constraints.rows, &scratch.rows.whitened.sizes);
-        let mut combined = scratch.relaxed.basis().map_or_else(|| DMatrix::identity(m, m), DMatrix::transpose);
+        let combined = scratch.relaxed.basis().map_or_else(|| DMatrix::identity(m, m), DMatrix::transpose);
         let mut columns = scratch.whitened(&workspace.store) * &combined;
         for j in 0..columns.ncols() {
             let size = combined.column(j).iter().zip(sizes).map(|(c, size)| c * c * size).sum::<f64>();
             let (norm, size) = (columns.column(j).norm(), size.sqrt());
             let scale = if norm > NOTHING * size { norm.recip() } else { 0.0 };
             columns.column_mut(j).scale_mut(scale);
-            combined.column_mut(j).scale_mut(scale);
         }
-        let found = pivoted_columns(columns, LOST).ok_or(RowFault::NotFinite(0, f64::NAN))?;
-        self.combined = combined.select_columns(&found.kept);
-        (self.basis, self.triangle) = (found.basis, found.triangle);
+        self.basis = column_basis(columns, LOST).ok_or(RowFault::NotFinite(0, f64::NAN))?;
         Ok(())
     }
 
     /// Replaces the whitened rows of contacts, one column each, by their projection onto the complement of Q. A second
     /// projection removes the rounding errors of the first.
-    pub fn project(&mut self, whitened: &mut DMatrix<f64>) {
-        self.coupled = self.basis.tr_mul(&*whitened);
-        let mut part = self.coupled.clone();
+    pub fn project(&self, whitened: &mut DMatrix<f64>) {
         for _ in 0..2 {
+            let part = self.basis.tr_mul(&*whitened);
             whitened.gemm(-1.0, &self.basis, &part, 1.0);
-            part = self.basis.tr_mul(&*whitened);
         }
-    }
-
-    /// Keeps some of the rows of contacts.
-    pub fn select(&mut self, rows: &[usize]) {
-        self.coupled = self.coupled.select_columns(rows);
-    }
-
-    /// Adds the forces of the connections, lambda = -C R^-1 Q* `W_c` p, to the forces on bodies, with negative sign,
-    /// and to the joint torques.
-    pub fn add_forces(&mut self, impulses: &DVector<f64>, (forces, torque): (&mut [Vector6<f64>], &mut [f64])) {
-        let mut pivots = &self.coupled * impulses;
-        // The diagonal has no zeros.
-        self.triangle.solve_upper_triangular_mut(&mut pivots);
-        let lambda = &self.combined * pivots;
-        self.scratch.rows.add_forces(lambda.as_slice(), (forces, torque), -1.0);
     }
 }

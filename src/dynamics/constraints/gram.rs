@@ -51,8 +51,10 @@ impl ConstraintScratch {
 
     /// W, (nv x m), with the factor of M in the store.
     pub(super) fn whitened(&self, store: &SweepScratch<f64>) -> DMatrix<f64> {
-        let (w, nv) = (&self.rows.whitened, store.measured.len());
-        DMatrix::from_fn(nv, w.sizes.len(), |v, i| w.row(i)[v] * store.measured[v].pivot_inverse.sqrt())
+        let w = &self.rows.whitened;
+        let mut out = DMatrix::zeros(store.measured.len(), w.sizes.len());
+        w.scaled(&store.measured, out.as_mut_slice());
+        out
     }
 
     /// Sets `wrenches` and `torque` to the forces of the rows on bodies and at joints.

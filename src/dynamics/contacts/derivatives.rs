@@ -22,7 +22,7 @@
 //! grad_q f* J w = H (N - V_p x* F)
 //! ```
 
-use super::ContactScratch;
+use super::{ContactScratch, UnitForces};
 use crate::kinematics::propagation::tip_to_base;
 use crate::kinematics::velocities_base_to_tip;
 use crate::model::Model;
@@ -51,7 +51,20 @@ impl ContactScratch {
         (near, impulses): (&[usize], &DVector<f64>),
         out: &mut [f64],
     ) {
-        self.spread(points, (near, impulses), 1.0, out);
+        self.state.fill(zero());
+        for (at, &i) in near.iter().enumerate() {
+            let Some(point) = points.get(i) else {
+                let limit = &self.limits[i - points.len()];
+                out[limit.row] += limit.sign() * impulses[3 * at + 2];
+                continue;
+            };
+            for (k, units) in [Some(point.body), point.other_body()].into_iter().zip(&self.units[i].0) {
+                let Some(k) = k else { continue };
+                for (row, unit) in units.iter().enumerate() {
+                    self.state[k] += unit * impulses[3 * at + row];
+                }
+            }
+        }
         let stages = &model.system.stages;
         tip_to_base(stages, &self.shift, (0..stages.len()).rev(), &mut self.state, |k, force| {
             let stage = &stages[k];
@@ -99,9 +112,10 @@ impl ContactScratch {
                     }
                     *moments += spatial(&(moment + arm.cross(&push)), &push);
                 };
-            add(point.body, place, &point.center, 1.0, &self.units[i]);
+            let UnitForces([units, opposite]) = &self.units[i];
+            add(point.body, place, &point.center, 1.0, units);
             if let Some(k) = point.other_body() {
-                add(k, &other, &other.rotate_back(&(center - other.lever)), -1.0, &self.opposite[i]);
+                add(k, &other, &other.rotate_back(&(center - other.lever)), -1.0, opposite);
             }
             if point.is_plane() {
                 normals[i] += other.rotate_back(&by_normal);

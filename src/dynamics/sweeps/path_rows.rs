@@ -3,6 +3,7 @@
 use super::model::SweepModel;
 use super::paths::{Forces, Path, innovations_along};
 use super::scratch::SweepScratch;
+use crate::filter::riccati::Measured;
 use crate::model::Model;
 use crate::scalar::Real;
 use std::ops::Range;
@@ -21,8 +22,9 @@ pub(crate) struct PathRows {
 #[derive(Debug, Clone)]
 pub(crate) struct WhitenedRows<T> {
     pub paths: Vec<PathRows>,
-    nv: usize,
-    /// w, (m x nv), and w / D.
+    /// The number of joint rows from the first to the last on any path: entry r of row i is at i width + r.
+    width: usize,
+    /// w and w / D.
     innovations: Vec<T>,
     weighted: Vec<T>,
     /// The squares of the rows of w / sqrt(D) without cancellation.
@@ -34,16 +36,20 @@ pub(crate) struct WhitenedRows<T> {
 impl<T: Real> WhitenedRows<T> {
     /// The rows of these paths, in increasing order.
     pub fn new(model: &Model<T>, paths: Vec<(Path, Range<usize>)>) -> Self {
-        let (nan, zero, nv) = (T::from_f64(f64::NAN), T::zero(), model.nv());
+        let (nan, zero) = (T::from_f64(f64::NAN), T::zero());
         let m = paths.last().map_or(0, |(_, rows)| rows.end);
         let shared = |at: usize| paths[at..].iter().map(|(other, _)| paths[at].0.rows_shared(other, model)).collect();
         let all: Vec<Vec<Vec<Range<usize>>>> = (0..paths.len()).map(shared).collect();
-        let paths = paths.into_iter().zip(all).map(|((path, rows), shared)| PathRows { path, rows, shared });
+        let paths: Vec<_> =
+            paths.into_iter().zip(all).map(|((path, rows), shared)| PathRows { path, rows, shared }).collect();
+        let joints = || paths.iter().flat_map(|of| &of.shared[0]);
+        let first = joints().map(|range| range.start).min().unwrap_or_default();
+        let width = joints().map(|range| range.end).max().unwrap_or_default() - first;
         Self {
-            paths: paths.collect(),
-            nv,
-            innovations: vec![zero; m * nv],
-            weighted: vec![zero; m * nv],
+            paths,
+            width,
+            innovations: vec![zero; first + m * width],
+            weighted: vec![zero; first + m * width],
             sizes: vec![nan; m],
             gram: vec![nan; m * m],
         }
@@ -52,11 +58,6 @@ impl<T: Real> WhitenedRows<T> {
     /// The length of the longest path.
     pub fn longest(&self) -> usize {
         self.paths.iter().map(|of| of.path.len()).max().unwrap_or_default()
-    }
-
-    /// w of row `i`, (nv).
-    pub fn row(&self, i: usize) -> &[T] {
-        &self.innovations[i * self.nv..(i + 1) * self.nv]
     }
 
     /// w and w / D of one path, from the unit forces of its rows and their torques.
@@ -68,13 +69,12 @@ impl<T: Real> WhitenedRows<T> {
         scratch: &SweepScratch<T>,
         (forces, torque): (&mut [Forces<T>], &[T]),
     ) {
-        let Self { paths, innovations, weighted, sizes, nv, .. } = self;
+        let Self { paths, innovations, weighted, sizes, width, .. } = self;
         let PathRows { path, rows, shared } = &paths[at];
-        let out = &mut innovations[rows.start * *nv..rows.end * *nv];
-        let sizes = &mut sizes[rows.clone()];
-        innovations_along(scene, scratch, (path, rows.len()), (forces, torque), (out, sizes));
-        let width = (*nv).max(1);
-        for (own, weighted) in out.chunks_exact(width).zip(weighted[rows.start * *nv..].chunks_exact_mut(width)) {
+        let (out, sizes) = (&mut innovations[rows.start * *width..], &mut sizes[rows.clone()]);
+        innovations_along(scene, scratch, (path, rows.len()), (forces, torque), ((out, *width), sizes));
+        for i in rows.clone() {
+            let (own, weighted) = (&innovations[i * *width..], &mut weighted[i * *width..]);
             for range in &shared[0] {
                 let measured = &scratch.measured[range.clone()];
                 for ((to, &own), m) in weighted[range.clone()].iter_mut().zip(&own[range.clone()]).zip(measured) {
@@ -88,8 +88,8 @@ impl<T: Real> WhitenedRows<T> {
     /// last. A scalar that records its operations gets no entry above the diagonal.
     #[inline(always)]
     pub fn multiply(&mut self, zero: T) {
-        let Self { paths, innovations, weighted, gram, nv, sizes, .. } = self;
-        let (m, nv) = (sizes.len(), *nv);
+        let Self { paths, innovations, weighted, gram, width, sizes, .. } = self;
+        let (m, width) = (sizes.len(), *width);
         for (at, first) in paths.iter().enumerate() {
             for (second, shared) in paths[at..].iter().zip(&first.shared) {
                 let mut j = second.rows.start;
@@ -98,15 +98,15 @@ impl<T: Real> WhitenedRows<T> {
                     let is_three = T::IS_KNOWN && j + 3 <= second.rows.end;
                     let end = first.rows.end.min(j + if is_three { 3 } else { 1 });
                     while i < end {
-                        let (of_first, of_second) = (&weighted[i * nv..], &innovations[j * nv..]);
+                        let (of_first, of_second) = (&weighted[i * width..], &innovations[j * width..]);
                         if is_three && i + 3 <= end {
-                            block::<T, 3, 3>((of_first, of_second), (nv, shared), (&mut gram[j * m + i..], m), zero);
+                            block::<T, 3, 3>((of_first, of_second), (width, shared), (&mut gram[j * m + i..], m), zero);
                             i += 3;
                         } else if is_three {
-                            block::<T, 1, 3>((of_first, of_second), (nv, shared), (&mut gram[j * m + i..], m), zero);
+                            block::<T, 1, 3>((of_first, of_second), (width, shared), (&mut gram[j * m + i..], m), zero);
                             i += 1;
                         } else {
-                            block::<T, 1, 1>((of_first, of_second), (nv, shared), (&mut gram[j * m + i..], m), zero);
+                            block::<T, 1, 1>((of_first, of_second), (width, shared), (&mut gram[j * m + i..], m), zero);
                             i += 1;
                         }
                     }
@@ -119,10 +119,10 @@ impl<T: Real> WhitenedRows<T> {
     /// Adds the innovations of forces along the rows.
     #[inline(always)]
     pub fn add(&self, forces: &[T], innovations: &mut [T]) {
-        let Self { paths, innovations: w, nv, .. } = self;
+        let Self { paths, innovations: w, width, .. } = self;
         for PathRows { rows, shared, .. } in paths {
             for i in rows.clone() {
-                let own = &w[i * *nv..(i + 1) * *nv];
+                let own = &w[i * *width..];
                 for range in &shared[0] {
                     for (e, &own) in innovations[range.clone()].iter_mut().zip(&own[range.clone()]) {
                         *e = own.mul_add(forces[i], *e);
@@ -132,10 +132,22 @@ impl<T: Real> WhitenedRows<T> {
         }
     }
 
+    /// w / sqrt(D) of all rows into `out`, (m x nv), which holds zeros.
+    pub fn scaled(&self, measured: &[Measured<T>], out: &mut [T]) {
+        for PathRows { rows, shared, .. } in &self.paths {
+            for i in rows.clone() {
+                for row in shared[0].iter().cloned().flatten() {
+                    let root = measured[row].pivot_inverse.sqrt();
+                    out[i * measured.len() + row] = self.innovations[i * self.width + row] * root;
+                }
+            }
+        }
+    }
+
     /// The sum of w e / D of row `i` of a path.
     #[inline(always)]
     pub fn product(&self, of: &PathRows, i: usize, innovations: &[T], mut sum: T) -> T {
-        let own = &self.weighted[i * self.nv..(i + 1) * self.nv];
+        let own = &self.weighted[i * self.width..];
         for range in &of.shared[0] {
             for (&own, &e) in own[range.clone()].iter().zip(&innovations[range.clone()]) {
                 sum = own.mul_add(e, sum);
@@ -147,7 +159,7 @@ impl<T: Real> WhitenedRows<T> {
     /// The sum of w e / D of row `i` of a path, and of the absolute values of its terms.
     #[inline(always)]
     pub fn times(&self, of: &PathRows, i: usize, innovations: &[T], (mut sum, mut size): (T, T)) -> (T, T) {
-        let own = &self.weighted[i * self.nv..(i + 1) * self.nv];
+        let own = &self.weighted[i * self.width..];
         for range in &of.shared[0] {
             for (&own, &e) in own[range.clone()].iter().zip(&innovations[range.clone()]) {
                 let term = own * e;

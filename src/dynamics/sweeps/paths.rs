@@ -90,8 +90,8 @@ impl Path {
     }
 }
 
-/// The innovations of the first `count` forces of each body along the path, into `out` (count x nv), for the
-/// measurements `torque`, which are mostly zero. `forces` are b(k) - w of each step and are overwritten. `sizes`
+/// The innovations of the first `count` forces of each body along the path, into `out`, entry r of row i at i width + r,
+/// for the measurements `torque`, which are mostly zero. `forces` are b(k) - w of each step and are overwritten. `sizes`
 /// receives squares: the bound on each row of `out` over the root of D without cancellation of moments, without
 /// torques.
 #[inline(always)]
@@ -100,10 +100,9 @@ pub(crate) fn innovations_along<T: Real>(
     scratch: &SweepScratch<T>,
     (path, count): (&Path, usize),
     (forces, torque): (&mut [Forces<T>], &[T]),
-    (out, sizes): (&mut [T], &mut [T]),
+    ((out, width), sizes): ((&mut [T], usize), &mut [T]),
 ) {
     let SweepScratch { own, shifts, measured, .. } = scratch;
-    let nv = torque.len();
     for (at, step) in path.steps.iter().enumerate() {
         let body = &sweeps.swept()[step.place];
         with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, rows, {
@@ -112,7 +111,7 @@ pub(crate) fn innovations_along<T: Real>(
             for i in 0..count {
                 let (mut z, moment) = (forces[at].z[i], forces[at].moments[i]);
                 sizes[i] = moment.mul_add(of_moment, square(&z[3..]).mul_add(of_force, sizes[i]));
-                rows.filter(measured, torque, &mut z, &mut out[i * nv..(i + 1) * nv]);
+                rows.filter(measured, torque, &mut z, &mut out[i * width..]);
                 let Some(parent) = step.parent else { continue };
                 let to = &mut forces[parent];
                 transform.send_force(&z, step.begins, &mut to.z[i]);

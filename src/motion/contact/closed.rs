@@ -158,7 +158,7 @@ mod tests {
         assert!((&gram - &j * &inverse * j.transpose()).amax() >= 1e-3 * size);
 
         let impulses = DVector::from_fn(6, |i, _| [0.3, -0.2, 0.9, 0.1, 0.4, 1.2][i]);
-        rows.respond(model, points, &mut workspace, &near, &impulses);
+        rows.respond(model, &mut workspace, &impulses);
         let response = DVector::from_column_slice(&rows.response);
         let dense = on_rods * j.transpose() * impulses;
         assert!((&response - &dense).amax() <= 1e-11 * dense.amax(), "{response} {dense}");

@@ -94,7 +94,7 @@ fn cancel(
     along.zip_apply(&normal.eigenvalues, |x, value| *x = if value > least { -*x / value } else { 0.0 });
     let push = normal.eigenvectors * along;
     let push = DVector::from_fn(3 * near.len(), |i, _| if i % 3 == 2 { push[i / 3] } else { 0.0 });
-    rows.respond(model, points, workspace, &near, &push);
+    rows.respond(model, workspace, &push);
     Ok(())
 }
 
@@ -136,7 +136,7 @@ pub(super) fn out_of_planes(
         }
         let (push, solved) = cone.solve(&c, &Limits::beside(&c), ROUGH);
         iterations += solved.iterations;
-        rows.respond(model, points, workspace, &near, &push);
+        rows.respond(model, workspace, &push);
         if let Some(moves) = &mut moves {
             let (q, cone, moved) = (q.to_vec(), cone.whole(), rows.response.clone());
             moves.push(Move::Push(Push { q, near, gaps: c, cone, impulses: push, moved }));

@@ -193,7 +193,7 @@ impl ContactStep {
         let energies = smoothing.energies(h);
         let limits = Limits { scale: Limits::beside(&before.free).scale, ..Limits::beside(&c) };
         let (held, solved) = cone.relaxed(&c, Some(&warm), &energies, limits.scale);
-        rows.respond(&s.model, points, workspace, &near, &held);
+        rows.respond(&s.model, workspace, &held);
         for (v, response) in s.v_next.iter_mut().zip(&rows.response) {
             *v += response;
         }

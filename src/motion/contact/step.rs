@@ -260,7 +260,7 @@ impl ContactStep {
                 impulse_kept = impulse_kept.min(hit.impulse_kept);
             }
             iterations += solved.iterations;
-            rows.respond(&s.model, points, workspace, &near, &all);
+            rows.respond(&s.model, workspace, &all);
             for (i, v) in s.v_next.iter_mut().enumerate() {
                 *v = v_free[i] + rows.response[i];
             }
@@ -284,7 +284,7 @@ impl ContactStep {
                     all += &slower - &held;
                     outcome.laws.iter_mut().for_each(|laws| laws.slower = Some((c.clone(), slower.clone())));
                     held = slower;
-                    rows.respond(&s.model, points, workspace, &near, &all);
+                    rows.respond(&s.model, workspace, &all);
                     let slowed: Vec<f64> = v_free.iter().zip(&rows.response).map(|(v, dv)| v + dv).collect();
                     after = rows.velocities(&s.model, points, &slowed);
                     outcome.slowed = Some(slowed);
