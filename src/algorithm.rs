@@ -199,74 +199,71 @@ pub(crate) fn constants_width(nv: usize, bodies: usize) -> usize {
 /// [`dynamics::derivatives`](crate::dynamics::derivatives).
 #[cfg(feature = "derivatives")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Products {
-    /// u = qdd, seed = (dq, dqd, dqdd); returns dtau, (nv).
-    InverseTangent,
-    /// As [`Products::InverseTangent`], and along changes of the constants, which are appended to the third vector of
-    /// the seed: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10), in the order of
-    /// [`Directions`](crate::dynamics::derivatives::Directions).
-    InverseTangents,
-    /// u = qdd, seed = the cotangent of tau; returns those of q, qd and qdd, (3 x nv).
-    InverseGradient,
-    /// As [`Products::InverseGradient`], followed by the cotangents of the constants: armature (nv), gravity (3),
-    /// wrenches (bodies x 6), inertial parameters (bodies x 10), in the order of
-    /// [`Constants`](crate::dynamics::derivatives::Constants).
-    InverseGradients,
-    /// u = tau, seed = (dq, dqd, dtau); returns dqdd, (nv).
-    ForwardTangent(Form),
-    /// As [`Products::ForwardTangent`], and along changes of the constants, as [`Products::InverseTangents`].
-    ForwardTangents(Form),
-    /// u = tau, seed = the cotangent of qdd; returns those of q, qd and tau, (3 x nv).
-    ForwardGradient(Form),
-    /// As [`Products::ForwardGradient`], and the cotangents of the constants, as [`Products::InverseGradients`].
-    ForwardGradients(Form),
+pub struct Products {
+    form: Option<Form>,
+    is_gradient: bool,
+    has_constants: bool,
 }
 
 #[cfg(feature = "derivatives")]
 impl Products {
-    /// Its row of the table. The row is the same with and without changes of constants, which are additional entries of
-    /// the third vector.
+    /// The change along a direction, (nv). Without a form of inverse dynamics: u = qdd, seed = (dq, dqd, dqdd); returns
+    /// dtau. With a form of forward dynamics: u = tau, seed = (dq, dqd, dtau); returns dqdd.
+    #[must_use]
+    pub const fn tangent(form: Option<Form>) -> Self {
+        Self { form, is_gradient: false, has_constants: false }
+    }
+
+    /// The gradients for a cotangent, (3 x nv). Without a form of inverse dynamics: u = qdd, seed = the cotangent of
+    /// tau; returns those of q, qd and qdd. With a form of forward dynamics: u = tau, seed = the cotangent of qdd;
+    /// returns those of q, qd and tau.
+    #[must_use]
+    pub const fn gradient(form: Option<Form>) -> Self {
+        Self { form, is_gradient: true, has_constants: false }
+    }
+
+    /// The same with constants: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10).
+    ///
+    /// A direction has their changes at the end of the third vector of the seed, in the order of
+    /// [`Directions`](crate::dynamics::derivatives::Directions). Gradients are followed by theirs, in the order of
+    /// [`Constants`](crate::dynamics::derivatives::Constants).
+    #[must_use]
+    pub const fn with_constants(self) -> Self {
+        Self { has_constants: true, ..self }
+    }
+
+    /// Its row of the table, the same with and without constants.
     #[must_use]
     pub fn entry(self) -> &'static FunctionEntry {
-        match self {
-            Self::InverseTangent | Self::InverseTangents => &INVERSE_DYNAMICS_JVP,
-            Self::InverseGradient | Self::InverseGradients => &INVERSE_DYNAMICS_VJP,
-            Self::ForwardTangent(_) | Self::ForwardTangents(_) => &FORWARD_DYNAMICS_JVP,
-            Self::ForwardGradient(_) | Self::ForwardGradients(_) => &FORWARD_DYNAMICS_VJP,
+        match (self.form, self.is_gradient) {
+            (None, false) => &INVERSE_DYNAMICS_JVP,
+            (None, true) => &INVERSE_DYNAMICS_VJP,
+            (Some(_), false) => &FORWARD_DYNAMICS_JVP,
+            (Some(_), true) => &FORWARD_DYNAMICS_VJP,
         }
     }
 
     /// True if the direction includes changes of constants (armature, gravity, wrenches, inertial parameters).
     #[must_use]
     pub(crate) fn takes_constants(self) -> bool {
-        matches!(self, Self::InverseTangents | Self::ForwardTangents(_))
+        self.has_constants && !self.is_gradient
     }
 
     /// True if the results include the gradients with respect to these constants.
     #[must_use]
     pub(crate) fn gives_constants(self) -> bool {
-        matches!(self, Self::InverseGradients | Self::ForwardGradients(_))
+        self.has_constants && self.is_gradient
     }
 
     /// True if it computes gradients from a cotangent, false if it computes a change along a direction.
     pub(crate) fn is_gradient(self) -> bool {
-        matches!(
-            self,
-            Self::InverseGradient | Self::InverseGradients | Self::ForwardGradient(_) | Self::ForwardGradients(_)
-        )
+        self.is_gradient
     }
 
-    /// Its form, if it has one.
+    /// Its form, if it is of forward dynamics.
     #[must_use]
     pub fn form(self) -> Option<Form> {
-        match self {
-            Self::ForwardTangent(form)
-            | Self::ForwardTangents(form)
-            | Self::ForwardGradient(form)
-            | Self::ForwardGradients(form) => Some(form),
-            Self::InverseTangent | Self::InverseTangents | Self::InverseGradient | Self::InverseGradients => None,
-        }
+        self.form
     }
 }
 
@@ -434,13 +431,13 @@ impl Algorithm {
             #[cfg(feature = "derivatives")]
             Self::Derivatives(Derivatives::MassMatrix),
             #[cfg(feature = "derivatives")]
-            Self::Products(Products::ForwardTangent(form)),
+            Self::Products(Products::tangent(Some(form))),
             #[cfg(feature = "derivatives")]
-            Self::Products(Products::ForwardGradient(form)),
+            Self::Products(Products::gradient(Some(form))),
             #[cfg(feature = "derivatives")]
-            Self::Products(Products::InverseTangent),
+            Self::Products(Products::tangent(None)),
             #[cfg(feature = "derivatives")]
-            Self::Products(Products::InverseGradient),
+            Self::Products(Products::gradient(None)),
         ]
         .into_iter()
     }

@@ -76,30 +76,23 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Products, call: Ke
     }
     let qdd = if which.form().is_some() { &qdd[..] } else { u };
     let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
-    match which {
-        Products::InverseTangent
-        | Products::InverseTangents
-        | Products::ForwardTangent(_)
-        | Products::ForwardTangents(_) => {
-            let direction = Directions::of_seed([first, second, third], bodies, of_wrenches);
-            let lost = along(target, scene, (scratch, changes), (motion, direction), which.form(), (x, results));
-            doubt |= lanes_but::<T>(|lane| lost.lane(lane) <= 0.0);
-        }
-        Products::InverseGradient | Products::ForwardGradient(_) => {
-            let (state, constants) = ((motion, &first[..]), &mut Constants::default());
-            doubt |= gradients(target, which.form(), (scene, (scratch, co_states)), state, (constants, x, results));
-        }
-        Products::InverseGradients | Products::ForwardGradients(_) => {
-            of_wrenches.resize(bodies, Vector6::from_element(zero));
-            let parts = GradientParts::of(results, nv, bodies);
-            let GradientParts { state: by_state, constants } = parts;
-            let ConstantParts { armature, gravity, wrenches: forces, parameters } = constants;
-            let constants = &mut Constants { wrenches: of_wrenches, parameters, armature, gravity };
-            let room = (scene, (scratch, co_states));
-            doubt |= gradients(target, which.form(), room, (motion, first), (constants, x, by_state));
-            for (to, wrench) in forces.iter_mut().zip(&*of_wrenches) {
-                *to = (*wrench).into();
-            }
+    if !which.is_gradient() {
+        let direction = Directions::of_seed([first, second, third], bodies, of_wrenches);
+        let lost = along(target, scene, (scratch, changes), (motion, direction), which.form(), (x, results));
+        doubt |= lanes_but::<T>(|lane| lost.lane(lane) <= 0.0);
+    } else if constants == 0 {
+        let (state, constants) = ((motion, &first[..]), &mut Constants::default());
+        doubt |= gradients(target, which.form(), (scene, (scratch, co_states)), state, (constants, x, results));
+    } else {
+        of_wrenches.resize(bodies, Vector6::from_element(zero));
+        let parts = GradientParts::of(results, nv, bodies);
+        let GradientParts { state: by_state, constants } = parts;
+        let ConstantParts { armature, gravity, wrenches: forces, parameters } = constants;
+        let constants = &mut Constants { wrenches: of_wrenches, parameters, armature, gravity };
+        let room = (scene, (scratch, co_states));
+        doubt |= gradients(target, which.form(), room, (motion, first), (constants, x, by_state));
+        for (to, wrench) in forces.iter_mut().zip(&*of_wrenches) {
+            *to = (*wrench).into();
         }
     }
     let fault = any_not_finite(results);

@@ -62,7 +62,7 @@ methods! {
         wrenches, dwrenches, dparameters, darmature, dgravity, errors) |scene, py| {
         let given = vec![q, qd, qdd, dq, dqd, dqdd];
         let constants = Constant::read(&scene.scene, (dwrenches, dparameters, darmature, dgravity))?;
-        scene.along(py, Products::InverseTangent, given, (&Keywords { wrenches, ..Keywords::of(errors) }, constants))
+        scene.along(py, Products::tangent(None), given, (&Keywords { wrenches, ..Keywords::of(errors) }, constants))
     }
 
     /// Gradients of cotangent . tau, in O(N): cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
@@ -86,7 +86,7 @@ methods! {
         let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
         scene.gradients(
             (py, class),
-            Products::InverseGradient,
+            Products::gradient(None),
             given,
             (&Keywords { wrenches, ..Keywords::of(errors) }, parameters),
         )
@@ -112,7 +112,7 @@ methods! {
         form, tolerance, wrenches, dwrenches, dparameters, darmature, dgravity, errors) |scene, py| {
         let given = vec![q, qd, tau, dq, dqd, dtau];
         let constants = Constant::read(&scene.scene, (dwrenches, dparameters, darmature, dgravity))?;
-        let which = Products::ForwardTangent(read_form(form)?);
+        let which = Products::tangent(Some(read_form(form)?));
         scene.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
         scene.along(py, which, given, (&Keywords { wrenches, tolerance, ..Keywords::of(errors) }, constants))
     }
@@ -139,7 +139,7 @@ methods! {
     fn forward_dynamics_vjp(q, qd, tau, cotangent; form, tolerance, wrenches, parameters, errors) |scene, py| {
         let given = vec![q, qd, tau, cotangent];
         let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
-        let which = Products::ForwardGradient(read_form(form)?);
+        let which = Products::gradient(Some(read_form(form)?));
         scene.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
         let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
         scene.gradients((py, class), which, given, (&keywords, parameters))
@@ -168,7 +168,7 @@ methods! {
     fn inverse_dynamics_hvp(q, qd, qdd, cotangent, dq, dqd, dqdd; wrenches, errors) |scene, py| {
         let given = vec![q, qd, qdd, cotangent, dq, dqd, dqdd];
         let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
-        scene.hessian((py, class), Products::InverseGradient, given, &Keywords { wrenches, ..Keywords::of(errors) })
+        scene.hessian((py, class), Products::gradient(None), given, &Keywords { wrenches, ..Keywords::of(errors) })
     }
 
     /// Hessian of cotangent . qdd times a direction, in O(N): change of the gradients of forward_dynamics_vjp.
@@ -193,7 +193,7 @@ methods! {
     fn forward_dynamics_hvp(q, qd, tau, cotangent, dq, dqd, dtau; form, tolerance, wrenches, errors) |scene, py| {
         let given = vec![q, qd, tau, cotangent, dq, dqd, dtau];
         let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
-        let which = Products::ForwardGradient(read_form(form)?);
+        let which = Products::gradient(Some(read_form(form)?));
         scene.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
         scene.hessian((py, class), which, given, &Keywords { wrenches, tolerance, ..Keywords::of(errors) })
     }
@@ -210,11 +210,8 @@ impl PyScene {
     ) -> PyResult<BatchCall<'a, 'py>> {
         let errors = self.errors(keywords.errors, which.form())?;
         // Of a Hessian the direction follows the cotangent.
-        let direction = match which.form() {
-            Some(form) => Products::ForwardTangent(form),
-            None => Products::InverseTangent,
-        };
-        let names = which.entry().arguments.iter().chain(direction.entry().seeds()).map(|&(name, _)| name);
+        let direction = Products::tangent(which.form()).entry().seeds();
+        let names = which.entry().arguments.iter().chain(direction).map(|&(name, _)| name);
         let mut inputs = self.inputs(names.zip(given))?;
         inputs.extend(others);
         let cost = Cost { arithmetic: body * self.size(), results: which.entry().results.len() * self.scene.nv() };
@@ -238,11 +235,7 @@ impl PyScene {
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
             return Ok(output.finish().into_any());
         }
-        let which = match which.form() {
-            Some(form) => Products::ForwardTangents(form),
-            None => Products::InverseTangents,
-        };
-        let (algorithm, links) = (Algorithm::Products(which), places_of_links(&self.scene)?);
+        let (algorithm, links) = (Algorithm::Products(which.with_constants()), places_of_links(&self.scene)?);
         let (nv, width) = (self.scene.nv(), self.scene.seed_width(algorithm, 2));
         let third = |arguments: &[Broadcast<'_>], state: usize, third: &mut Vec<f64>| {
             third.clear();
@@ -284,11 +277,7 @@ impl PyScene {
         let place = |name: &str| scene.link(name).map(|link| (link.body, link.placement));
         let wrenched = names.iter().map(|name| place(name)).collect::<Result<Vec<Place>, Error>>()?;
         let moving = if parameters { places_of_links(scene)? } else { Vec::new() };
-        let which = match which.form() {
-            Some(form) => Products::ForwardGradients(form),
-            None => Products::InverseGradients,
-        };
-        let algorithm = Algorithm::Products(which);
+        let algorithm = Algorithm::Products(which.with_constants());
         let mut of_bodies = call.scratch_results(py, scene.width(algorithm))?;
         call.in_chunks(py, algorithm, of_bodies.numbers()?, None)?;
         let mut shapes = vec![vec![nv]; 3];

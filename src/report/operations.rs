@@ -1,7 +1,7 @@
 //! Operation counts of each algorithm on a scene, obtained by running the code on [`Traced`] scalars, and the memory it
 //! accesses.
 
-use crate::algorithm::{Algorithm, Arguments, Products};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics;
 use crate::dynamics::constraints::ConstraintKernel;
 use crate::dynamics::derivatives::{
@@ -233,23 +233,22 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
             let (none, scratch) = (&mut Constants::default(), &mut products);
             workspace.form = which.form().unwrap_or_default();
             // A lost pivot is not counted.
-            let _ = match which {
-                Products::InverseTangent | Products::InverseTangents => {
-                    let along = Directions::of_seed(seeds, model.bodies.len(), &mut forces);
-                    inverse_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, &mut out);
+            let results = &mut out[..];
+            let bodies = model.bodies.len();
+            let of_seed = |forces| Directions::of_seed(seeds, bodies, forces);
+            let along = if which.is_gradient() { Directions::default() } else { of_seed(&mut forces) };
+            let _ = match (which.form(), which.is_gradient()) {
+                (None, false) => {
+                    inverse_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, results);
                     Ok(())
                 }
-                Products::InverseGradient | Products::InverseGradients => {
-                    inverse_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], (none, &mut out));
+                (None, true) => {
+                    inverse_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], (none, results));
                     Ok(())
                 }
-                Products::ForwardTangent(_) | Products::ForwardTangents(_) => {
-                    let along = Directions::of_seed(seeds, model.bodies.len(), &mut forces);
-                    forward_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, &mut out)
-                }
-                Products::ForwardGradient(_) | Products::ForwardGradients(_) => {
-                    let results = (none, &mut out[..]);
-                    forward_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], results)
+                (_, false) => forward_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, results),
+                (_, true) => {
+                    forward_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], (none, results))
                 }
             };
         }
