@@ -52,19 +52,24 @@ functions! {
     BIAS_TORQUE = bias_torque(q: Q, qd: V) -> (tau: V),
         "Joint torques at which no joint accelerates", cost: [50, 0], has_dtype: true, compiled: Some(compiled(128));
     MASS_MATRIX = mass_matrix(q: Q) -> (mass: VV),
-        "The mass matrix, row by row", cost: [30, 0], has_dtype: true, compiled: Some(compiled(64));
+        "The mass matrix, row by row",
+        instead: Some("inverse_dynamics, which multiplies by it"),
+        cost: [30, 0], has_dtype: true, compiled: Some(compiled(64));
     MASS_MATRIX_INVERSE = mass_matrix_inverse(q: Q) -> (inverse: VV),
         "The inverse of the mass matrix, row by row",
+        instead: Some("forward_dynamics, which multiplies by it"),
         cost: [60, 0], has_form: true, has_dtype: true, compiled: Some(watched(32, "mass_matrix_inverse_watched"));
     FORWARD_DYNAMICS_DERIVATIVES = forward_dynamics_derivatives(q: Q, qd: V, tau: V)
         -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV),
         "Derivatives of joint accelerations with respect to q, qd and tau, each row by row",
-        derivative_of: Some("forward_dynamics"), cost: [200, 10], has_form: true,
+        derivative_of: Some("forward_dynamics"),
+        instead: Some("differences of forward_dynamics"), cost: [200, 10], has_form: true,
         compiled: Some(watched(24, "forward_dynamics_derivatives_watched").of(CompiledFor::Trees));
     INVERSE_DYNAMICS_DERIVATIVES = inverse_dynamics_derivatives(q: Q, qd: V, qdd: V)
         -> (dtau_dq: VV, dtau_dqd: VV, M: VV),
         "Derivatives of joint torques with respect to q, qd and qdd, each row by row",
-        derivative_of: Some("inverse_dynamics"), cost: [80, 10], compiled: Some(compiled(24));
+        derivative_of: Some("inverse_dynamics"),
+        instead: Some("differences of inverse_dynamics"), cost: [80, 10], compiled: Some(compiled(24));
     FORWARD_DYNAMICS_JVP = forward_dynamics_jvp(q: Q, qd: V, tau: V, dq: V, dqd: V, dtau: V) -> (dqdd: V),
         "The change of joint accelerations along a direction",
         derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true,
@@ -82,9 +87,10 @@ functions! {
         "Gradients of cotangent . tau with respect to q, qd and qdd",
         derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: Some(compiled(48));
     CORIOLIS_MATRIX = coriolis_matrix(q: Q, qd: V) -> (C: VV),
-        "The Coriolis matrix, row by row", cost: [80, 10];
+        "The Coriolis matrix, row by row", instead: Some("bias_torque"), cost: [80, 10];
     MASS_MATRIX_DERIVATIVE = mass_matrix_derivative(q: Q, qd: V) -> (dM_dt: VV),
-        "The time derivative of the mass matrix, row by row", derivative_of: Some("mass_matrix"), cost: [80, 10];
+        "The time derivative of the mass matrix, row by row", derivative_of: Some("mass_matrix"),
+        instead: Some("differences of mass_matrix"), cost: [80, 10];
 
     // Kinematic quantities. For a frame, the cost is per body on the path to the base.
     PLACEMENTS = placements(q: Q) -> (placements: POSES),

@@ -3,9 +3,9 @@
 use super::declared::{algorithms, quantities};
 use super::kernels;
 use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
+use crate::dynamics::Energy;
 use crate::dynamics::coupled::Ask;
 use crate::dynamics::mass_inverse::InverseScratch;
-use crate::dynamics::Energy;
 use crate::error::{Error, Fault, check_finite};
 use crate::kinematics;
 use crate::scene::{Coupling, Link, Scene};

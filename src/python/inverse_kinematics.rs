@@ -94,7 +94,6 @@ impl PyScene {
            text_signature = "($self, tasks, q0=None, *, follow=False, starts=None, posture=None, limits=True, \
                              tolerance=1e-9, iterations=100, metric='coordinates', covariance=False, seed=0, \
                              errors='raise')")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics<'py>(
         &self,
         py: Python<'py>,
@@ -196,7 +195,6 @@ impl PyScene {
     /// >>> scene.placement(q, "flange")[:3, 3].round(3)
     /// array([0.5, 0.1, 0.4])
     #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true, velocity=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics_rates<'py>(
         &self,
         py: Python<'py>,
@@ -321,7 +319,6 @@ fn on_paths(mut inputs: Vec<Input<'_>>) -> PyResult<Vec<Input<'_>>> {
 }
 
 /// Creates a task without its target, which differs between states.
-#[allow(clippy::too_many_arguments)] // the fields of a task
 fn aimless(
     scene: &Scene,
     kind: &str,

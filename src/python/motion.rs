@@ -136,7 +136,7 @@ impl PyScene {
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
                              compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
                              duration=None, covariance=None)")]
-    #[allow(clippy::too_many_arguments, clippy::too_many_lines)] // keywords, in Python
+    #[allow(clippy::too_many_lines)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,

@@ -198,7 +198,6 @@ impl PyRandomModel {
     #[pyo3(signature = (samples=None, *, seed=None, method="monte-carlo", confidence=0.95, replicates=None),
            text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, \
                              replicates=8)")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn mass_matrix<'py>(
         &self,
         py: Python<'py>,
