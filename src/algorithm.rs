@@ -147,24 +147,7 @@ functions! {
         "J M^-1 J^T of the points of all contacts in the base frame, row by row", cost: [60, 10], has_form: true,
         compiled: Some(compiled(24).of(CompiledFor::TreesWithContacts));
 
-    // In generated code only: functions that also return the margin of their error estimate.
-    FORWARD_DYNAMICS_WATCHED = forward_dynamics_watched(q: Q, qd: V, tau: V) -> (qdd: V, margin: SCALAR),
-        "Joint accelerations from torques; precision may be lost where the margin is negative";
-    CONSTRAINED_DYNAMICS_WATCHED = constrained_dynamics_watched(q: Q, qd: V, tau: V, compliance: ROWS)
-        -> (qdd: V, forces: ROWS, rank: SCALAR, residual: SCALAR, margin: SCALAR),
-        "Joint accelerations and forces through connections; the method of the scene is needed where the margin is \
-         negative";
-    MASS_MATRIX_INVERSE_WATCHED = mass_matrix_inverse_watched(q: Q) -> (inverse: VV, margin: SCALAR),
-        "The inverse of the mass matrix, row by row; precision may be lost where the margin is negative";
-    FORWARD_DYNAMICS_DERIVATIVES_WATCHED = forward_dynamics_derivatives_watched(q: Q, qd: V, tau: V)
-        -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV, margin: SCALAR),
-        "Derivatives of joint accelerations, each row by row; precision may be lost where the margin is negative";
-    FORWARD_DYNAMICS_JVP_WATCHED = forward_dynamics_jvp_watched(q: Q, qd: V, tau: V, dq: V, dqd: V, dtau: V)
-        -> (dqdd: V, margin: SCALAR),
-        "The change of joint accelerations; precision may be lost where the margin is negative";
-    FORWARD_DYNAMICS_VJP_WATCHED = forward_dynamics_vjp_watched(q: Q, qd: V, tau: V, cotangent: V)
-        -> (gradient_q: V, gradient_qd: V, gradient_tau: V, margin: SCALAR),
-        "Gradients of cotangent . qdd; precision may be lost where the margin is negative";
+    // In generated code only.
     FACTOR_WATCHED = factor_watched(q: Q) -> (margin: SCALAR),
         "The margin of the factor of the mass matrix; precision may be lost where it is negative";
 }

@@ -1,6 +1,7 @@
 //! Products with Jacobians, for one state per lane of a scalar.
 
 use super::accelerations;
+use super::chunk::KernelArguments;
 use super::factor::with_factor;
 use super::finite::any_not_finite;
 use super::instruction_set::{Target, Vectorized, within_target};
@@ -46,20 +47,13 @@ impl<T: Vectorized> ProductKernel<T> {
     }
 }
 
-/// The arguments and results of a call.
-pub(super) struct KernelArguments<'a, T: Vectorized> {
-    pub scene: (&'a Model<T>, &'a SweepModel<T>),
-    pub scratch: &'a mut SweepScratch<T>,
-    pub kernel: &'a mut ProductKernel<T>,
-    /// (q, qd, u).
-    pub state: (&'a [T], &'a [T], &'a [T]),
-    pub wrenches: &'a [Vector6<T>],
-    pub out: &'a mut [f64],
-}
-
 /// Writes the product; returns the lanes that need the fallback (values that are not finite, for instance) as bits.
 #[inline(always)]
-pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Products, call: KernelArguments<'_, T>) -> u64 {
+pub(super) fn run<T: Vectorized, I: Target>(
+    target: I,
+    which: Products,
+    call: KernelArguments<'_, T, ProductKernel<T>>,
+) -> u64 {
     let KernelArguments { scene, scratch, kernel, state, wrenches, out } = call;
     let ((q, qd, u), mut doubt) = (state, 0);
     let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, of_wrenches } = kernel;

@@ -310,9 +310,8 @@ fn on_paths(mut inputs: Vec<Input<'_>>) -> PyResult<Vec<Input<'_>>> {
     if start.leading().len() >= axes {
         let found = shape_text(&[start.leading(), &[start.width()]].concat());
         let expected =
-            "one configuration per path, without an axis of the path; each target starts from the solution before"
-                .to_owned();
-        return Err(Error::Shape { argument: start.name.into_owned(), found, expected }.into());
+            "one configuration per path, without an axis of the path; each target starts from the solution before";
+        return Err(Error::shape(&start.name, found, expected).into());
     }
     inputs.insert(0, start.for_paths()?);
     Ok(inputs)
