@@ -52,19 +52,24 @@ functions! {
     BIAS_TORQUE = bias_torque(q: Q, qd: V) -> (tau: V),
         "Joint torques at which no joint accelerates", cost: [50, 0], has_dtype: true, compiled: Some(compiled(128));
     MASS_MATRIX = mass_matrix(q: Q) -> (mass: VV),
-        "The mass matrix, row by row", cost: [30, 0], has_dtype: true, compiled: Some(compiled(64));
+        "The mass matrix, row by row",
+        instead: Some("inverse_dynamics, which multiplies by it"),
+        cost: [30, 0], has_dtype: true, compiled: Some(compiled(64));
     MASS_MATRIX_INVERSE = mass_matrix_inverse(q: Q) -> (inverse: VV),
         "The inverse of the mass matrix, row by row",
+        instead: Some("forward_dynamics, which multiplies by it"),
         cost: [60, 0], has_form: true, has_dtype: true, compiled: Some(watched(32, "mass_matrix_inverse_watched"));
     FORWARD_DYNAMICS_DERIVATIVES = forward_dynamics_derivatives(q: Q, qd: V, tau: V)
         -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV),
         "Derivatives of joint accelerations with respect to q, qd and tau, each row by row",
-        derivative_of: Some("forward_dynamics"), cost: [200, 10], has_form: true,
+        derivative_of: Some("forward_dynamics"),
+        instead: Some("differences of forward_dynamics"), cost: [200, 10], has_form: true,
         compiled: Some(watched(24, "forward_dynamics_derivatives_watched").of(CompiledFor::Trees));
     INVERSE_DYNAMICS_DERIVATIVES = inverse_dynamics_derivatives(q: Q, qd: V, qdd: V)
         -> (dtau_dq: VV, dtau_dqd: VV, M: VV),
         "Derivatives of joint torques with respect to q, qd and qdd, each row by row",
-        derivative_of: Some("inverse_dynamics"), cost: [80, 10], compiled: Some(compiled(24));
+        derivative_of: Some("inverse_dynamics"),
+        instead: Some("differences of inverse_dynamics"), cost: [80, 10], compiled: Some(compiled(24));
     FORWARD_DYNAMICS_JVP = forward_dynamics_jvp(q: Q, qd: V, tau: V, dq: V, dqd: V, dtau: V) -> (dqdd: V),
         "The change of joint accelerations along a direction",
         derivative_of: Some("forward_dynamics"), cost: [250, 0], has_form: true,
@@ -82,9 +87,10 @@ functions! {
         "Gradients of cotangent . tau with respect to q, qd and qdd",
         derivative_of: Some("inverse_dynamics"), cost: [120, 0], compiled: Some(compiled(48));
     CORIOLIS_MATRIX = coriolis_matrix(q: Q, qd: V) -> (C: VV),
-        "The Coriolis matrix, row by row", cost: [80, 10];
+        "The Coriolis matrix, row by row", instead: Some("bias_torque"), cost: [80, 10];
     MASS_MATRIX_DERIVATIVE = mass_matrix_derivative(q: Q, qd: V) -> (dM_dt: VV),
-        "The time derivative of the mass matrix, row by row", derivative_of: Some("mass_matrix"), cost: [80, 10];
+        "The time derivative of the mass matrix, row by row", derivative_of: Some("mass_matrix"),
+        instead: Some("differences of mass_matrix"), cost: [80, 10];
 
     // Kinematic quantities. For a frame, the cost is per body on the path to the base.
     PLACEMENTS = placements(q: Q) -> (placements: POSES),
@@ -141,24 +147,7 @@ functions! {
         "J M^-1 J^T of the points of all contacts in the base frame, row by row", cost: [60, 10], has_form: true,
         compiled: Some(compiled(24).of(CompiledFor::TreesWithContacts));
 
-    // In generated code only: functions that also return the margin of their error estimate.
-    FORWARD_DYNAMICS_WATCHED = forward_dynamics_watched(q: Q, qd: V, tau: V) -> (qdd: V, margin: SCALAR),
-        "Joint accelerations from torques; precision may be lost where the margin is negative";
-    CONSTRAINED_DYNAMICS_WATCHED = constrained_dynamics_watched(q: Q, qd: V, tau: V, compliance: ROWS)
-        -> (qdd: V, forces: ROWS, rank: SCALAR, residual: SCALAR, margin: SCALAR),
-        "Joint accelerations and forces through connections; the method of the scene is needed where the margin is \
-         negative";
-    MASS_MATRIX_INVERSE_WATCHED = mass_matrix_inverse_watched(q: Q) -> (inverse: VV, margin: SCALAR),
-        "The inverse of the mass matrix, row by row; precision may be lost where the margin is negative";
-    FORWARD_DYNAMICS_DERIVATIVES_WATCHED = forward_dynamics_derivatives_watched(q: Q, qd: V, tau: V)
-        -> (dqdd_dq: VV, dqdd_dqd: VV, Minv: VV, margin: SCALAR),
-        "Derivatives of joint accelerations, each row by row; precision may be lost where the margin is negative";
-    FORWARD_DYNAMICS_JVP_WATCHED = forward_dynamics_jvp_watched(q: Q, qd: V, tau: V, dq: V, dqd: V, dtau: V)
-        -> (dqdd: V, margin: SCALAR),
-        "The change of joint accelerations; precision may be lost where the margin is negative";
-    FORWARD_DYNAMICS_VJP_WATCHED = forward_dynamics_vjp_watched(q: Q, qd: V, tau: V, cotangent: V)
-        -> (gradient_q: V, gradient_qd: V, gradient_tau: V, margin: SCALAR),
-        "Gradients of cotangent . qdd; precision may be lost where the margin is negative";
+    // In generated code only.
     FACTOR_WATCHED = factor_watched(q: Q) -> (margin: SCALAR),
         "The margin of the factor of the mass matrix; precision may be lost where it is negative";
 }
@@ -199,74 +188,71 @@ pub(crate) fn constants_width(nv: usize, bodies: usize) -> usize {
 /// [`dynamics::derivatives`](crate::dynamics::derivatives).
 #[cfg(feature = "derivatives")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Products {
-    /// u = qdd, seed = (dq, dqd, dqdd); returns dtau, (nv).
-    InverseTangent,
-    /// As [`Products::InverseTangent`], and along changes of the constants, which are appended to the third vector of
-    /// the seed: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10), in the order of
-    /// [`Directions`](crate::dynamics::derivatives::Directions).
-    InverseTangents,
-    /// u = qdd, seed = the cotangent of tau; returns those of q, qd and qdd, (3 x nv).
-    InverseGradient,
-    /// As [`Products::InverseGradient`], followed by the cotangents of the constants: armature (nv), gravity (3),
-    /// wrenches (bodies x 6), inertial parameters (bodies x 10), in the order of
-    /// [`Constants`](crate::dynamics::derivatives::Constants).
-    InverseGradients,
-    /// u = tau, seed = (dq, dqd, dtau); returns dqdd, (nv).
-    ForwardTangent(Form),
-    /// As [`Products::ForwardTangent`], and along changes of the constants, as [`Products::InverseTangents`].
-    ForwardTangents(Form),
-    /// u = tau, seed = the cotangent of qdd; returns those of q, qd and tau, (3 x nv).
-    ForwardGradient(Form),
-    /// As [`Products::ForwardGradient`], and the cotangents of the constants, as [`Products::InverseGradients`].
-    ForwardGradients(Form),
+pub struct Products {
+    form: Option<Form>,
+    is_gradient: bool,
+    has_constants: bool,
 }
 
 #[cfg(feature = "derivatives")]
 impl Products {
-    /// Its row of the table. The row is the same with and without changes of constants, which are additional entries of
-    /// the third vector.
+    /// The change along a direction, (nv). Without a form of inverse dynamics: u = qdd, seed = (dq, dqd, dqdd); returns
+    /// dtau. With a form of forward dynamics: u = tau, seed = (dq, dqd, dtau); returns dqdd.
+    #[must_use]
+    pub const fn tangent(form: Option<Form>) -> Self {
+        Self { form, is_gradient: false, has_constants: false }
+    }
+
+    /// The gradients for a cotangent, (3 x nv). Without a form of inverse dynamics: u = qdd, seed = the cotangent of
+    /// tau; returns those of q, qd and qdd. With a form of forward dynamics: u = tau, seed = the cotangent of qdd;
+    /// returns those of q, qd and tau.
+    #[must_use]
+    pub const fn gradient(form: Option<Form>) -> Self {
+        Self { form, is_gradient: true, has_constants: false }
+    }
+
+    /// The same with constants: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10).
+    ///
+    /// A direction has their changes at the end of the third vector of the seed, in the order of
+    /// [`Directions`](crate::dynamics::derivatives::Directions). Gradients are followed by theirs, in the order of
+    /// [`Constants`](crate::dynamics::derivatives::Constants).
+    #[must_use]
+    pub const fn with_constants(self) -> Self {
+        Self { has_constants: true, ..self }
+    }
+
+    /// Its row of the table, the same with and without constants.
     #[must_use]
     pub fn entry(self) -> &'static FunctionEntry {
-        match self {
-            Self::InverseTangent | Self::InverseTangents => &INVERSE_DYNAMICS_JVP,
-            Self::InverseGradient | Self::InverseGradients => &INVERSE_DYNAMICS_VJP,
-            Self::ForwardTangent(_) | Self::ForwardTangents(_) => &FORWARD_DYNAMICS_JVP,
-            Self::ForwardGradient(_) | Self::ForwardGradients(_) => &FORWARD_DYNAMICS_VJP,
+        match (self.form, self.is_gradient) {
+            (None, false) => &INVERSE_DYNAMICS_JVP,
+            (None, true) => &INVERSE_DYNAMICS_VJP,
+            (Some(_), false) => &FORWARD_DYNAMICS_JVP,
+            (Some(_), true) => &FORWARD_DYNAMICS_VJP,
         }
     }
 
     /// True if the direction includes changes of constants (armature, gravity, wrenches, inertial parameters).
     #[must_use]
     pub(crate) fn takes_constants(self) -> bool {
-        matches!(self, Self::InverseTangents | Self::ForwardTangents(_))
+        self.has_constants && !self.is_gradient
     }
 
     /// True if the results include the gradients with respect to these constants.
     #[must_use]
     pub(crate) fn gives_constants(self) -> bool {
-        matches!(self, Self::InverseGradients | Self::ForwardGradients(_))
+        self.has_constants && self.is_gradient
     }
 
     /// True if it computes gradients from a cotangent, false if it computes a change along a direction.
     pub(crate) fn is_gradient(self) -> bool {
-        matches!(
-            self,
-            Self::InverseGradient | Self::InverseGradients | Self::ForwardGradient(_) | Self::ForwardGradients(_)
-        )
+        self.is_gradient
     }
 
-    /// Its form, if it has one.
+    /// Its form, if it is of forward dynamics.
     #[must_use]
     pub fn form(self) -> Option<Form> {
-        match self {
-            Self::ForwardTangent(form)
-            | Self::ForwardTangents(form)
-            | Self::ForwardGradient(form)
-            | Self::ForwardGradients(form) => Some(form),
-            Self::InverseTangent | Self::InverseTangents | Self::InverseGradient | Self::InverseGradients => None,
-        }
+        self.form
     }
 }
 
@@ -434,13 +420,13 @@ impl Algorithm {
             #[cfg(feature = "derivatives")]
             Self::Derivatives(Derivatives::MassMatrix),
             #[cfg(feature = "derivatives")]
-            Self::Products(Products::ForwardTangent(form)),
+            Self::Products(Products::tangent(Some(form))),
             #[cfg(feature = "derivatives")]
-            Self::Products(Products::ForwardGradient(form)),
+            Self::Products(Products::gradient(Some(form))),
             #[cfg(feature = "derivatives")]
-            Self::Products(Products::InverseTangent),
+            Self::Products(Products::tangent(None)),
             #[cfg(feature = "derivatives")]
-            Self::Products(Products::InverseGradient),
+            Self::Products(Products::gradient(None)),
         ]
         .into_iter()
     }

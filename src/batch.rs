@@ -100,11 +100,8 @@ impl<'a, P> Broadcast<'a, P> {
     pub fn new(argument: &str, data: &'a [P], width: usize, leading: &[usize], batch: &[usize]) -> Result<Self, Error> {
         let own = product(leading);
         if own.and_then(|own| own.checked_mul(width)) != Some(data.len()) {
-            return Err(Error::Shape {
-                argument: argument.to_owned(),
-                found: format!("({},)", data.len()),
-                expected: format!("{} states of {width} numbers", leading_text(leading)),
-            });
+            let expected = format!("{} states of {width} numbers", leading_text(leading));
+            return Err(Error::shape(argument, format!("({},)", data.len()), expected));
         }
         let own = own.unwrap_or_default();
         let steps = if own == 1 {
@@ -115,11 +112,8 @@ impl<'a, P> Broadcast<'a, P> {
             let fits = leading.len() <= batch.len()
                 && leading.iter().rev().zip(batch.iter().rev()).all(|(&a, &b)| a == b || a == 1);
             if !fits {
-                return Err(Error::Shape {
-                    argument: argument.to_owned(),
-                    found: leading_text(leading),
-                    expected: format!("leading axes that broadcast to {}", leading_text(batch)),
-                });
+                let expected = format!("leading axes that broadcast to {}", leading_text(batch));
+                return Err(Error::shape(argument, leading_text(leading), expected));
             }
             let mut stride = 1;
             let lengths = leading.iter().rev().copied().chain(std::iter::repeat(1));
@@ -146,11 +140,7 @@ impl<'a, P> Broadcast<'a, P> {
         if states <= self.states {
             return Ok(());
         }
-        Err(Error::Shape {
-            argument: argument.to_owned(),
-            found: format!("{} states", self.states),
-            expected: format!("one for all, or {states}"),
-        })
+        Err(Error::shape(argument, format!("{} states", self.states), format!("one for all, or {states}")))
     }
 
     /// The values of the argument for state `index` of the batch.
@@ -197,15 +187,9 @@ pub fn broadcast_axes<'a>(arguments: impl IntoIterator<Item = (&'a str, &'a [usi
             if *total == 1 {
                 *total = own;
             } else if own != 1 && own != *total {
-                return Err(Error::Shape {
-                    argument: name.to_owned(),
-                    found: leading_text(leading),
-                    expected: format!(
-                        "leading axes that broadcast with {} of {}",
-                        leading_text(&batch),
-                        before.join(", ")
-                    ),
-                });
+                let (axes, names) = (leading_text(&batch), before.join(", "));
+                let expected = format!("leading axes that broadcast with {axes} of {names}");
+                return Err(Error::shape(name, leading_text(leading), expected));
             }
         }
         batch = merged;

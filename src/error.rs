@@ -280,6 +280,11 @@ impl Error {
         Self::Scene { subject: subject.into(), found: found.into(), expected: expected.into() }
     }
 
+    /// A shape error from its three parts.
+    pub(crate) fn shape(argument: &str, found: impl Into<String>, expected: impl Into<String>) -> Self {
+        Self::Shape { argument: argument.to_owned(), found: found.into(), expected: expected.into() }
+    }
+
     /// An argument error from its three parts.
     pub(crate) fn argument(argument: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Argument { argument: argument.into(), found: found.into(), expected: expected.into() }
@@ -303,6 +308,21 @@ pub(crate) fn choose<T: Copy>(argument: &str, name: &str, known: &[(&'static str
 pub(crate) fn name_in<T: PartialEq>(value: &T, known: &[(&'static str, T)]) -> &'static str {
     known.iter().find(|(_, known)| known == value).map_or("", |(name, _)| name)
 }
+
+/// An enum and the table of the names of its variants.
+macro_rules! named {
+    (
+        $(#[$meta:meta])* enum $type:ident;
+        $(#[$of_table:meta])* const $table:ident { $($(#[$of:meta])* $variant:ident = $name:literal,)* }
+    ) => {
+        $(#[$meta])*
+        pub enum $type { $($(#[$of])* $variant,)* }
+
+        $(#[$of_table])*
+        pub const $table: &[(&str, $type)] = &[$(($name, $type::$variant)),*];
+    };
+}
+pub(crate) use named;
 
 /// Implements `Display` and `FromStr` by a table of names; `argument` is the name in messages.
 macro_rules! by_name {
@@ -382,11 +402,7 @@ pub(crate) fn check_length(argument: &str, found: usize, expected: usize) -> Res
     if found == expected {
         return Ok(());
     }
-    Err(Error::Shape {
-        argument: argument.to_owned(),
-        found: format!("({found},)"),
-        expected: format!("({expected},)"),
-    })
+    Err(Error::shape(argument, format!("({found},)"), format!("({expected},)")))
 }
 
 /// Checks that every entry is finite.
@@ -397,6 +413,14 @@ pub(crate) fn check_finite(argument: &str, values: &[f64]) -> Result<(), Error> 
             Err(Error::NotFinite { argument: argument.to_owned(), index, value: values[index], state: None })
         }
     }
+}
+
+/// Checks that a number is finite and above zero.
+pub(crate) fn check_positive(argument: impl Into<String>, value: f64) -> Result<(), Error> {
+    if value.is_finite() && value > 0.0 {
+        return Ok(());
+    }
+    Err(Error::argument(argument, number(value), "a finite number above zero"))
 }
 
 /// A short list of existing names for the message about an unknown one, the closest match first.

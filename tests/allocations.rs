@@ -201,8 +201,13 @@ fn products_allocate_nothing_after_the_first() {
     for scene in scenes() {
         let (mut workspace, mut state) = (scene.workspace(), State::new(&scene, 1));
         let (mut hessian, mut all) = (scene.hessian_scratch(), vec![0.0; 3 * scene.nv()]);
-        let mut whole = vec![0.0; scene.width(phipsi::Algorithm::Products(phipsi::Products::InverseGradients))];
-        let third = vec![0.1; scene.seed_width(phipsi::Algorithm::Products(phipsi::Products::InverseTangents), 2)];
+        let mut whole =
+            vec![0.0; scene.width(phipsi::Algorithm::Products(phipsi::Products::gradient(None).with_constants()))];
+        let third =
+            vec![
+                0.1;
+                scene.seed_width(phipsi::Algorithm::Products(phipsi::Products::tangent(None).with_constants()), 2)
+            ];
         let mut call = |w: &mut Workspace<f64>, s: &mut State| {
             let (q, qd, u, wrenches) = (&s.q, &s.qd, &s.tau, &s.wrenches);
             let direction = [&qd[..], u, qd];

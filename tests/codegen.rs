@@ -103,7 +103,9 @@ fn what_is_watched_tells_where_digits_are_lost() {
     let people = (0..4).map(|seed| tree(seed, 7)).chain([scenes::chain(7).unwrap()]);
     for (scene, is_tame) in people.map(|scene| (scene, true)).chain(ratios.map(|scene| (scene, false))) {
         // Trees have no connections.
-        for function in WATCHED.iter().filter(|function| **function != Function::ConstrainedDynamicsWatched) {
+        for function in
+            WATCHED.iter().filter(|function| **function != Function::Watched(&Function::ConstrainedDynamics))
+        {
             let program = Program::new(&scene, function).unwrap();
             for (which, (q, qd, u)) in states_of_people(&scene).into_iter().enumerate() {
                 tame += usize::from(is_tame);
@@ -111,22 +113,22 @@ fn what_is_watched_tells_where_digits_are_lost() {
                 let given = &[&[q, qd, u][..], &seeds].concat()[..program.arguments.len()];
                 let (mut workspace, mut expected) = (scene.workspace(), vec![f64::NAN; function.width(&scene) - 1]);
                 match function {
-                    Function::ForwardDynamicsWatched => {
+                    Function::Watched(Function::ForwardDynamics) => {
                         scene.forward_dynamics(&mut workspace, &given[0], &given[1], &given[2], &[], &mut expected)
                     }
-                    Function::MassMatrixInverseWatched => {
+                    Function::Watched(Function::MassMatrixInverse) => {
                         let mut scratch = scene.inverse_scratch();
                         scene.mass_matrix_inverse(&mut workspace, &mut scratch, &given[0], &mut expected)
                     }
-                    Function::ForwardDynamicsDerivativesWatched => {
+                    Function::Watched(Function::ForwardDynamicsDerivatives) => {
                         let [q, qd, u] = [0, 1, 2].map(|i| &given[i][..]);
                         scene.forward_dynamics_derivatives(&mut workspace, q, qd, u, &[], &mut expected)
                     }
-                    Function::ForwardDynamicsJvpWatched => {
+                    Function::Watched(Function::ForwardDynamicsJvp) => {
                         let ([q, qd, u], along) = ([0, 1, 2].map(|i| &given[i][..]), [3, 4, 5].map(|i| &given[i][..]));
                         scene.forward_dynamics_jvp(&mut workspace, q, qd, u, &[], along, &mut expected)
                     }
-                    Function::ForwardDynamicsVjpWatched => {
+                    Function::Watched(Function::ForwardDynamicsVjp) => {
                         let [q, qd, u, cotangent] = [0, 1, 2, 3].map(|i| &given[i][..]);
                         scene.forward_dynamics_vjp(&mut workspace, q, qd, u, &[], cotangent, &mut expected)
                     }
@@ -311,8 +313,8 @@ fn programs_go_through_connections() {
         scene.project(&mut workspace, &mut scratch, &mut q, Some(&mut qd)).unwrap();
         let given = [q, qd, tau, vec![0.0; scene.constraint_rows()]];
         for (function, watched) in [
-            (Function::ForwardDynamics, Function::ForwardDynamicsWatched),
-            (Function::ConstrainedDynamics, Function::ConstrainedDynamicsWatched),
+            (Function::ForwardDynamics, Function::Watched(&Function::ForwardDynamics)),
+            (Function::ConstrainedDynamics, Function::Watched(&Function::ConstrainedDynamics)),
         ] {
             let expected = by_method(&scene, &function, &given[..3]);
             for function in [&function, &watched] {
@@ -327,7 +329,7 @@ fn programs_go_through_connections() {
         // A state that violates the connections is reported.
         let mut open = given[0].clone();
         open[0] += 0.01;
-        let program = Program::new(&scene, &Function::ForwardDynamicsWatched).unwrap();
+        let program = Program::new(&scene, &Function::Watched(&Function::ForwardDynamics)).unwrap();
         let found = program.run(&[&open[..], &given[1], &given[2]].concat()).unwrap();
         assert!(found[6] < 0.0, "{found:?}");
     }

@@ -64,10 +64,10 @@ fn directions_of_what_is_constant() {
             let (states, nv) = (states(&scene, 19), scene.nv());
             let forces = forces(&scene, states.len());
             for which in [
-                Products::InverseTangents,
-                Products::ForwardTangents(Form::Auto),
-                Products::ForwardTangents(Form::Covariance),
-                Products::ForwardTangents(Form::SquareRoot),
+                Products::tangent(None).with_constants(),
+                Products::tangent(Some(Form::Auto)).with_constants(),
+                Products::tangent(Some(Form::Covariance)).with_constants(),
+                Products::tangent(Some(Form::SquareRoot)).with_constants(),
             ] {
                 let algorithm = Algorithm::Products(which);
                 let mut random = Random::new(7);

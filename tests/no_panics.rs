@@ -93,10 +93,10 @@ fn algorithms() -> Vec<(Algorithm, usize)> {
         (Algorithm::Derivatives(Derivatives::ForwardDynamics(FORM)), 3),
         (Algorithm::Derivatives(Derivatives::CoriolisMatrix), 2),
         (Algorithm::Derivatives(Derivatives::MassMatrix), 2),
-        (Algorithm::Products(Products::InverseTangent), 4),
-        (Algorithm::Products(Products::InverseGradients), 4),
-        (Algorithm::Products(Products::ForwardGradient(FORM)), 4),
-        (Algorithm::Products(Products::ForwardGradients(FORM)), 4),
+        (Algorithm::Products(Products::tangent(None)), 4),
+        (Algorithm::Products(Products::gradient(None).with_constants()), 4),
+        (Algorithm::Products(Products::gradient(Some(FORM))), 4),
+        (Algorithm::Products(Products::gradient(Some(FORM)).with_constants()), 4),
     ]
 }
 

@@ -41,31 +41,21 @@ fn plain(
             workspace.form = form;
             scene.forward_dynamics_derivatives(workspace, q, qd, u, wrenches, &mut out)
         }
-        Algorithm::Products(Products::InverseTangent) => {
-            scene.inverse_dynamics_jvp(workspace, q, qd, u, wrenches, seed, &mut out)
-        }
-        Algorithm::Products(Products::InverseGradient) => {
-            scene.inverse_dynamics_vjp(workspace, q, qd, u, wrenches, seed[0], &mut out)
-        }
-        Algorithm::Products(Products::ForwardTangent(form)) => {
-            workspace.form = form;
-            scene.forward_dynamics_jvp(workspace, q, qd, u, wrenches, seed, &mut out)
-        }
-        Algorithm::Products(Products::ForwardGradient(form)) => {
-            workspace.form = form;
-            scene.forward_dynamics_vjp(workspace, q, qd, u, wrenches, seed[0], &mut out)
-        }
-        Algorithm::Products(Products::InverseTangents) => scene.inverse_dynamics_along(workspace, state, &mut out),
-        Algorithm::Products(Products::ForwardTangents(form)) => {
-            workspace.form = form;
-            scene.forward_dynamics_along(workspace, state, &mut out)
-        }
-        Algorithm::Products(Products::InverseGradients) => {
-            scene.inverse_dynamics_gradients(workspace, q, qd, u, wrenches, seed[0], &mut out)
-        }
-        Algorithm::Products(Products::ForwardGradients(form)) => {
-            workspace.form = form;
-            scene.forward_dynamics_gradients(workspace, q, qd, u, wrenches, seed[0], &mut out)
+        Algorithm::Products(which) => {
+            let (tangent, gradient) = (Products::tangent(which.form()), Products::gradient(which.form()));
+            workspace.form = which.form().unwrap_or_default();
+            match which.form() {
+                None if which == tangent => scene.inverse_dynamics_jvp(workspace, q, qd, u, wrenches, seed, &mut out),
+                None if which == gradient => {
+                    scene.inverse_dynamics_vjp(workspace, q, qd, u, wrenches, seed[0], &mut out)
+                }
+                None if which == tangent.with_constants() => scene.inverse_dynamics_along(workspace, state, &mut out),
+                None => scene.inverse_dynamics_gradients(workspace, q, qd, u, wrenches, seed[0], &mut out),
+                _ if which == tangent => scene.forward_dynamics_jvp(workspace, q, qd, u, wrenches, seed, &mut out),
+                _ if which == gradient => scene.forward_dynamics_vjp(workspace, q, qd, u, wrenches, seed[0], &mut out),
+                _ if which == tangent.with_constants() => scene.forward_dynamics_along(workspace, state, &mut out),
+                _ => scene.forward_dynamics_gradients(workspace, q, qd, u, wrenches, seed[0], &mut out),
+            }
         }
         Algorithm::Derivatives(Derivatives::CoriolisMatrix) => scene.coriolis_matrix(workspace, q, qd, &mut out),
         Algorithm::Derivatives(Derivatives::MassMatrix) => scene.mass_matrix_derivative(workspace, q, qd, &mut out),

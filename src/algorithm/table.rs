@@ -119,6 +119,8 @@ pub struct FunctionEntry {
     pub of_link: bool,
     /// True if it needs mass on a moving link.
     pub needs_mass: bool,
+    /// For a function whose results are matrices (nv, nv): what a scene that is too large for them can use.
+    pub instead: Option<&'static str>,
     /// The availability in code for one robot; None if no code is generated.
     pub compiled: Option<Compiled>,
 }
@@ -186,6 +188,7 @@ pub(super) const PLAIN: FunctionEntry = FunctionEntry {
     has_dtype: false,
     of_link: false,
     needs_mass: false,
+    instead: None,
     compiled: None,
 };
 

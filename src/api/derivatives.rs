@@ -1,5 +1,6 @@
 //! Derivatives of the dynamics at one state. Each method checks its arguments before it computes.
 
+use super::declared::algorithms;
 use crate::algorithm::{Algorithm, Arguments, Derivatives};
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
@@ -7,96 +8,6 @@ use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// Derivatives of inverse dynamics at one state: dtau/dq, dtau/dqd and M, one after another in `out` (3 x nv x nv).
-    ///
-    /// Derivatives by q are in its tangent space; see [`crate::dynamics::derivatives::inverse_dynamics_derivatives`].
-    /// `q` (nq), `qd` and `qdd` (nv) are in SI units; `wrenches` is empty or holds one spatial force per body, constant
-    /// in its body frame. The compiled kernels compute the result, as in [`Scene::forward_dynamics`]; the first call
-    /// allocates their scratch. O(N depth).
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
-    #[allow(clippy::too_many_arguments)] // a state has three arrays and forces; the caller owns scratch and results
-    pub fn inverse_dynamics_derivatives(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        qdd: &[f64],
-        wrenches: &[SpatialVector<f64>],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let algorithm = Algorithm::Derivatives(Derivatives::InverseDynamics);
-        self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: qdd, wrenches, ..Arguments::default() }, out)
-    }
-
-    /// Derivatives of forward dynamics at one state: dqdd/dq, dqdd/dqd and M^-1, one after another in `out` (3 x nv x
-    /// nv).
-    ///
-    /// Derivatives by q are in its tangent space; see [`crate::dynamics::derivatives::forward_dynamics_derivatives`].
-    /// `q` (nq), `qd` and `tau` (nv) are in SI units; `wrenches` and `out` are as in
-    /// [`Scene::inverse_dynamics_derivatives`].
-    ///
-    /// In the forms `auto` and `covariance` the compiled kernels multiply M^-1 by dtau/dq and dtau/dqd, in O(N^2
-    /// depth). In the other forms, for chains of more than 300 links, and for states whose error estimate exceeds the
-    /// tolerance, filter and smoother compute one column after another, and the call allocates its scratch.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for a workspace of another scene,
-    /// [`Error::SingularJoint`] if a pivot has no significant digits, and, in square-root form, an error for an inertia
-    /// that has no square root.
-    #[allow(clippy::too_many_arguments)] // as above
-    pub fn forward_dynamics_derivatives(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        tau: &[f64],
-        wrenches: &[SpatialVector<f64>],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let algorithm = Algorithm::Derivatives(Derivatives::ForwardDynamics(workspace.form));
-        self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: tau, wrenches, ..Arguments::default() }, out)
-    }
-
-    /// Coriolis matrix C at `q` and `qd`, (nv x nv), row-major, written to `out`.
-    ///
-    /// C qd is the vector of Coriolis and centrifugal torques, and dM/dt - 2 C is skew-symmetric; see
-    /// [`crate::dynamics::derivatives::coriolis_matrix`].
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
-    pub fn coriolis_matrix(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let state = Arguments { q, qd, ..Arguments::default() };
-        self.run_one(workspace, None, Algorithm::Derivatives(Derivatives::CoriolisMatrix), &state, out)
-    }
-
-    /// Time derivative dM/dt of the mass matrix at `q` for the joint velocities `qd`, (nv x nv), row-major, written to
-    /// `out`: see [`crate::dynamics::derivatives::mass_matrix_derivative`].
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
-    pub fn mass_matrix_derivative(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let state = Arguments { q, qd, ..Arguments::default() };
-        self.run_one(workspace, None, Algorithm::Derivatives(Derivatives::MassMatrix), &state, out)
-    }
-
     /// Linearization dx/dt = A x + B u of the motion about one state, with A (2nv x 2nv) and B (2nv x nv), row-major.
     ///
     /// x = (d, change of qd), where the perturbed configuration is q (+) d with d in the tangent space of q, and u is
@@ -107,7 +18,7 @@ impl Scene {
     /// # Errors
     ///
     /// As [`Scene::forward_dynamics_derivatives`].
-    #[allow(clippy::too_many_arguments)] // as above
+    #[allow(clippy::too_many_arguments)] // a state has three arrays and forces; the caller owns scratch and results
     pub fn linearize(
         &self,
         workspace: &mut Workspace<f64>,
@@ -137,4 +48,55 @@ impl Scene {
         workspace.matrices = numbers;
         done
     }
+}
+
+algorithms! {
+    /// Derivatives of inverse dynamics at one state: dtau/dq, dtau/dqd and M, one after another in `out` (3 x nv x nv).
+    ///
+    /// Derivatives by q are in its tangent space; see [`crate::dynamics::derivatives::inverse_dynamics_derivatives`].
+    /// `q` (nq), `qd` and `qdd` (nv) are in SI units; `wrenches` is empty or holds one spatial force per body, constant
+    /// in its body frame. The compiled kernels compute the result, as in [`Scene::forward_dynamics`]; the first call
+    /// allocates their scratch. O(N depth).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
+    fn inverse_dynamics_derivatives(q, qd, qdd) -> out = |_| Algorithm::Derivatives(Derivatives::InverseDynamics);
+
+    /// Derivatives of forward dynamics at one state: dqdd/dq, dqdd/dqd and M^-1, one after another in `out` (3 x nv x
+    /// nv).
+    ///
+    /// Derivatives by q are in its tangent space; see [`crate::dynamics::derivatives::forward_dynamics_derivatives`].
+    /// `q` (nq), `qd` and `tau` (nv) are in SI units; `wrenches` and `out` are as in
+    /// [`Scene::inverse_dynamics_derivatives`].
+    ///
+    /// In the forms `auto` and `covariance` the compiled kernels multiply M^-1 by dtau/dq and dtau/dqd, in O(N^2
+    /// depth). In the other forms, for chains of more than 300 links, and for states whose error estimate exceeds the
+    /// tolerance, filter and smoother compute one column after another, and the call allocates its scratch.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for a workspace of another scene,
+    /// [`Error::SingularJoint`] if a pivot has no significant digits, and, in square-root form, an error for an inertia
+    /// that has no square root.
+    fn forward_dynamics_derivatives(q, qd, tau) -> out =
+        |form| Algorithm::Derivatives(Derivatives::ForwardDynamics(form));
+
+    /// Coriolis matrix C at `q` and `qd`, (nv x nv), row-major, written to `out`.
+    ///
+    /// C qd is the vector of Coriolis and centrifugal torques, and dM/dt - 2 C is skew-symmetric; see
+    /// [`crate::dynamics::derivatives::coriolis_matrix`].
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
+    fn coriolis_matrix(q, qd) -> out = |_| Algorithm::Derivatives(Derivatives::CoriolisMatrix);
+
+    /// Time derivative dM/dt of the mass matrix at `q` for the joint velocities `qd`, (nv x nv), row-major, written to
+    /// `out`: see [`crate::dynamics::derivatives::mass_matrix_derivative`].
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
+    fn mass_matrix_derivative(q, qd) -> out = |_| Algorithm::Derivatives(Derivatives::MassMatrix);
 }

@@ -53,5 +53,6 @@ pub(super) fn run(
     let (of, kernels) = own
         .0
         .get_or_insert_with(|| (scene.identity(), Kernels::new(InstructionSet::of_process(), scene).for_one_state()));
+    let Some(kernels) = kernels else { return false };
     *of == scene.identity() && kernels.run(algorithm, std::slice::from_ref(state), out) & 1 == 0
 }

@@ -5,8 +5,10 @@
 //! are (angular, linear), in rad and m, relative to the base.
 
 use super::TaskFrame;
+use super::declared::quantities_of_links;
+use crate::algorithm::KinematicQuantity;
 use crate::error::{Error, check_finite, check_length};
-use crate::kinematics::{self, AccelerationKind, Frame, FrameMotion, ReferenceFrame};
+use crate::kinematics::{self, AccelerationKind, Frame, ReferenceFrame};
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
@@ -94,123 +96,6 @@ impl Scene {
         Ok(())
     }
 
-    /// Spatial velocity of a link, or of a frame on it, expressed in `reference`.
-    ///
-    /// `q` (nq), `qd` (nv). O(depth).
-    ///
-    /// # Errors
-    ///
-    /// As [`Scene::placement`].
-    pub fn velocity<'a>(
-        &self,
-        q: &[f64],
-        qd: &[f64],
-        link: impl Into<OnLink<'a>>,
-        reference: ReferenceFrame,
-    ) -> Result<SpatialVector<f64>, Error> {
-        let velocity = self.frame_motion(q, qd, None, &link.into())?.velocity_in(reference);
-        self.check_result("velocity", velocity.as_slice())?;
-        Ok(velocity)
-    }
-
-    /// Spatial acceleration of a link, or of a frame on it, for the joint accelerations `qdd`, expressed in
-    /// `reference`. Gravity is excluded.
-    ///
-    /// `q` (nq), `qd`, `qdd` (nv). O(depth).
-    ///
-    /// # Errors
-    ///
-    /// As [`Scene::placement`].
-    pub fn acceleration<'a>(
-        &self,
-        q: &[f64],
-        qd: &[f64],
-        qdd: &[f64],
-        link: impl Into<OnLink<'a>>,
-        reference: ReferenceFrame,
-        kind: AccelerationKind,
-    ) -> Result<SpatialVector<f64>, Error> {
-        let acceleration = self.frame_motion(q, qd, Some(qdd), &link.into())?.acceleration_in(reference, kind);
-        self.check_result("acceleration", acceleration.as_slice())?;
-        Ok(acceleration)
-    }
-
-    /// Jacobian J of a link, or of a frame on it, (6 x nv), row-major: its velocity expressed in `reference` is J qd.
-    ///
-    /// In [`ReferenceFrame::Local`], a wrench w on the link, at the origin of the frame and in its axes, causes the
-    /// joint torques J^T w. O(depth), plus clearing `out`.
-    ///
-    /// ```
-    /// use phipsi::kinematics::ReferenceFrame::Local;
-    /// # fn main() -> Result<(), phipsi::Error> {
-    /// let scene = phipsi::scenes::chain(3)?;
-    /// let (q, qd, mut jacobian) = ([0.1, -0.4, 0.7], [0.2, 0.5, -0.3], [f64::NAN; 18]);
-    /// scene.jacobian(&q, "link2", Local, &mut jacobian)?;
-    /// let velocity = scene.velocity(&q, &qd, "link2", Local)?;
-    /// for (row, v) in jacobian.chunks(3).zip(velocity.iter()) {
-    ///     assert!((row.iter().zip(&qd).map(|(j, qd)| j * qd).sum::<f64>() - v).abs() < 1e-14);
-    /// }
-    /// # Ok(())
-    /// # }
-    /// ```
-    ///
-    /// # Errors
-    ///
-    /// As [`Scene::placement`].
-    pub fn jacobian<'a>(
-        &self,
-        q: &[f64],
-        link: impl Into<OnLink<'a>>,
-        reference: ReferenceFrame,
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let frame = self.on_link(&link.into())?;
-        let q = &*self.tree_configuration("q", q)?;
-        self.tree_columns(6, out, |out| kinematics::jacobian(self.model(), q, &frame, reference, out))?;
-        self.check_result("jacobian", out)
-    }
-
-    /// Time derivative J' of [`Scene::jacobian`] for the joint velocities `qd`, (6 x nv), row-major: the derivative of
-    /// every entry of J as expressed in `reference`. O(depth), plus clearing `out`.
-    ///
-    /// J qdd + J' qd is the spatial acceleration in the references local and world, and the classical acceleration in
-    /// the local-world-aligned reference.
-    ///
-    /// # Errors
-    ///
-    /// As [`Scene::placement`].
-    pub fn jacobian_rate<'a>(
-        &self,
-        q: &[f64],
-        qd: &[f64],
-        link: impl Into<OnLink<'a>>,
-        reference: ReferenceFrame,
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let frame = self.on_link(&link.into())?;
-        let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
-        self.tree_columns(6, out, |out| kinematics::jacobian_rate(self.model(), q, qd, &frame, reference, out))?;
-        self.check_result("jacobian rate", out)
-    }
-
-    /// Product J' qd of [`Scene::jacobian_rate`] with qd: the acceleration for zero joint accelerations. Does not form
-    /// J'. O(depth).
-    ///
-    /// # Errors
-    ///
-    /// As [`Scene::placement`].
-    pub fn jacobian_rate_product<'a>(
-        &self,
-        q: &[f64],
-        qd: &[f64],
-        link: impl Into<OnLink<'a>>,
-        reference: ReferenceFrame,
-    ) -> Result<SpatialVector<f64>, Error> {
-        let product = self.frame_motion(q, qd, None, &link.into())?.rate_in(reference);
-        self.check_result("jacobian rate product", product.as_slice())?;
-        Ok(product)
-    }
-
     /// Resolves the frame, and checks that the scene has its body.
     #[inline]
     fn on_link(&self, frame: &OnLink<'_>) -> Result<Frame<f64>, Error> {
@@ -236,18 +121,68 @@ impl Scene {
             }
         }
     }
+}
 
-    /// Position, velocity and acceleration of a frame, for arguments of unchecked lengths.
-    fn frame_motion(
-        &self,
-        q: &[f64],
-        qd: &[f64],
-        qdd: Option<&[f64]>,
-        frame: &OnLink<'_>,
-    ) -> Result<FrameMotion<f64>, Error> {
-        let frame = self.on_link(frame)?;
-        let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
-        let qdd = qdd.map(|qdd| self.tree_rates("qdd", qdd)).transpose()?;
-        Ok(kinematics::frame_motion(self.model(), q, qd, qdd.as_deref(), &frame))
-    }
+quantities_of_links! {
+    /// Spatial velocity of a link, or of a frame on it, expressed in `reference`.
+    ///
+    /// `q` (nq), `qd` (nv). O(depth).
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::placement`].
+    fn velocity(q, qd; reference: ReferenceFrame) -> SpatialVector = Velocity;
+
+    /// Spatial acceleration of a link, or of a frame on it, for the joint accelerations `qdd`, expressed in
+    /// `reference`. Gravity is excluded.
+    ///
+    /// `q` (nq), `qd`, `qdd` (nv). O(depth).
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::placement`].
+    fn acceleration(q, qd, qdd; reference: ReferenceFrame, kind: AccelerationKind) -> SpatialVector = Acceleration;
+
+    /// Jacobian J of a link, or of a frame on it, (6 x nv), row-major: its velocity expressed in `reference` is J qd.
+    ///
+    /// In [`ReferenceFrame::Local`], a wrench w on the link, at the origin of the frame and in its axes, causes the
+    /// joint torques J^T w. O(depth), plus clearing `out`.
+    ///
+    /// ```
+    /// use phipsi::kinematics::ReferenceFrame::Local;
+    /// # fn main() -> Result<(), phipsi::Error> {
+    /// let scene = phipsi::scenes::chain(3)?;
+    /// let (q, qd, mut jacobian) = ([0.1, -0.4, 0.7], [0.2, 0.5, -0.3], [f64::NAN; 18]);
+    /// scene.jacobian(&q, "link2", Local, &mut jacobian)?;
+    /// let velocity = scene.velocity(&q, &qd, "link2", Local)?;
+    /// for (row, v) in jacobian.chunks(3).zip(velocity.iter()) {
+    ///     assert!((row.iter().zip(&qd).map(|(j, qd)| j * qd).sum::<f64>() - v).abs() < 1e-14);
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::placement`].
+    fn jacobian(q; reference: ReferenceFrame) -> _ = Jacobian;
+
+    /// Time derivative J' of [`Scene::jacobian`] for the joint velocities `qd`, (6 x nv), row-major: the derivative of
+    /// every entry of J as expressed in `reference`. O(depth), plus clearing `out`.
+    ///
+    /// J qdd + J' qd is the spatial acceleration in the references local and world, and the classical acceleration in
+    /// the local-world-aligned reference.
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::placement`].
+    fn jacobian_rate(q, qd; reference: ReferenceFrame) -> _ = JacobianRate;
+
+    /// Product J' qd of [`Scene::jacobian_rate`] with qd: the acceleration for zero joint accelerations. Does not form
+    /// J'. O(depth).
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::placement`].
+    fn jacobian_rate_product(q, qd; reference: ReferenceFrame) -> SpatialVector = JacobianRateProduct;
 }

@@ -1,10 +1,11 @@
 //! Dynamics algorithms at one state. Each method checks its arguments before it computes.
 
+use super::declared::{algorithms, quantities};
 use super::kernels;
 use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
+use crate::dynamics::Energy;
 use crate::dynamics::coupled::Ask;
 use crate::dynamics::mass_inverse::InverseScratch;
-use crate::dynamics::{self, Energy};
 use crate::error::{Error, Fault, check_finite};
 use crate::kinematics;
 use crate::scene::{Coupling, Link, Scene};
@@ -35,90 +36,6 @@ impl Scene {
         InverseScratch::new(self.model())
     }
 
-    /// Forward dynamics: joint accelerations `qdd` (nv) of M qdd + bias = tau + J^T wrenches.
-    ///
-    /// `q` (nq), `qd` and `tau` (nv) are in SI units; `wrenches` is empty or holds one spatial force (moment, force)
-    /// per body, in its body frame. The factorization form is that of the workspace. O(N).
-    ///
-    /// The compiled kernels of [`Scene::evaluate`] compute the result. A state whose error estimate exceeds the
-    /// tolerance is recomputed by [`Scene::recursion`], and so is every state if the workspace estimates errors. For a
-    /// scene with connections the accelerations are those of [`Scene::constrained_dynamics`]. The remaining content of
-    /// the workspace is unspecified after the call.
-    ///
-    /// ```
-    /// # fn main() -> Result<(), phipsi::Error> {
-    /// let scene = phipsi::scenes::chain(3)?;
-    /// let mut workspace = scene.workspace();
-    /// let (q, qd, mut tau, mut qdd) = ([0.3; 3], [0.0; 3], [0.0; 3], [f64::NAN; 3]);
-    /// scene.gravity_torque(&mut workspace, &q, &mut tau)?;
-    /// scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut qdd)?;
-    /// assert!(qdd.iter().all(|a| a.abs() < 1e-12)); // static equilibrium
-    /// # Ok(())
-    /// # }
-    /// ```
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for a workspace of another scene,
-    /// [`Error::SingularJoint`] if a pivot has no significant digits, and [`Error::Constraint`] if the connections
-    /// contradict each other or the state violates them (see [`Scene::constrained_dynamics`]).
-    #[allow(clippy::too_many_arguments)] // a state has three arrays; the caller owns scratch and result
-    pub fn forward_dynamics(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        tau: &[f64],
-        wrenches: &[SpatialVector<f64>],
-        qdd: &mut [f64],
-    ) -> Result<(), Error> {
-        let algorithm = Algorithm::ForwardDynamics(workspace.form);
-        self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: tau, wrenches, ..Arguments::default() }, qdd)
-    }
-
-    /// Inverse dynamics: joint torques `tau` (nv) of tau = M qdd + bias - J^T wrenches.
-    ///
-    /// `q` (nq), `qd` and `qdd` (nv) are in SI units; `wrenches` is as in [`Scene::forward_dynamics`]. O(N).
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
-    #[allow(clippy::too_many_arguments)] // as above
-    pub fn inverse_dynamics(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        qdd: &[f64],
-        wrenches: &[SpatialVector<f64>],
-        tau: &mut [f64],
-    ) -> Result<(), Error> {
-        self.run_one(
-            workspace,
-            None,
-            Algorithm::InverseDynamics,
-            &Arguments { q, qd, u: qdd, wrenches, ..Arguments::default() },
-            tau,
-        )
-    }
-
-    /// Nonlinear effects at one state: the bias torque H phi b (nv), with Coriolis, centrifugal and gravity terms, N m
-    /// or N.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`] and [`Error::NotFinite`].
-    pub fn bias_torque(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        tau: &mut [f64],
-    ) -> Result<(), Error> {
-        let state = Arguments { q, qd, ..Arguments::default() };
-        self.run_one(workspace, None, Algorithm::BiasTorque, &state, tau)
-    }
-
     /// Joint torques (nv) that compensate gravity at `q`, dU/dq in the tangent space of q: the bias torque for zero
     /// velocities, N m or N.
     ///
@@ -131,16 +48,6 @@ impl Scene {
         let outcome = self.bias_torque(workspace, q, &rest[..rest.len().min(self.nv())], tau);
         workspace.rest = rest;
         outcome
-    }
-
-    /// Joint-space mass matrix M at `q`, (nv x nv), row-major, written to `out`. Armature is included.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`] and [`Error::NotFinite`].
-    pub fn mass_matrix(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        let state = Arguments { q, ..Arguments::default() };
-        self.run_one(workspace, None, Algorithm::MassMatrix, &state, out)
     }
 
     /// Inverse M^-1 of the joint-space mass matrix at `q` in closed form (6.1), (nv x nv), row-major, written to `out`.
@@ -218,11 +125,8 @@ impl Scene {
     ///
     /// [`Error::Shape`] and [`Error::NotFinite`].
     pub fn energy(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<Energy<f64>, Error> {
-        let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
-        self.check_workspace(workspace)?;
-        let energy = dynamics::energy(self.model(), workspace, q, qd);
-        self.check_result("energy", &[energy.kinetic, energy.potential])?;
-        Ok(energy)
+        let [kinetic, potential] = self.numbers_of(Some(workspace), &KinematicQuantity::Energy, &[q, qd])?;
+        Ok(Energy { kinetic, potential })
     }
 
     /// Kinetic energy without the potential energy, J; armature is included. O(N).
@@ -231,11 +135,7 @@ impl Scene {
     ///
     /// [`Error::Shape`] and [`Error::NotFinite`].
     pub fn kinetic_energy(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<f64, Error> {
-        let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
-        self.check_workspace(workspace)?;
-        let kinetic = dynamics::kinetic_energy(self.model(), workspace, q, qd);
-        self.check_result("kinetic energy", &[kinetic])?;
-        Ok(kinetic)
+        self.numbers_of(Some(workspace), &KinematicQuantity::KineticEnergy, &[q, qd]).map(|[kinetic]| kinetic)
     }
 
     /// Potential energy of gravity alone, J, zero with the center of mass at the origin of the base.
@@ -244,23 +144,7 @@ impl Scene {
     ///
     /// Wrong lengths and numbers that are not finite.
     pub fn potential_energy(&self, workspace: &mut Workspace<f64>, q: &[f64]) -> Result<f64, Error> {
-        let mut potential = [f64::NAN];
-        self.kinematic_quantity(workspace, &KinematicQuantity::PotentialEnergy, [q, &[], &[]], &mut potential)?;
-        Ok(potential[0])
-    }
-
-    /// Spatial momentum in the base frame: (angular momentum about the base origin, linear momentum), N m s and N s.
-    /// O(N).
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`] and [`Error::NotFinite`].
-    pub fn momentum(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<SpatialVector<f64>, Error> {
-        let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
-        self.check_workspace(workspace)?;
-        let momentum = dynamics::momentum(self.model(), workspace, q, qd);
-        self.check_result("momentum", momentum.as_slice())?;
-        Ok(momentum)
+        self.numbers_of(Some(workspace), &KinematicQuantity::PotentialEnergy, &[q]).map(|[potential]| potential)
     }
 
     /// Forward kinematics: the pose of every link, from the link frame to the base frame, in the order of
@@ -299,6 +183,71 @@ impl Scene {
         }
         Ok(on_bodies)
     }
+}
+
+algorithms! {
+    /// Forward dynamics: joint accelerations `qdd` (nv) of M qdd + bias = tau + J^T wrenches.
+    ///
+    /// `q` (nq), `qd` and `tau` (nv) are in SI units; `wrenches` is empty or holds one spatial force (moment, force)
+    /// per body, in its body frame. The factorization form is that of the workspace. O(N).
+    ///
+    /// The compiled kernels of [`Scene::evaluate`] compute the result. A state whose error estimate exceeds the
+    /// tolerance is recomputed by [`Scene::recursion`], and so is every state if the workspace estimates errors. For a
+    /// scene with connections the accelerations are those of [`Scene::constrained_dynamics`]. The remaining content of
+    /// the workspace is unspecified after the call.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), phipsi::Error> {
+    /// let scene = phipsi::scenes::chain(3)?;
+    /// let mut workspace = scene.workspace();
+    /// let (q, qd, mut tau, mut qdd) = ([0.3; 3], [0.0; 3], [0.0; 3], [f64::NAN; 3]);
+    /// scene.gravity_torque(&mut workspace, &q, &mut tau)?;
+    /// scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut qdd)?;
+    /// assert!(qdd.iter().all(|a| a.abs() < 1e-12)); // static equilibrium
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for a workspace of another scene,
+    /// [`Error::SingularJoint`] if a pivot has no significant digits, and [`Error::Constraint`] if the connections
+    /// contradict each other or the state violates them (see [`Scene::constrained_dynamics`]).
+    fn forward_dynamics(q, qd, tau) -> qdd = Algorithm::ForwardDynamics;
+
+    /// Inverse dynamics: joint torques `tau` (nv) of tau = M qdd + bias - J^T wrenches.
+    ///
+    /// `q` (nq), `qd` and `qdd` (nv) are in SI units; `wrenches` is as in [`Scene::forward_dynamics`]. O(N).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
+    fn inverse_dynamics(q, qd, qdd) -> tau = |_| Algorithm::InverseDynamics;
+
+    /// Nonlinear effects at one state: the bias torque H phi b (nv), with Coriolis, centrifugal and gravity terms, N m
+    /// or N.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] and [`Error::NotFinite`].
+    fn bias_torque(q, qd) -> tau = |_| Algorithm::BiasTorque;
+
+    /// Joint-space mass matrix M at `q`, (nv x nv), row-major, written to `out`. Armature is included.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] and [`Error::NotFinite`].
+    fn mass_matrix(q) -> out = |_| Algorithm::MassMatrix;
+}
+
+quantities! {
+    /// Spatial momentum in the base frame: (angular momentum about the base origin, linear momentum), N m s and N s.
+    /// O(N).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] and [`Error::NotFinite`].
+    fn momentum(q, qd) -> SpatialVector = Momentum;
 }
 
 /// Pose of a link in the base frame, given the poses of all bodies.

@@ -4,6 +4,7 @@
 mod centroidal;
 mod constraints;
 mod contacts;
+mod declared;
 #[cfg(feature = "derivatives")]
 mod derivatives;
 #[cfg(feature = "estimation")]

@@ -245,11 +245,8 @@ fn some_link<L>(links: &[L]) -> Result<(), Error> {
 fn task_directions(directions: Option<&[f64]>, width: usize) -> Result<DMatrix<f64>, Error> {
     let Some(directions) = directions else { return Ok(DMatrix::identity(width, width)) };
     if directions.is_empty() || width == 0 || !directions.len().is_multiple_of(width) {
-        return Err(Error::Shape {
-            argument: "directions".to_owned(),
-            found: format!("({},)", directions.len()),
-            expected: format!("(k * {width},), k at least 1"),
-        });
+        let expected = format!("(k * {width},), k at least 1");
+        return Err(Error::shape("directions", format!("({},)", directions.len()), expected));
     }
     check_finite("directions", directions)?;
     Ok(DMatrix::from_row_slice(directions.len() / width, width, directions))

@@ -1,7 +1,8 @@
 //! Products with the Jacobians of the dynamics at one state (forward and reverse mode, Hessian products). Each method
 //! checks its arguments before it computes.
 
-use crate::algorithm::{Algorithm, Arguments, Products};
+use super::declared::algorithms;
+use crate::algorithm::{Algorithm, Arguments, FORWARD_DYNAMICS_JVP, INVERSE_DYNAMICS_JVP, Products};
 use crate::dynamics::derivatives::{self, HessianScratch};
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
@@ -15,158 +16,9 @@ impl Scene {
         HessianScratch::new(self.model())
     }
 
-    /// Directional derivative dtau (nv) of inverse dynamics along (dq, dqd, dqdd): see
-    /// [`derivatives::inverse_dynamics_jvp`].
-    ///
-    /// `q` (nq), `qd` and `qdd` (nv) are in SI units; `wrenches` is empty or holds one spatial force per body, constant
-    /// in its body frame; `direction` holds three vectors (nv), dq in the tangent space of `q`. The compiled kernels
-    /// compute the result, as in [`Scene::forward_dynamics`]; the first call allocates their scratch. O(N); forms no
-    /// matrix.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
-    #[allow(clippy::too_many_arguments)] // a state has three arrays and forces; the caller owns scratch and results
-    pub fn inverse_dynamics_jvp(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        qdd: &[f64],
-        wrenches: &[SpatialVector<f64>],
-        direction: [&[f64]; 3],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let state = Arguments { q, qd, u: qdd, wrenches, seed: direction, ..Arguments::default() };
-        self.run_one(workspace, None, Algorithm::Products(Products::InverseTangent), &state, out)
-    }
-
-    /// Gradients of x . tau of inverse dynamics by q, qd and qdd, (3 x nv), written to `out`.
-    ///
-    /// x is the `cotangent` of tau (nv); the gradient by q is in its tangent space. See
-    /// [`derivatives::inverse_dynamics_vjp`]. The other arguments and the cost are those of
-    /// [`Scene::inverse_dynamics_jvp`].
-    ///
-    /// # Errors
-    ///
-    /// As [`Scene::inverse_dynamics_jvp`].
-    #[allow(clippy::too_many_arguments)] // as above
-    pub fn inverse_dynamics_vjp(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        qdd: &[f64],
-        wrenches: &[SpatialVector<f64>],
-        cotangent: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let state = Arguments { q, qd, u: qdd, wrenches, seed: [cotangent, &[], &[]], ..Arguments::default() };
-        self.run_one(workspace, None, Algorithm::Products(Products::InverseGradient), &state, out)
-    }
-
-    /// Directional derivative dqdd (nv) of forward dynamics along (dq, dqd, dtau), in the form of the workspace: see
-    /// [`derivatives::forward_dynamics_jvp`].
-    ///
-    /// `q` (nq), `qd` and `tau` (nv); the other arguments are as in [`Scene::inverse_dynamics_jvp`]. The compiled
-    /// kernels compute the forms `auto` and `covariance`. The general recursion, which allocates its scratch, computes
-    /// the other forms and the states whose error estimate exceeds the tolerance. O(N); forms no matrix.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for a workspace of another scene,
-    /// [`Error::SingularJoint`] if a pivot has no significant digits, and, in square-root form, an error for an inertia
-    /// that has no square root.
-    #[allow(clippy::too_many_arguments)] // as above
-    pub fn forward_dynamics_jvp(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        tau: &[f64],
-        wrenches: &[SpatialVector<f64>],
-        direction: [&[f64]; 3],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let algorithm = Algorithm::Products(Products::ForwardTangent(workspace.form));
-        let state = Arguments { q, qd, u: tau, wrenches, seed: direction, ..Arguments::default() };
-        self.run_one(workspace, None, algorithm, &state, out)
-    }
-
-    /// Gradients of c . qdd of forward dynamics by q, qd and tau, (3 x nv), written to `out`, in the form of the
-    /// workspace.
-    ///
-    /// c is the `cotangent` of qdd (nv); the gradient by q is in its tangent space. See
-    /// [`derivatives::forward_dynamics_vjp`]. The other arguments and the cost are those of
-    /// [`Scene::forward_dynamics_jvp`].
-    ///
-    /// # Errors
-    ///
-    /// As [`Scene::forward_dynamics_jvp`].
-    #[allow(clippy::too_many_arguments)] // as above
-    pub fn forward_dynamics_vjp(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        tau: &[f64],
-        wrenches: &[SpatialVector<f64>],
-        cotangent: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let algorithm = Algorithm::Products(Products::ForwardGradient(workspace.form));
-        let state = Arguments { q, qd, u: tau, wrenches, seed: [cotangent, &[], &[]], ..Arguments::default() };
-        self.run_one(workspace, None, algorithm, &state, out)
-    }
-
-    /// [`Scene::inverse_dynamics_vjp`] with the gradients by armature, gravity, wrenches and inertias.
-    ///
-    /// `out` has [`Scene::width`] entries in the order of [`Products::InverseGradients`]; bodies and body frames are
-    /// those of [`Scene::model`].
-    ///
-    /// # Errors
-    ///
-    /// As [`Scene::inverse_dynamics_vjp`].
-    #[allow(clippy::too_many_arguments)] // as above
-    pub fn inverse_dynamics_gradients(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        qdd: &[f64],
-        wrenches: &[SpatialVector<f64>],
-        cotangent: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let state = Arguments { q, qd, u: qdd, wrenches, seed: [cotangent, &[], &[]], ..Arguments::default() };
-        self.run_one(workspace, None, Algorithm::Products(Products::InverseGradients), &state, out)
-    }
-
-    /// [`Scene::forward_dynamics_vjp`] with the gradients by armature, gravity, wrenches and inertias, in the order of
-    /// [`Scene::inverse_dynamics_gradients`].
-    ///
-    /// # Errors
-    ///
-    /// As [`Scene::forward_dynamics_vjp`].
-    #[allow(clippy::too_many_arguments)] // as above
-    pub fn forward_dynamics_gradients(
-        &self,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        qd: &[f64],
-        tau: &[f64],
-        wrenches: &[SpatialVector<f64>],
-        cotangent: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let algorithm = Algorithm::Products(Products::ForwardGradients(workspace.form));
-        let state = Arguments { q, qd, u: tau, wrenches, seed: [cotangent, &[], &[]], ..Arguments::default() };
-        self.run_one(workspace, None, algorithm, &state, out)
-    }
-
     /// [`Scene::inverse_dynamics_jvp`] along a direction that also changes wrenches, inertias, armature and gravity.
     ///
-    /// In `state`, u is qdd, and the seed is that of [`Products::InverseTangents`], whose third part has
+    /// In `state`, u is qdd, and the seed is that of [`Products::tangent`] with constants, whose third part has
     /// [`Scene::seed_width`] entries; bodies and body frames are those of [`Scene::model`]. O(N).
     ///
     /// # Errors
@@ -178,7 +30,7 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        self.run_one(workspace, None, Algorithm::Products(Products::InverseTangents), state, out)
+        self.run_one(workspace, None, Algorithm::Products(Products::tangent(None).with_constants()), state, out)
     }
 
     /// [`Scene::forward_dynamics_jvp`] along a direction that also changes wrenches, inertias, armature and gravity.
@@ -194,7 +46,7 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let algorithm = Algorithm::Products(Products::ForwardTangents(workspace.form));
+        let algorithm = Algorithm::Products(Products::tangent(Some(workspace.form)).with_constants());
         self.run_one(workspace, None, algorithm, state, out)
     }
 
@@ -214,8 +66,8 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_product_state(Products::InverseGradient, state, (scratch.identity(), out.len()))?;
-        for ((name, _), direction) in Products::InverseTangent.entry().seeds().iter().zip(direction) {
+        self.check_product_state(Products::gradient(None), state, (scratch.identity(), out.len()))?;
+        for ((name, _), direction) in INVERSE_DYNAMICS_JVP.seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
         }
         let q = self.tree_configuration("q", state.q)?;
@@ -258,9 +110,9 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let which = Products::ForwardGradient(workspace.form);
+        let which = Products::gradient(Some(workspace.form));
         self.check_product(workspace, which, state, (scratch.identity(), out.len()))?;
-        for ((name, _), direction) in Products::ForwardTangent(workspace.form).entry().seeds().iter().zip(direction) {
+        for ((name, _), direction) in FORWARD_DYNAMICS_JVP.seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
         }
         if !self.constraints().is_empty() {
@@ -347,4 +199,76 @@ impl Scene {
         check_length("out", out, entry.results.len() * self.nv())?;
         self.check_scratch("scratch", scratch, "scene.hessian_scratch()")
     }
+}
+
+algorithms! {
+    /// Directional derivative dtau (nv) of inverse dynamics along (dq, dqd, dqdd): see
+    /// [`derivatives::inverse_dynamics_jvp`].
+    ///
+    /// `q` (nq), `qd` and `qdd` (nv) are in SI units; `wrenches` is empty or holds one spatial force per body, constant
+    /// in its body frame; `direction` holds three vectors (nv), dq in the tangent space of `q`. The compiled kernels
+    /// compute the result, as in [`Scene::forward_dynamics`]; the first call allocates their scratch. O(N); forms no
+    /// matrix.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
+    fn inverse_dynamics_jvp(q, qd, qdd, direction) -> out = |_| Algorithm::Products(Products::tangent(None));
+
+    /// Gradients of x . tau of inverse dynamics by q, qd and qdd, (3 x nv), written to `out`.
+    ///
+    /// x is the `cotangent` of tau (nv); the gradient by q is in its tangent space. See
+    /// [`derivatives::inverse_dynamics_vjp`]. The other arguments and the cost are those of
+    /// [`Scene::inverse_dynamics_jvp`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::inverse_dynamics_jvp`].
+    fn inverse_dynamics_vjp(q, qd, qdd, cotangent) -> out = |_| Algorithm::Products(Products::gradient(None));
+
+    /// Directional derivative dqdd (nv) of forward dynamics along (dq, dqd, dtau), in the form of the workspace: see
+    /// [`derivatives::forward_dynamics_jvp`].
+    ///
+    /// `q` (nq), `qd` and `tau` (nv); the other arguments are as in [`Scene::inverse_dynamics_jvp`]. The compiled
+    /// kernels compute the forms `auto` and `covariance`. The general recursion, which allocates its scratch, computes
+    /// the other forms and the states whose error estimate exceeds the tolerance. O(N); forms no matrix.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::Argument`] for a workspace of another scene,
+    /// [`Error::SingularJoint`] if a pivot has no significant digits, and, in square-root form, an error for an inertia
+    /// that has no square root.
+    fn forward_dynamics_jvp(q, qd, tau, direction) -> out = |form| Algorithm::Products(Products::tangent(Some(form)));
+
+    /// Gradients of c . qdd of forward dynamics by q, qd and tau, (3 x nv), written to `out`, in the form of the
+    /// workspace.
+    ///
+    /// c is the `cotangent` of qdd (nv); the gradient by q is in its tangent space. See
+    /// [`derivatives::forward_dynamics_vjp`]. The other arguments and the cost are those of
+    /// [`Scene::forward_dynamics_jvp`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::forward_dynamics_jvp`].
+    fn forward_dynamics_vjp(q, qd, tau, cotangent) -> out = |form| Algorithm::Products(Products::gradient(Some(form)));
+
+    /// [`Scene::inverse_dynamics_vjp`] with the gradients by armature, gravity, wrenches and inertias.
+    ///
+    /// `out` has [`Scene::width`] entries in the order of [`Products::with_constants`]; bodies and body frames are
+    /// those of [`Scene::model`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::inverse_dynamics_vjp`].
+    fn inverse_dynamics_gradients(q, qd, qdd, cotangent) -> out =
+        |_| Algorithm::Products(Products::gradient(None).with_constants());
+
+    /// [`Scene::forward_dynamics_vjp`] with the gradients by armature, gravity, wrenches and inertias, in the order of
+    /// [`Scene::inverse_dynamics_gradients`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::forward_dynamics_vjp`].
+    fn forward_dynamics_gradients(q, qd, tau, cotangent) -> out =
+        |form| Algorithm::Products(Products::gradient(Some(form)).with_constants());
 }

@@ -18,24 +18,38 @@ impl Scene {
         &self,
         workspace: &mut Workspace<f64>,
         what: &KinematicQuantity<'_>,
-        [q, qd, qdd]: [&[f64]; 3],
+        state: [&[f64]; 3],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        self.quantity(Some(workspace), what, &state, out)
+    }
+
+    /// [`Scene::kinematic_quantity`] without the arrays that it does not read; quantities of frames need no workspace.
+    pub(super) fn quantity(
+        &self,
+        workspace: Option<&mut Workspace<f64>>,
+        what: &KinematicQuantity<'_>,
+        given: &[&[f64]],
         out: &mut [f64],
     ) -> Result<(), Error> {
         check_length("out", out.len(), what.width(self.nv()))?;
-        match what.frame() {
-            Some(frame) => self.check_frame(frame)?,
-            None => self.check_workspace(workspace)?,
+        match (what.frame(), &workspace) {
+            (Some(frame), _) => self.check_frame(frame)?,
+            (None, Some(workspace)) => self.check_workspace(workspace)?,
+            (None, None) => {}
         }
         if what.entry().needs_mass {
             self.check_has_mass()?;
         }
-        let rates = |place: usize, name: &str, given| {
-            if place < what.reads() { self.tree_rates(name, given) } else { Ok(Cow::Borrowed(&[][..])) }
+        let rates = |place: usize, name: &str| {
+            if place < what.reads() { self.tree_rates(name, given[place]) } else { Ok(Cow::Borrowed(&[][..])) }
         };
-        let (q, qd, qdd) = (self.tree_configuration("q", q)?, rates(1, "qd", qd)?, rates(2, "qdd", qdd)?);
+        let (q, qd, qdd) = (self.tree_configuration("q", given[0])?, rates(1, "qd")?, rates(2, "qdd")?);
         let (model, state) = (self.model(), (&*q, &*qd, &*qdd));
-        let mut compute = |out: &mut [f64]| {
-            if !of_frame(model, what, state, out) {
+        let compute = |out: &mut [f64]| {
+            if !of_frame(model, what, state, out)
+                && let Some(workspace) = workspace
+            {
                 of_all_bodies(model, workspace, what, state, out);
             }
         };
@@ -47,5 +61,17 @@ impl Scene {
             return Ok(());
         }
         self.check_result(&what.entry().name.replace('_', " "), out)
+    }
+
+    /// [`Scene::quantity`] as an array of the length of its result.
+    pub(super) fn numbers_of<const N: usize>(
+        &self,
+        workspace: Option<&mut Workspace<f64>>,
+        what: &KinematicQuantity<'_>,
+        given: &[&[f64]],
+    ) -> Result<[f64; N], Error> {
+        let mut out = [f64::NAN; N];
+        self.quantity(workspace, what, given, &mut out)?;
+        Ok(out)
     }
 }

@@ -4,7 +4,7 @@ use super::Fault;
 use super::evaluator::Evaluator;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments};
-use crate::error::Error;
+use crate::error::check_length;
 use crate::filter::Form;
 use crate::scene::Scene;
 
@@ -17,7 +17,8 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// As [`Scene::evaluate`], and [`Error::Shape`] if the number of entries differs from the number of states.
+    /// As [`Scene::evaluate`], and [`Error::Shape`](crate::Error::Shape) if the number of entries differs from the
+    /// number of states.
     pub fn evaluate_with_accuracy(
         &self,
         evaluator: &mut Evaluator,
@@ -26,12 +27,7 @@ impl Scene {
         out: &mut [f64],
         accuracy: &mut [Accuracy],
     ) -> Result<(), Fault> {
-        if accuracy.len() != states.len() {
-            let found = format!("({},)", accuracy.len());
-            let error =
-                Error::Shape { argument: "accuracy".to_owned(), found, expected: format!("({},)", states.len()) };
-            return Err(Fault { state: 0, error });
-        }
+        check_length("accuracy", accuracy.len(), states.len()).map_err(|error| Fault { state: 0, error })?;
         if form == Form::Auto {
             let auto = Algorithm::ForwardDynamics(form);
             evaluator.checked.workspace.estimates_error = true;

@@ -304,6 +304,17 @@ const PRODUCTS: u8 = 5;
 /// Forward dynamics through connections.
 const CONNECTED: u8 = 6;
 
+/// The arguments and results of a kernel with scratch of its own.
+pub(super) struct KernelArguments<'a, T: Vectorized, K> {
+    pub scene: (&'a Model<T>, &'a SweepModel<T>),
+    pub scratch: &'a mut SweepScratch<T>,
+    pub kernel: &'a mut K,
+    /// (q, qd, u).
+    pub state: (&'a [T], &'a [T], &'a [T]),
+    pub wrenches: &'a [Vector6<T>],
+    pub out: &'a mut [f64],
+}
+
 /// A chunk with its arguments.
 struct ChunkArguments<'a, T: Vectorized> {
     chunk: &'a mut Chunk<T>,
@@ -352,11 +363,10 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         let mut doubt = doubtful(states.len(), nearness, fault);
         #[cfg(feature = "derivatives")]
         if let (Algorithm::Derivatives(which), true) = (algorithm, GROUP == DERIVATIVES) {
-            let kernel = derivatives.get_or_insert_with(|| Box::new(DerivativeKernel::new(model, sweeps)));
-            let scratch = (sweep_scratch, inverse_columns);
-            let call =
-                derivatives::KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
-            doubt |= derivatives::run(target, which, call);
+            let kernel = &mut **derivatives.get_or_insert_with(|| Box::new(DerivativeKernel::new(model, sweeps)));
+            let scratch = sweep_scratch;
+            let call = KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
+            doubt |= derivatives::run(target, which, call, inverse_columns);
             if which == Derivatives::MassMatrix {
                 for matrix in out.chunks_exact_mut(model.nv() * model.nv()) {
                     with_transpose(model.nv(), matrix, |a, b| a + b);
@@ -366,17 +376,16 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         }
         #[cfg(feature = "derivatives")]
         if let (Algorithm::Products(which), true) = (algorithm, GROUP == PRODUCTS) {
-            let kernel = products.get_or_insert_with(|| Box::new(ProductKernel::new(model, sweeps)));
+            let kernel = &mut **products.get_or_insert_with(|| Box::new(ProductKernel::new(model, sweeps)));
             let fault = gather_seeds(&mut kernel.seeds, &given);
             for lane in 0..states.len() {
                 doubt |= u64::from(fault.lane(lane) != 0.0) << lane;
             }
-            let call =
-                products::KernelArguments { scene, scratch: sweep_scratch, kernel, state: (q, qd, u), wrenches, out };
+            let call = KernelArguments { scene, scratch: sweep_scratch, kernel, state: (q, qd, u), wrenches, out };
             return doubt | products::run(target, which, call);
         }
         if let (Some(form), true) = (algorithm.form(), GROUP == CONNECTED) {
-            let kernel = connected.get_or_insert_with(|| Box::new(ConnectedKernel::new(scene, constraints)));
+            let kernel = &mut **connected.get_or_insert_with(|| Box::new(ConnectedKernel::new(scene, constraints)));
             let compliance = &mut kernel.rows.compliance;
             if given[0].seed[0].is_empty() {
                 compliance.fill(T::zero());
@@ -385,8 +394,8 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
                 doubt |= lanes_but::<T>(|lane| fault.lane(lane) == 0.0);
             }
             let (scratch, states) = (sweep_scratch, states.len());
-            let call = connected::KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out, states };
-            return doubt | connected::run(target, form, call);
+            let call = KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out };
+            return doubt | connected::run(target, form, call, states);
         }
         let entries = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns);
         // `auto` also stores one value per row.

@@ -1,5 +1,6 @@
 //! Forward dynamics through connections, for one state per lane of a scalar.
 
+use super::chunk::KernelArguments;
 use super::factor;
 use super::finite::any_not_finite;
 use super::instruction_set::{Target, Vectorized, within_target};
@@ -9,7 +10,6 @@ use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::lanes_but;
 use crate::scene::constraint::Constraints;
-use nalgebra::Vector6;
 
 /// Largest number of refinements that remove the rounding error of the rows.
 const CORRECTIONS: usize = 2;
@@ -36,22 +36,14 @@ impl<T: Vectorized> ConnectedKernel<T> {
     }
 }
 
-/// The arguments and results of a call.
-pub(super) struct KernelArguments<'a, T: Vectorized> {
-    pub scene: (&'a Model<T>, &'a SweepModel<T>),
-    pub scratch: &'a mut SweepScratch<T>,
-    pub kernel: &'a mut ConnectedKernel<T>,
-    /// (q, qd, tau).
-    pub state: (&'a [T], &'a [T], &'a [T]),
-    pub wrenches: &'a [Vector6<T>],
-    /// Accelerations, or all of the results.
-    pub out: &'a mut [f64],
-    pub states: usize,
-}
-
 /// Writes the results; returns the lanes that need the fallback (values that are not finite, for instance) as bits.
 #[inline(always)]
-pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: KernelArguments<'_, T>) -> u64 {
+pub(super) fn run<T: Vectorized, I: Target>(
+    target: I,
+    form: Form,
+    call: KernelArguments<'_, T, ConnectedKernel<T>>,
+    states: usize,
+) -> u64 {
     let KernelArguments {
         scene,
         scratch,
@@ -59,7 +51,6 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, form: Form, call: KernelA
         state,
         wrenches,
         out,
-        states,
     } = call;
     let nv = innovations.len();
     if form == Form::SquareRoot {

@@ -1,6 +1,7 @@
 //! Derivatives for one state per lane of a scalar.
 
 use super::accelerations;
+use super::chunk::KernelArguments;
 use super::factor::{multiplied_out, with_factor};
 use super::finite::entries_not_finite;
 use super::instruction_set::{Entry, Target, Vectorized, within_target};
@@ -11,7 +12,6 @@ use crate::dynamics::sweeps::{InverseColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, lanes_but};
-use nalgebra::Vector6;
 
 /// Scratch beyond that of the dynamics, allocated by the first call.
 #[derive(Debug)]
@@ -45,21 +45,15 @@ impl<T: Vectorized> DerivativeKernel<T> {
     }
 }
 
-/// The arguments and results of a call.
-pub(super) struct KernelArguments<'a, T: Vectorized> {
-    pub scene: (&'a Model<T>, &'a SweepModel<T>),
-    pub scratch: (&'a mut SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
-    pub kernel: &'a mut DerivativeKernel<T>,
-    /// (q, qd, u).
-    pub state: (&'a [T], &'a [T], &'a [T]),
-    pub wrenches: &'a [Vector6<T>],
-    pub out: &'a mut [f64],
-}
-
 /// Writes the matrices; returns the lanes that need the fallback (values that are not finite, for instance) as bits.
 #[inline(always)]
-pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Derivatives, call: KernelArguments<'_, T>) -> u64 {
-    let KernelArguments { scene, scratch: (scratch, inverse), kernel, state: (q, qd, u), wrenches, out } = call;
+pub(super) fn run<T: Vectorized, I: Target>(
+    target: I,
+    which: Derivatives,
+    call: KernelArguments<'_, T, DerivativeKernel<T>>,
+    inverse: &mut InverseColumns<T, T::Columns>,
+) -> u64 {
+    let KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out } = call;
     let DerivativeKernel { kept, columns, product, qdd, matrices, all } = kernel;
     let (size, form) = (matrices.len(), if let Derivatives::ForwardDynamics(form) = which { Some(form) } else { None });
     let mut doubt = 0;

@@ -35,27 +35,6 @@ pub struct Kernels {
     many: Option<Box<dyn Chunks>>,
 }
 
-/// A substitute for missing kernels: every state needs the fallback.
-struct Doubts;
-
-impl Chunks for Doubts {
-    fn lanes(&self) -> usize {
-        1
-    }
-
-    fn run(&mut self, _: Algorithm, _: &[Arguments<'_>], _: &mut [f64]) -> u64 {
-        u64::MAX
-    }
-
-    fn kinematic_quantity(&mut self, _: &KinematicQuantity<'_>, _: &[Arguments<'_>], _: &mut [f64]) -> u64 {
-        u64::MAX
-    }
-
-    fn error(&self, _: usize) -> f64 {
-        f64::NAN
-    }
-}
-
 /// Scratch of the fallback.
 pub(super) struct Checked {
     pub(super) workspace: Workspace<f64>,
@@ -160,20 +139,18 @@ impl Kernels {
     }
 
     /// The kernels for a single state, without the scratch of the others.
-    pub(crate) fn for_one_state(self) -> Box<dyn Chunks> {
-        self.one.or(self.many).unwrap_or_else(|| Box::new(Doubts))
+    pub(crate) fn for_one_state(self) -> Option<Box<dyn Chunks>> {
+        self.one.or(self.many)
     }
 
     /// The estimated error of one lane, after a run of this number of states in form `auto`.
     #[inline]
     fn error(&self, states: usize, lane: usize) -> f64 {
         let kernels = match (&self.one, &self.many) {
-            (Some(one), _) if states == 1 => one,
-            (_, Some(many)) => many,
-            (Some(one), None) => one,
-            (None, None) => return f64::NAN,
+            (Some(one), _) if states == 1 => Some(one),
+            (one, many) => many.as_ref().or(one.as_ref()),
         };
-        kernels.error(lane)
+        kernels.map_or(f64::NAN, |kernels| kernels.error(lane))
     }
 }
 
@@ -217,12 +194,8 @@ impl Scene {
         self.check_evaluator(evaluator)?;
         let width = self.width(algorithm);
         if out.len() != width * states.len() {
-            let error = Error::Shape {
-                argument: "out".to_owned(),
-                found: format!("({},)", out.len()),
-                expected: format!("{width} numbers for each of {} states", states.len()),
-            };
-            return Err(Fault { state: 0, error });
+            let expected = format!("{width} numbers for each of {} states", states.len());
+            return Err(Fault { state: 0, error: Error::shape("out", format!("({},)", out.len()), expected) });
         }
         for (state, arguments) in states.iter().enumerate().filter(|(_, state)| state.tolerance.is_some()) {
             self.check_tolerance(algorithm, arguments.tolerance).map_err(|error| Fault { state, error })?;

@@ -4,7 +4,7 @@
 //! selected once, from those that the processor has and from the environment variable `PHIPSI_INSTRUCTION_SET`.
 
 use super::finite::any_not_finite;
-use crate::error::{by_name, name_in};
+use crate::error::{by_name, name_in, named};
 use crate::scalar::{ColumnsOf, Real};
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 use crate::scalar::{Fused, Instructions, Lanes};
@@ -22,27 +22,23 @@ pub const VARIABLE: &str = "PHIPSI_INSTRUCTION_SET";
 /// Its name until version 0.1, which has no effect.
 const OLD_VARIABLE: &str = "PHIPSI_ARM";
 
-/// An instruction set.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum InstructionSet {
-    /// The instructions that every processor of the target has, one value at a time.
-    Baseline,
-    /// AVX2 and fused products (x86-64-v3).
-    Avx2,
-    /// AVX-512 F, BW, CD, DQ, VL (x86-64-v4).
-    Avx512,
-    /// NEON (aarch64).
-    Neon,
+named! {
+    /// An instruction set.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+    #[non_exhaustive]
+    enum InstructionSet;
+    /// Every instruction set of every processor with its name, those of one processor the narrowest first.
+    const INSTRUCTION_SETS {
+        /// The instructions that every processor of the target has, one value at a time.
+        Baseline = "baseline",
+        /// AVX2 and fused products (x86-64-v3).
+        Avx2 = "avx2",
+        /// AVX-512 F, BW, CD, DQ, VL (x86-64-v4).
+        Avx512 = "avx512",
+        /// NEON (aarch64).
+        Neon = "neon",
+    }
 }
-
-/// Every instruction set of every processor with its name, those of one processor the narrowest first.
-pub const INSTRUCTION_SETS: &[(&str, InstructionSet)] = &[
-    ("baseline", InstructionSet::Baseline),
-    ("avx2", InstructionSet::Avx2),
-    ("avx512", InstructionSet::Avx512),
-    ("neon", InstructionSet::Neon),
-];
 
 impl InstructionSet {
     /// The name, as the environment variable `PHIPSI_INSTRUCTION_SET` takes it.

@@ -1,6 +1,7 @@
 //! Products with Jacobians, for one state per lane of a scalar.
 
 use super::accelerations;
+use super::chunk::KernelArguments;
 use super::factor::with_factor;
 use super::finite::any_not_finite;
 use super::instruction_set::{Target, Vectorized, within_target};
@@ -46,20 +47,13 @@ impl<T: Vectorized> ProductKernel<T> {
     }
 }
 
-/// The arguments and results of a call.
-pub(super) struct KernelArguments<'a, T: Vectorized> {
-    pub scene: (&'a Model<T>, &'a SweepModel<T>),
-    pub scratch: &'a mut SweepScratch<T>,
-    pub kernel: &'a mut ProductKernel<T>,
-    /// (q, qd, u).
-    pub state: (&'a [T], &'a [T], &'a [T]),
-    pub wrenches: &'a [Vector6<T>],
-    pub out: &'a mut [f64],
-}
-
 /// Writes the product; returns the lanes that need the fallback (values that are not finite, for instance) as bits.
 #[inline(always)]
-pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Products, call: KernelArguments<'_, T>) -> u64 {
+pub(super) fn run<T: Vectorized, I: Target>(
+    target: I,
+    which: Products,
+    call: KernelArguments<'_, T, ProductKernel<T>>,
+) -> u64 {
     let KernelArguments { scene, scratch, kernel, state, wrenches, out } = call;
     let ((q, qd, u), mut doubt) = (state, 0);
     let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, of_wrenches } = kernel;
@@ -76,30 +70,23 @@ pub(super) fn run<T: Vectorized, I: Target>(target: I, which: Products, call: Ke
     }
     let qdd = if which.form().is_some() { &qdd[..] } else { u };
     let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
-    match which {
-        Products::InverseTangent
-        | Products::InverseTangents
-        | Products::ForwardTangent(_)
-        | Products::ForwardTangents(_) => {
-            let direction = Directions::of_seed([first, second, third], bodies, of_wrenches);
-            let lost = along(target, scene, (scratch, changes), (motion, direction), which.form(), (x, results));
-            doubt |= lanes_but::<T>(|lane| lost.lane(lane) <= 0.0);
-        }
-        Products::InverseGradient | Products::ForwardGradient(_) => {
-            let (state, constants) = ((motion, &first[..]), &mut Constants::default());
-            doubt |= gradients(target, which.form(), (scene, (scratch, co_states)), state, (constants, x, results));
-        }
-        Products::InverseGradients | Products::ForwardGradients(_) => {
-            of_wrenches.resize(bodies, Vector6::from_element(zero));
-            let parts = GradientParts::of(results, nv, bodies);
-            let GradientParts { state: by_state, constants } = parts;
-            let ConstantParts { armature, gravity, wrenches: forces, parameters } = constants;
-            let constants = &mut Constants { wrenches: of_wrenches, parameters, armature, gravity };
-            let room = (scene, (scratch, co_states));
-            doubt |= gradients(target, which.form(), room, (motion, first), (constants, x, by_state));
-            for (to, wrench) in forces.iter_mut().zip(&*of_wrenches) {
-                *to = (*wrench).into();
-            }
+    if !which.is_gradient() {
+        let direction = Directions::of_seed([first, second, third], bodies, of_wrenches);
+        let lost = along(target, scene, (scratch, changes), (motion, direction), which.form(), (x, results));
+        doubt |= lanes_but::<T>(|lane| lost.lane(lane) <= 0.0);
+    } else if constants == 0 {
+        let (state, constants) = ((motion, &first[..]), &mut Constants::default());
+        doubt |= gradients(target, which.form(), (scene, (scratch, co_states)), state, (constants, x, results));
+    } else {
+        of_wrenches.resize(bodies, Vector6::from_element(zero));
+        let parts = GradientParts::of(results, nv, bodies);
+        let GradientParts { state: by_state, constants } = parts;
+        let ConstantParts { armature, gravity, wrenches: forces, parameters } = constants;
+        let constants = &mut Constants { wrenches: of_wrenches, parameters, armature, gravity };
+        let room = (scene, (scratch, co_states));
+        doubt |= gradients(target, which.form(), room, (motion, first), (constants, x, by_state));
+        for (to, wrench) in forces.iter_mut().zip(&*of_wrenches) {
+            *to = (*wrench).into();
         }
     }
     let fault = any_not_finite(results);

@@ -58,7 +58,7 @@ pub fn sources_accepting(
     if tolerance != Some(f64::INFINITY) || scene.constraints().is_empty() {
         scene.check_tolerance(Algorithm::ForwardDynamics(filter::Form::Auto), tolerance)?;
     }
-    let programs = programs_accepting(scene, name, functions, (width, tolerance))?;
+    let programs = programs(scene, name, functions, (width, tolerance))?;
     Ok(vec![
         (format!("{name}.c"), source(name, &programs, (width, batches))),
         (format!("{name}.h"), header(scene, name, &programs, (width, batches))),
@@ -67,13 +67,8 @@ pub fn sources_accepting(
     ])
 }
 
-/// The programs of all functions, for a name that is an identifier in all languages.
-pub(super) fn programs(scene: &Scene, name: &str, functions: &[Function], width: Width) -> Result<Vec<Program>, Error> {
-    programs_accepting(scene, name, functions, (width, None))
-}
-
-/// [`programs`] with a tolerance for the margins.
-fn programs_accepting(
+/// The programs of all functions, for a name that is an identifier in all languages, with a tolerance for the margins.
+pub(super) fn programs(
     scene: &Scene,
     name: &str,
     functions: &[Function],

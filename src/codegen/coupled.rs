@@ -19,13 +19,13 @@ pub(super) fn trace(
 ) {
     let mut coupled = Coupled { coupling, margin: Traced::from_f64(f64::NAN), tracer };
     let (nv, square) = (coupling.sizes().1, coupling.sizes().1.pow(2));
-    match function {
-        Function::ForwardDynamics | Function::ForwardDynamicsWatched => {
+    match function.plain() {
+        Function::ForwardDynamics => {
             let qdd = coupled.accelerations(given);
             out[..nv].copy_from_slice(&coupling.independent_rates(&qdd));
             out[nv..].fill(coupled.margin);
         }
-        Function::MassMatrixInverse | Function::MassMatrixInverseWatched => {
+        Function::MassMatrixInverse => {
             coupled.factorise(&given[0]);
             coupled.inverse(&mut out[..square]);
             out[square..].fill(coupled.margin);
@@ -34,11 +34,11 @@ pub(super) fn trace(
             coupled.factorise(&given[0]);
             out.fill(coupled.margin);
         }
-        Function::ForwardDynamicsDerivatives | Function::ForwardDynamicsDerivativesWatched => {
+        Function::ForwardDynamicsDerivatives => {
             coupled.forward_derivatives(given, &mut out[..3 * square]);
             out[3 * square..].fill(coupled.margin);
         }
-        Function::ForwardDynamicsJvp | Function::ForwardDynamicsJvpWatched => {
+        Function::ForwardDynamicsJvp => {
             // M dqdd = dtau - the change of inverse dynamics at the accelerations of the state.
             let qdd = coupled.accelerations(given);
             let seed = [coupling.rates(&given[3]), coupling.rates(&given[4]), vec![Traced::from_f64(0.0); qdd.len()]];
@@ -47,7 +47,7 @@ pub(super) fn trace(
             out[..nv].copy_from_slice(&coupled.solve(&right));
             out[nv..].fill(coupled.margin);
         }
-        Function::ForwardDynamicsVjp | Function::ForwardDynamicsVjpWatched => {
+        Function::ForwardDynamicsVjp => {
             let qdd = coupled.accelerations(given);
             let x = coupled.solve(&given[3]);
             let gradients = coupled.of_tree(&Function::InverseDynamicsVjp, given, qdd, &[coupling.rates(&x)]);

@@ -24,7 +24,7 @@ use std::fmt::Write;
 ///
 /// As [`Program::new`]; [`Error::Argument`] for a name that is not an identifier of C, and for no functions.
 pub fn cuda_sources(scene: &Scene, name: &str, functions: &[Function], width: Width) -> Result<Sources, Error> {
-    let programs = programs(scene, name, functions, width)?;
+    let programs = programs(scene, name, functions, (width, None))?;
     Ok(vec![
         (format!("{name}.cu"), source(scene, name, &programs, width)),
         ("one_thread.h".to_owned(), ONE_THREAD.to_owned()),

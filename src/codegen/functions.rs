@@ -3,7 +3,7 @@
 
 use super::tracing::Place;
 use super::{reference, tracing};
-use crate::algorithm::table::{self, CompiledFor, FunctionEntry};
+use crate::algorithm::table::{self, Compiled, CompiledFor, FunctionEntry};
 use crate::algorithm::{self, Algorithm};
 use crate::error::{Error, in_language};
 use crate::filter::Form;
@@ -19,9 +19,7 @@ macro_rules! functions {
         $(#[$about_plain:meta])* list $plain_list:ident {
             $($(#[$of_plain:meta])* $plain:ident: $row_of_plain:ident, $trace_of_plain:ident;)*
         }
-        $(#[$about_watched:meta])* list $watched_list:ident {
-            $($(#[$of_watched:meta])* $watched:ident: $row_of_watched:ident, $trace_of_watched:ident;)*
-        }
+        others { $($(#[$of_other:meta])* $other:ident: $row_of_other:ident, $trace_of_other:ident;)* }
         links { $($(#[$of_link:meta])* $linked:ident($($field:ty),*): $row_of_link:ident, $trace_of_link:ident;)* }
     ) => {
         $(#[$about])*
@@ -29,23 +27,25 @@ macro_rules! functions {
         #[non_exhaustive]
         pub enum $name {
             $($(#[$of_plain])* $plain,)*
-            $($(#[$of_watched])* $watched,)*
+            $($(#[$of_other])* $other,)*
             $($(#[$of_link])* $linked($($field),*),)*
+            /// A function that also returns the margin of its error estimate: negative or NaN for a state that the
+            /// methods of the scene recompute in form auto. With connections, also where the rows are dependent, or the
+            /// state violates the connections.
+            Watched(&'static $name),
         }
 
         $(#[$about_plain])*
         pub const $plain_list: &[$name] = &[$($name::$plain),*];
-
-        $(#[$about_watched])*
-        pub const $watched_list: &[$name] = &[$($name::$watched),*];
 
         impl $name {
             /// Its row of the table, and its trace.
             fn line(&self) -> (&'static FunctionEntry, tracing::Trace) {
                 match self {
                     $(Self::$plain => (&algorithm::$row_of_plain, tracing::$trace_of_plain),)*
-                    $(Self::$watched => (&algorithm::$row_of_watched, tracing::$trace_of_watched),)*
+                    $(Self::$other => (&algorithm::$row_of_other, tracing::$trace_of_other),)*
                     $(Self::$linked(..) => (&algorithm::$row_of_link, tracing::$trace_of_link),)*
+                    Self::Watched(of) => of.line(),
                 }
             }
         }
@@ -94,25 +94,9 @@ functions! {
         ContactGram: CONTACT_GRAM, contact_gram;
     }
 
-    /// The functions that also return the margin of their error estimate.
-    list WATCHED {
-        /// As `ForwardDynamics`, with the margin of its error estimate: negative or NaN for a state that the methods of
-        /// the scene recompute in form auto.
-        ForwardDynamicsWatched: FORWARD_DYNAMICS_WATCHED, forward_dynamics;
-        /// As `ConstrainedDynamics`, with a margin: negative or NaN for a state that the method of the scene has to
-        /// compute. For instance its error estimate exceeds the tolerance, the rows are dependent, or the state
-        /// violates the connections.
-        ConstrainedDynamicsWatched: CONSTRAINED_DYNAMICS_WATCHED, constrained_dynamics;
-        /// As `MassMatrixInverse`, with the margin of its error estimate.
-        MassMatrixInverseWatched: MASS_MATRIX_INVERSE_WATCHED, mass_matrix_inverse;
+    others {
         /// The margin for q only: of the factor of M.
         FactorWatched: FACTOR_WATCHED, factor;
-        /// As `ForwardDynamicsDerivatives`, with the margin of the factor of M and of the product with M^-1.
-        ForwardDynamicsDerivativesWatched: FORWARD_DYNAMICS_DERIVATIVES_WATCHED, forward_dynamics_derivatives;
-        /// As `ForwardDynamicsJvp`, with the margin of the factor of M and of the solution.
-        ForwardDynamicsJvpWatched: FORWARD_DYNAMICS_JVP_WATCHED, forward_dynamics_jvp;
-        /// As `ForwardDynamicsVjp`, with the margin of the factor of M and of the solution.
-        ForwardDynamicsVjpWatched: FORWARD_DYNAMICS_VJP_WATCHED, forward_dynamics_vjp;
     }
 
     links {
@@ -122,6 +106,17 @@ functions! {
         Jacobian(String, ReferenceFrame): JACOBIAN, jacobian;
     }
 }
+
+/// The functions that return the margin of an error estimate.
+pub const WATCHED: &[Function] = &[
+    Function::Watched(&Function::ForwardDynamics),
+    Function::Watched(&Function::ConstrainedDynamics),
+    Function::Watched(&Function::MassMatrixInverse),
+    Function::FactorWatched,
+    Function::Watched(&Function::ForwardDynamicsDerivatives),
+    Function::Watched(&Function::ForwardDynamicsJvp),
+    Function::Watched(&Function::ForwardDynamicsVjp),
+];
 
 /// An argument or a result of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -146,20 +141,24 @@ impl Array {
 }
 
 impl Function {
-    /// Its name without the suffix of functions that return a margin.
-    fn name_of_method(&self) -> &'static str {
-        self.name().trim_end_matches("_watched")
+    /// The function without the margin.
+    pub(super) fn plain(&self) -> &Self {
+        if let Self::Watched(of) = self { of } else { self }
     }
 
     /// The algorithm of the scene that computes it, if there is one; in covariance form if the algorithm has forms.
     fn algorithm(&self) -> Option<Algorithm> {
-        Algorithm::all(Form::default()).find(|algorithm| algorithm.entry().name == self.name_of_method())
+        Algorithm::all(Form::default()).find(|algorithm| algorithm.entry().name == self.line().0.name)
     }
 
     /// Its name, as that of the scene's method.
     #[must_use]
     pub fn name(&self) -> &'static str {
-        self.line().0.name
+        let row = self.line().0;
+        match (self, row.compiled) {
+            (Self::Watched(_), Some(Compiled { watched: Some(name), .. })) => name,
+            _ => row.name,
+        }
     }
 
     /// Identifier in the generated code: the name of the function; for functions of one link also the name of the link,
@@ -199,8 +198,8 @@ impl Function {
 
     /// An error if there is no code of this function for the connections, contacts or mimic joints of the scene.
     pub(super) fn check(&self, scene: &Scene) -> Result<(), Error> {
-        let row = algorithm::FUNCTIONS.iter().find(|row| row.name == self.name_of_method());
-        let scenes = row.and_then(|row| row.compiled).map_or(CompiledFor::Every, |compiled| compiled.scenes);
+        let row = self.line().0;
+        let scenes = row.compiled.map_or(CompiledFor::Every, |compiled| compiled.scenes);
         let names: Vec<String> = scene.constraints().all.iter().take(8).map(|of| format!("{:?}", of.name)).collect();
         let (of, expected) = match scenes {
             CompiledFor::Trees | CompiledFor::TreesWithContacts if !names.is_empty() => (
@@ -223,7 +222,7 @@ impl Function {
             ),
             _ => return Ok(()),
         };
-        Err(Error::argument("functions", format!("{} for {of}", self.name_of_method()), expected))
+        Err(Error::argument("functions", format!("{} for {of}", row.name), expected))
     }
 
     /// True if it is computed through the connections of a scene that has some.
@@ -233,18 +232,12 @@ impl Function {
 
     /// True if its last result is a margin.
     pub(super) fn has_margin(&self) -> bool {
-        self.line().0.results.last().is_some_and(|(name, _)| *name == "margin")
+        matches!(self, Self::Watched(_) | Self::FactorWatched)
     }
 
     /// True if it forms M^-1.
     pub(super) fn has_inverse(&self) -> bool {
-        matches!(
-            self,
-            Self::MassMatrixInverse
-                | Self::MassMatrixInverseWatched
-                | Self::ForwardDynamicsDerivatives
-                | Self::ForwardDynamicsDerivativesWatched
-        )
+        matches!(self.plain(), Self::MassMatrixInverse | Self::ForwardDynamicsDerivatives)
     }
 
     /// The summary of the table, with the link.
@@ -254,6 +247,7 @@ impl Function {
         match self {
             Self::Placement(link) => format!("{link:?}. {meaning}"),
             Self::Jacobian(link, reference) => format!("{link:?}, {}. {meaning}", reference.name()),
+            Self::Watched(_) => format!("{meaning}; precision may be lost where the margin is negative"),
             _ => meaning.to_owned(),
         }
     }
@@ -267,7 +261,9 @@ impl Function {
     /// Its results.
     #[must_use]
     pub fn results(&self, scene: &Scene) -> Vec<Array> {
-        arrays(scene, self.line().0.results)
+        let mut results = arrays(scene, self.line().0.results);
+        results.extend(matches!(self, Self::Watched(_)).then_some(Array { name: "margin", shape: Vec::new() }));
+        results
     }
 
     /// The axes of each of its results.
@@ -289,7 +285,7 @@ impl Function {
     pub(super) fn by_scene(&self, scene: &Scene, arguments: &[&[f64]]) -> Result<Vec<f64>, Error> {
         let mut out = vec![f64::NAN; self.width(scene) - usize::from(self.has_margin())];
         let (frame, reference) = self.place(scene)?;
-        match (self, self.algorithm()) {
+        match (self.plain(), self.algorithm()) {
             (_, Some(algorithm)) => reference::evaluated(scene, algorithm, arguments, &mut out)?,
             (Self::FactorWatched, _) => {}
             (Self::ContactGaps, _) => scene.contact_gaps(arguments[0], &mut out)?,

@@ -275,21 +275,12 @@ pub(super) fn value(operation: &Operation, of: impl Fn(u32) -> f64) -> f64 {
 
 /// The operands of an operation.
 pub(super) fn operands(operation: &Operation) -> [Option<u32>; 3] {
-    match *operation {
-        Operation::Constant(_) | Operation::Argument(_) => [None; 3],
-        Operation::Sum(a, b)
-        | Operation::Difference(a, b)
-        | Operation::Product(a, b)
-        | Operation::Quotient(a, b)
-        | Operation::Smaller(a, b) => [Some(a), Some(b), None],
-        Operation::ProductSum(a, b, c) | Operation::MinusProduct(a, b, c) => [Some(a), Some(b), Some(c)],
-        Operation::Negative(a)
-        | Operation::Root(a)
-        | Operation::Sine(a)
-        | Operation::Cosine(a)
-        | Operation::Absolute(a)
-        | Operation::OneIfZero(a) => [Some(a), None, None],
-    }
+    let (mut all, mut count) = ([None; 3], 0);
+    renumbered(operation, |operand| {
+        (all[count], count) = (Some(operand), count + 1);
+        operand
+    });
+    all
 }
 
 /// The same operation with other operands, which are requested in order.

@@ -33,7 +33,7 @@ pub fn rust_sources(scene: &Scene, name: &str, functions: &[Function]) -> Result
     if RESERVED.contains(&name) {
         return Err(Error::argument("name", format!("{name:?}"), "a name that Rust does not have for itself"));
     }
-    let programs = programs(scene, name, functions, Width::Double)?;
+    let programs = programs(scene, name, functions, (Width::Double, None))?;
     Ok([
         ("Cargo.toml", manifest(name)),
         ("src/lib.rs", LIBRARY.to_owned()),

@@ -6,7 +6,6 @@
 //! If no moving body has mass, there is no center of mass, and results are NaN.
 
 use super::energy::{first_moments_tip_to_base, momentum, total_on_base};
-use crate::algorithm::KinematicQuantity;
 use crate::filter::System;
 use crate::joints::vectors::plus;
 use crate::kinematics::propagation::sum_tip_to_base;
@@ -16,33 +15,6 @@ use crate::scalar::Real;
 use crate::spatial::{FirstMoment, RigidShift, cross, cross_motion, linear, scaled_add, spatial, sum};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
-
-/// Computes the quantities of this file into `out`; returns false for others.
-#[inline(always)]
-pub(super) fn quantity<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    what: &KinematicQuantity<'_>,
-    (q, qd, qdd): (&[T], &[T], &[T]),
-    out: &mut [T],
-) -> bool {
-    match what {
-        KinematicQuantity::CenterOfMass => out.copy_from_slice(center_of_mass(model, workspace, q).as_slice()),
-        KinematicQuantity::CenterOfMassVelocity => {
-            out.copy_from_slice(center_of_mass_velocity(model, workspace, q, qd).as_slice());
-        }
-        KinematicQuantity::CenterOfMassAcceleration => {
-            out.copy_from_slice(center_of_mass_acceleration(model, workspace, q, qd, qdd).as_slice());
-        }
-        KinematicQuantity::CenterOfMassJacobian => center_of_mass_jacobian(model, workspace, q, out),
-        KinematicQuantity::CentroidalMomentumMatrix => centroidal_momentum_matrix(model, workspace, q, out),
-        KinematicQuantity::CentroidalMomentumMatrixRate => {
-            centroidal_momentum_matrix_rate(model, workspace, q, qd, out);
-        }
-        _ => return false,
-    }
-    true
-}
 
 /// Mass of all bodies that move relative to the base, kg.
 #[inline(always)]

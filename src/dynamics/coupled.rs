@@ -231,7 +231,7 @@ impl Call<'_, '_> {
             for (state, x) in accelerated.iter_mut().zip(x.chunks_exact(nv)) {
                 state.seed = [x, &[], &[]];
             }
-            let mut out = self.results(Algorithm::Products(Products::InverseGradient), &accelerated)?;
+            let mut out = self.results(Algorithm::Products(Products::gradient(None)), &accelerated)?;
             for (out, x) in out.chunks_exact_mut(3 * nv).zip(x.chunks_exact(nv)) {
                 out[..2 * nv].iter_mut().for_each(|cotangent| *cotangent = -*cotangent);
                 out[2 * nv..].copy_from_slice(x);
@@ -243,7 +243,7 @@ impl Call<'_, '_> {
         for state in &mut accelerated {
             state.seed[2] = &rest;
         }
-        let mut right = self.results(Algorithm::Products(Products::InverseTangent), &accelerated)?;
+        let mut right = self.results(Algorithm::Products(Products::tangent(None)), &accelerated)?;
         for (right, dtau) in right.iter_mut().zip(states.iter().flat_map(|state| state.seed[2])) {
             *right = dtau - *right;
         }

@@ -1,6 +1,5 @@
 //! Kinetic and potential energy, and momentum.
 
-use crate::algorithm::KinematicQuantity;
 use crate::kinematics::propagation::sum_tip_to_base;
 use crate::kinematics::{placements_base_to_tip, velocities_base_to_tip};
 use crate::model::Model;
@@ -18,28 +17,6 @@ pub struct Energy<T> {
     pub potential: T,
 }
 
-/// Computes the quantities of this file into `out`; returns false for others.
-#[inline(always)]
-pub(super) fn quantity<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    what: &KinematicQuantity<'_>,
-    (q, qd, _): (&[T], &[T], &[T]),
-    out: &mut [T],
-) -> bool {
-    match what {
-        KinematicQuantity::Momentum => out.copy_from_slice(momentum(model, workspace, q, qd).as_slice()),
-        KinematicQuantity::KineticEnergy => out[0] = kinetic_energy(model, workspace, q, qd),
-        KinematicQuantity::PotentialEnergy => out[0] = potential_energy(model, workspace, q),
-        KinematicQuantity::Energy => {
-            let both = energy(model, workspace, q, qd);
-            out.copy_from_slice(&[both.kinetic, both.potential]);
-        }
-        _ => return false,
-    }
-    true
-}
-
 /// Kinetic and potential energy in O(N).
 #[inline(always)]
 pub fn energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Energy<T> {
@@ -49,7 +26,7 @@ pub fn energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], 
 
 /// Potential energy of gravity alone in O(N), J: minus gravity times the first moment of mass.
 #[inline(always)]
-fn potential_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> T {
+pub(super) fn potential_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> T {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
     potential(model, workspace)
 }

@@ -47,10 +47,31 @@ pub(crate) fn of_all_bodies<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
     what: &KinematicQuantity<'_>,
-    state: (&[T], &[T], &[T]),
+    (q, qd, qdd): (&[T], &[T], &[T]),
     out: &mut [T],
 ) {
-    if !centroidal::quantity(model, workspace, what, state, out) {
-        energy::quantity(model, workspace, what, state, out);
+    match what {
+        KinematicQuantity::CenterOfMass => {
+            out.copy_from_slice(centroidal::center_of_mass(model, workspace, q).as_slice());
+        }
+        KinematicQuantity::CenterOfMassVelocity => {
+            out.copy_from_slice(centroidal::center_of_mass_velocity(model, workspace, q, qd).as_slice());
+        }
+        KinematicQuantity::CenterOfMassAcceleration => {
+            out.copy_from_slice(centroidal::center_of_mass_acceleration(model, workspace, q, qd, qdd).as_slice());
+        }
+        KinematicQuantity::CenterOfMassJacobian => centroidal::center_of_mass_jacobian(model, workspace, q, out),
+        KinematicQuantity::CentroidalMomentumMatrix => centroidal::centroidal_momentum_matrix(model, workspace, q, out),
+        KinematicQuantity::CentroidalMomentumMatrixRate => {
+            centroidal::centroidal_momentum_matrix_rate(model, workspace, q, qd, out);
+        }
+        KinematicQuantity::Momentum => out.copy_from_slice(energy::momentum(model, workspace, q, qd).as_slice()),
+        KinematicQuantity::KineticEnergy => out[0] = energy::kinetic_energy(model, workspace, q, qd),
+        KinematicQuantity::PotentialEnergy => out[0] = energy::potential_energy(model, workspace, q),
+        KinematicQuantity::Energy => {
+            let both = energy::energy(model, workspace, q, qd);
+            out.copy_from_slice(&[both.kinetic, both.potential]);
+        }
+        _ => {}
     }
 }

@@ -28,7 +28,7 @@ pub struct Tally {
 /// The compiled kernels for one state, and the identity of the scene whose constants they hold; none until they are
 /// created.
 #[derive(Default)]
-pub(crate) struct OwnKernels(pub(crate) Option<(u64, Box<dyn Chunks>)>);
+pub(crate) struct OwnKernels(pub(crate) Option<(u64, Option<Box<dyn Chunks>>)>);
 
 /// A copy has none: kernels are not copied, but created again.
 impl Clone for OwnKernels {

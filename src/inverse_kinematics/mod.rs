@@ -34,7 +34,7 @@ mod starts;
 mod step;
 mod task;
 
-use crate::error::{Error, check_length, in_language, number};
+use crate::error::{Error, check_length, check_positive, in_language};
 use crate::memory;
 use crate::scene::Scene;
 use crate::setters::setters;
@@ -106,12 +106,9 @@ impl RateOptions<'_> {
     }
 
     fn check_numbers(&self) -> Result<(), Error> {
-        for (name, value) in [("dt", self.dt), ("gain", self.gain), ("damping", self.damping)] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(Error::argument(name, number(value), "a finite number above zero"));
-            }
-        }
-        Ok(())
+        check_positive("dt", self.dt)?;
+        check_positive("gain", self.gain)?;
+        check_positive("damping", self.damping)
     }
 }
 
@@ -241,19 +238,11 @@ impl<S: Borrow<Scene>> Solver<S> {
     /// joint limits that exclude each other; [`Error::Memory`] if the matrices of a step do not fit in memory.
     pub fn new(scene: S, options: &Options) -> Result<Self, Error> {
         let own: &Scene = scene.borrow();
-        let positive = |name: &str, value: f64| {
-            let expected = "a finite number above zero";
-            if value.is_finite() && value > 0.0 {
-                Ok(())
-            } else {
-                Err(Error::argument(name, value.to_string(), expected))
-            }
-        };
         if options.starts == Some(0) {
             return Err(Error::argument("starts", "0", "at least one"));
         }
-        positive("tolerance", options.tolerance)?;
-        options.posture.map_or(Ok(()), |posture| positive("posture", posture))?;
+        check_positive("tolerance", options.tolerance)?;
+        options.posture.map_or(Ok(()), |posture| check_positive("posture", posture))?;
         memory::room("scene", memory::bytes_of::<f64>(&[MATRICES, own.nv(), own.nv()]))?;
         let limits = if options.limits { Bounds::of(own)? } else { Bounds::without(own) };
         let room = || vec![f64::NAN; own.nq()];

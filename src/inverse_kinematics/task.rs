@@ -1,7 +1,7 @@
 //! Tasks: targets for links, their errors, and the derivatives of the errors.
 
 use super::direction::{DirectionError, direction_error};
-use crate::error::{Error, check_finite, number};
+use crate::error::{Error, check_finite, check_positive, number};
 use crate::kinematics::{Frame, local_jacobian};
 use crate::scene::{JointKind, Scene};
 use crate::setters::setters;
@@ -112,10 +112,7 @@ impl Task {
     /// Checks that the standard deviations are positive.
     pub(crate) fn check_deviations(&self, at: usize) -> Result<(), Error> {
         for (what, value) in [("position", self.position), ("rotation", self.rotation)] {
-            if !(value.is_finite() && value > 0.0) {
-                let name = format!("{what} deviation of task {at}");
-                return Err(Error::argument(name, number(value), "a finite number above zero"));
-            }
+            check_positive(format!("{what} deviation of task {at}"), value)?;
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! A frame on a body, and the frame in which its motion is expressed.
 
-use crate::error::{by_name, name_in};
+use crate::error::{by_name, name_in, named};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, angular, linear, spatial, zero};
 use nalgebra::{Vector3, Vector6};
@@ -22,25 +22,22 @@ impl Frame<f64> {
     }
 }
 
-/// The frame in which the motion (angular, linear) of a frame on a link is expressed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum ReferenceFrame {
-    /// The frame itself: at its origin, in its axes.
-    #[default]
-    Local,
-    /// The base: the motion of the point of the link at the origin of the base, in the axes of the base.
-    World,
-    /// At the origin of the frame, in the axes of the base.
-    LocalWorldAligned,
+named! {
+    /// The frame in which the motion (angular, linear) of a frame on a link is expressed.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    #[non_exhaustive]
+    enum ReferenceFrame;
+    /// The reference frames with their names in Python.
+    const REFERENCE_FRAMES {
+        /// The frame itself: at its origin, in its axes.
+        #[default]
+        Local = "local",
+        /// The base: the motion of the point of the link at the origin of the base, in the axes of the base.
+        World = "world",
+        /// At the origin of the frame, in the axes of the base.
+        LocalWorldAligned = "local-world-aligned",
+    }
 }
-
-/// The reference frames with their names in Python.
-pub const REFERENCE_FRAMES: &[(&str, ReferenceFrame)] = &[
-    ("local", ReferenceFrame::Local),
-    ("world", ReferenceFrame::World),
-    ("local-world-aligned", ReferenceFrame::LocalWorldAligned),
-];
 
 by_name!(ReferenceFrame, "frame", REFERENCE_FRAMES);
 
@@ -73,20 +70,20 @@ impl ReferenceFrame {
     }
 }
 
-/// The kind of acceleration of a link.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum AccelerationKind {
-    /// The time derivative of the spatial velocity (w, v), as in the equations of motion; v belongs to the point of the
-    /// body that is currently at the origin.
-    #[default]
-    Spatial,
-    /// The linear half is that of a material point, the second derivative of its position: w x v is added.
-    Classical,
+named! {
+    /// The kind of acceleration of a link.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    #[non_exhaustive]
+    enum AccelerationKind;
+    /// The kinds with their names in Python.
+    const ACCELERATION_KINDS {
+        /// The time derivative of the spatial velocity (w, v), as in the equations of motion; v belongs to the point of
+        /// the body that is currently at the origin.
+        #[default]
+        Spatial = "spatial",
+        /// The linear half is that of a material point, the second derivative of its position: w x v is added.
+        Classical = "classical",
+    }
 }
-
-/// The kinds with their names in Python.
-pub const ACCELERATION_KINDS: &[(&str, AccelerationKind)] =
-    &[("spatial", AccelerationKind::Spatial), ("classical", AccelerationKind::Classical)];
 
 by_name!(AccelerationKind, "kind", ACCELERATION_KINDS);

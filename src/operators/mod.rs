@@ -40,91 +40,64 @@ pub use compose::{Diagonal, Identity, Product, Sum, Transpose};
 pub use factor::Factor;
 pub use update::Updated;
 
+use crate::error::named;
 use crate::scalar::Real;
 
-/// The kind of an operator.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Kind {
-    /// phi = (1 - E)^-1, with the identity diagonal (1.7).
-    Phi,
-    /// E: the shifts between adjacent bodies, phi^-1 = 1 - E.
-    Shifts,
-    /// Phi = phi - 1 (3.4).
-    PhiStrict,
-    /// Psi = (1 - E A)^-1 E, closed loop, from the inboard side of a joint to the outboard side of the next (3.11).
-    Psi,
-    /// A = 1 - g H, block diagonal: the measurement update of the closed loop (3.9).
-    ClosedLoop,
-    /// Psi A, from outboard side to outboard side (5.2 for the predicted error, 5.5 for lambda^-).
-    PsiA,
-    /// A Psi, from inboard side to inboard side (5.2 for the filtered error, 5.5 for lambda^+).
-    APsi,
-    /// The state-to-output map H (1.5).
-    H,
-    /// Process noise Q = diag M(k) (1.6).
-    Q,
-    /// State covariance R = phi Q phi* (2.3).
-    R,
-    /// Articulated inertia P^- as a block diagonal (3.6).
-    P,
-    /// Articulated inertia P^+ after the measurement (3.6).
-    PFiltered,
-    /// Hinge inertia D, a diagonal (3.8).
-    D,
-    /// Kalman gain g, a block diagonal column (3.10).
-    Gain,
-    /// Batch Kalman gain G = R H* M^-1 (2.2).
-    BatchGain,
-    /// Covariance Lambda^- of the co-states outboard of each row, a block diagonal (5.6).
-    Lambda,
-    /// Covariance Lambda^+ of the co-states inboard of each row, a block diagonal (5.7).
-    LambdaPlus,
-    /// S = P - P Psi* - Psi P + P Psi* H* D^-1 H Psi P, with M^-1 = D^-1 H S H* D^-1 + r D^-2 (6.2).
-    S,
-    /// K = H Phi g (3.8).
-    K,
-    /// L = H Psi g (3.14).
-    L,
-    /// The mass matrix, H R H* plus armature (5.1).
-    Mass,
-    /// Its inverse by the factor, (1 - L*) D^-1 (1 - L) (3.3).
-    MassInverse,
+named! {
+    /// The kind of an operator.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+    #[non_exhaustive]
+    enum Kind;
+    /// Every kind with its name in Python.
+    const KINDS {
+        /// phi = (1 - E)^-1, with the identity diagonal (1.7).
+        Phi = "phi",
+        /// E: the shifts between adjacent bodies, phi^-1 = 1 - E.
+        Shifts = "E",
+        /// Phi = phi - 1 (3.4).
+        PhiStrict = "Phi",
+        /// Psi = (1 - E A)^-1 E, closed loop, from the inboard side of a joint to the outboard side of the next (3.11).
+        Psi = "psi",
+        /// A = 1 - g H, block diagonal: the measurement update of the closed loop (3.9).
+        ClosedLoop = "A",
+        /// Psi A, from outboard side to outboard side (5.2 for the predicted error, 5.5 for lambda^-).
+        PsiA = "Psi_A",
+        /// A Psi, from inboard side to inboard side (5.2 for the filtered error, 5.5 for lambda^+).
+        APsi = "A_Psi",
+        /// The state-to-output map H (1.5).
+        H = "H",
+        /// Process noise Q = diag M(k) (1.6).
+        Q = "Q",
+        /// State covariance R = phi Q phi* (2.3).
+        R = "R",
+        /// Articulated inertia P^- as a block diagonal (3.6).
+        P = "P",
+        /// Articulated inertia P^+ after the measurement (3.6).
+        PFiltered = "P_plus",
+        /// Hinge inertia D, a diagonal (3.8).
+        D = "D",
+        /// Kalman gain g, a block diagonal column (3.10).
+        Gain = "g",
+        /// Batch Kalman gain G = R H* M^-1 (2.2).
+        BatchGain = "G",
+        /// Covariance Lambda^- of the co-states outboard of each row, a block diagonal (5.6).
+        Lambda = "Lambda",
+        /// Covariance Lambda^+ of the co-states inboard of each row, a block diagonal (5.7).
+        LambdaPlus = "Lambda_plus",
+        /// S = P - P Psi* - Psi P + P Psi* H* D^-1 H Psi P, with M^-1 = D^-1 H S H* D^-1 + r D^-2 (6.2).
+        S = "S",
+        /// K = H Phi g (3.8).
+        K = "K",
+        /// L = H Psi g (3.14).
+        L = "L",
+        /// The mass matrix, H R H* plus armature (5.1).
+        Mass = "M",
+        /// Its inverse by the factor, (1 - L*) D^-1 (1 - L) (3.3).
+        MassInverse = "M_inv",
+    }
 }
 
-/// Every kind with its name in Python.
-pub const KINDS: &[(&str, Kind)] = &[
-    ("phi", Kind::Phi),
-    ("E", Kind::Shifts),
-    ("Phi", Kind::PhiStrict),
-    ("psi", Kind::Psi),
-    ("A", Kind::ClosedLoop),
-    ("Psi_A", Kind::PsiA),
-    ("A_Psi", Kind::APsi),
-    ("H", Kind::H),
-    ("Q", Kind::Q),
-    ("R", Kind::R),
-    ("P", Kind::P),
-    ("P_plus", Kind::PFiltered),
-    ("D", Kind::D),
-    ("g", Kind::Gain),
-    ("G", Kind::BatchGain),
-    ("Lambda", Kind::Lambda),
-    ("Lambda_plus", Kind::LambdaPlus),
-    ("S", Kind::S),
-    ("K", Kind::K),
-    ("L", Kind::L),
-    ("M", Kind::Mass),
-    ("M_inv", Kind::MassInverse),
-];
-
 impl Kind {
-    /// The kind with that name in [`KINDS`].
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        KINDS.iter().find(|(known, _)| *known == name).map(|&(_, kind)| kind)
-    }
-
     /// True if it uses the covariances of forces or co-states, which a factor computes at their first use.
     #[must_use]
     #[doc(hidden)]

@@ -160,7 +160,6 @@ impl PySceneBuilder {
                              0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
                              lower=None, upper=None, velocity=None, effort=None, acceleration=None, deceleration=None, \
                              jerk=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0)")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn joint<'py>(
         mut slf: PyRefMut<'py, Self>,
         name: String,
@@ -264,7 +263,6 @@ impl PySceneBuilder {
     /// >>> scene.nv
     /// 6
     #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None, mimic=None, tolerance=None))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn build(
         &self,
         py: Python<'_>,

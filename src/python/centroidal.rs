@@ -1,5 +1,6 @@
 //! Methods of `Scene`: mass, center of mass, and centroidal momentum.
 
+use super::evaluate::Keywords;
 use super::object::Object;
 use super::scene::PyScene;
 use crate::algorithm::KinematicQuantity;
@@ -30,9 +31,7 @@ methods! {
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.center_of_mass(scene.neutral()).round(3)
     /// array([0.113, 0.147, 0.023])
-    fn center_of_mass(q; errors) |scene, py| {
-        scene.kinematic_quantity(py, &KinematicQuantity::CenterOfMass, [q], errors)
-    }
+    fn center_of_mass(q; errors) => kinematic_quantity(&KinematicQuantity::CenterOfMass);
 
     /// Velocity of the center of mass in the base frame: linear momentum divided by mass, in O(N).
     #[doc = parameters!(q qd errors)]
@@ -45,9 +44,7 @@ methods! {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.center_of_mass_velocity(q, qd), scene.center_of_mass_jacobian(q) @ qd)
     /// True
-    fn center_of_mass_velocity(q, qd; errors) |scene, py| {
-        scene.kinematic_quantity(py, &KinematicQuantity::CenterOfMassVelocity, [q, qd], errors)
-    }
+    fn center_of_mass_velocity(q, qd; errors) => kinematic_quantity(&KinematicQuantity::CenterOfMassVelocity);
 
     /// Acceleration of the center of mass in the base frame for joint accelerations qdd, without gravity, in O(N).
     #[doc = parameters!(q qd qdd errors)]
@@ -61,9 +58,8 @@ methods! {
     /// >>> a = scene.center_of_mass_acceleration(q, still, [1.0, 0.0, 0.0])
     /// >>> np.allclose(a, scene.center_of_mass_jacobian(q)[:, 0])
     /// True
-    fn center_of_mass_acceleration(q, qd, qdd; errors) |scene, py| {
-        scene.kinematic_quantity(py, &KinematicQuantity::CenterOfMassAcceleration, [q, qd, qdd], errors)
-    }
+    fn center_of_mass_acceleration(q, qd, qdd; errors)
+        => kinematic_quantity(&KinematicQuantity::CenterOfMassAcceleration);
 
     /// Jacobian J of the center of mass: its velocity in the base frame is J qd.
     #[doc = parameters!(q errors)]
@@ -76,9 +72,7 @@ methods! {
     #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).center_of_mass_jacobian([0.3, 0.2, 0.1]).shape
     /// (3, 3)
-    fn center_of_mass_jacobian(q; errors) |scene, py| {
-        scene.kinematic_quantity(py, &KinematicQuantity::CenterOfMassJacobian, [q], errors)
-    }
+    fn center_of_mass_jacobian(q; errors) => kinematic_quantity(&KinematicQuantity::CenterOfMassJacobian);
 
     /// Centroidal momentum matrix A: A qd is (angular momentum about the center of mass, linear), in base axes.
     #[doc = parameters!(q errors)]
@@ -94,9 +88,7 @@ methods! {
     /// >>> A = scene.centroidal_momentum_matrix([0.3, 0.2, 0.1])
     /// >>> np.allclose(A[3:] / scene.total_mass, scene.center_of_mass_jacobian([0.3, 0.2, 0.1]))
     /// True
-    fn centroidal_momentum_matrix(q; errors) |scene, py| {
-        scene.kinematic_quantity(py, &KinematicQuantity::CentroidalMomentumMatrix, [q], errors)
-    }
+    fn centroidal_momentum_matrix(q; errors) => kinematic_quantity(&KinematicQuantity::CentroidalMomentumMatrix);
 
     /// Time derivative A' of the centroidal momentum matrix along qd: the momentum changes at A qdd + A' qd.
     #[doc = parameters!(q qd errors)]
@@ -113,7 +105,6 @@ methods! {
     /// >>> ahead, behind = (scene.centroidal_momentum_matrix(q + h * qd) for h in (1e-6, -1e-6))
     /// >>> np.allclose(scene.centroidal_momentum_matrix_rate(q, qd), (ahead - behind) / 2e-6)
     /// True
-    fn centroidal_momentum_matrix_rate(q, qd; errors) |scene, py| {
-        scene.kinematic_quantity(py, &KinematicQuantity::CentroidalMomentumMatrixRate, [q, qd], errors)
-    }
+    fn centroidal_momentum_matrix_rate(q, qd; errors)
+        => kinematic_quantity(&KinematicQuantity::CentroidalMomentumMatrixRate);
 }

@@ -63,7 +63,6 @@ impl PyScene {
     /// ['Makefile', 'arm.c', 'arm.h', 'test_arm.c']
     #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64", batches=false,
                         tolerance=None))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn to_c<'py>(
         &self,
         py: Python<'py>,

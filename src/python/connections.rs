@@ -55,7 +55,6 @@ impl PySceneBuilder {
                         other_rpy=None, other_rotation=None, axis=None, length=None),
            text_signature = "($self, name, kind, link, other=None, *, xyz=(0, 0, 0), rpy=None, rotation=None, \
                              other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None)")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn connect<'py>(
         mut slf: PyRefMut<'py, Self>,
         name: String,

@@ -121,15 +121,11 @@ methods! {
     /// >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
     /// >>> np.allclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
     /// (True, (1,))
-    fn constrained_dynamics(q, qd, tau; compliance, form, tolerance, wrenches, errors) |scene, py| {
+    fn constrained_dynamics(q, qd, tau; compliance, form, tolerance, wrenches, errors) |scene, py, keywords| {
         scene.scene.check_independent()?;
-        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::ConstrainedDynamics)?;
-        let algorithm = Algorithm::ConstrainedDynamics(form);
-        let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
-        let given = [("q", q), ("qd", qd), ("tau", tau)];
-        let results = match compliance {
-            None => scene.evaluate(py, algorithm, [q, qd, tau], &keywords)?,
-            Some(compliance) => scene.through_compliant_connections(py, algorithm, given, (compliance, &keywords))?,
+        let results = match keywords.compliance {
+            None => scene.evaluate(py, Algorithm::ConstrainedDynamics, [q, qd, tau], keywords)?,
+            Some(compliance) => scene.through_compliant_connections(py, [q, qd, tau], (compliance, keywords))?,
         };
         let nv = scene.scene.nv();
         scene.warn_of_linkage(py)?;
@@ -229,10 +225,11 @@ methods! {
     /// >>> dynamics = scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
     /// >>> float(dynamics.tau[2])
     /// 0.0
-    fn constrained_inverse_dynamics(q, qd, qdd; actuated, form, tolerance, wrenches, errors) |scene, py| {
+    fn constrained_inverse_dynamics(q, qd, qdd; actuated, form, tolerance, wrenches, errors) |scene, py, keywords| {
         let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         let nv = scene.scene.nv();
-        let motors = actuated.map(|actuated| scene.joint_mask("actuated", actuated)).transpose()?.unwrap_or_default();
+        let motors = keywords.actuated.map(|actuated| scene.joint_mask("actuated", actuated)).transpose()?;
+        let motors = motors.unwrap_or_default();
         let call = scene.through_connections([("q", q), ("qd", qd), ("qdd", qdd)], wrenches, (form, errors))?;
         let call = call.accepting(tolerance);
         let results =
@@ -322,11 +319,12 @@ impl PyScene {
     fn through_compliant_connections<'py>(
         &self,
         py: Python<'py>,
-        algorithm: Algorithm,
-        given: [(&'static str, &Object<'py>); 3],
+        [q, qd, tau]: [&Object<'py>; 3],
         (compliance, keywords): (&Object<'py>, &Keywords<'_, 'py>),
     ) -> PyResult<Object<'py>> {
-        let mut inputs = self.inputs(given)?;
+        let form = (keywords.form, keywords.tolerance);
+        let algorithm = Algorithm::ConstrainedDynamics(read_judged(&self.scene, form, Algorithm::ConstrainedDynamics)?);
+        let mut inputs = self.inputs([("q", q), ("qd", qd), ("tau", tau)])?;
         inputs.push(self.compliance(compliance)?);
         let width = self.scene.width(algorithm);
         let cost = Cost { arithmetic: self.cost_through_connections() * self.size(), results: width };

@@ -83,7 +83,6 @@ impl PySceneBuilder {
            text_signature = "($self, name, link, *, friction, xyz=(0, 0, 0), radius=0.0, normal=(0, 0, 1), \
                              offset=0.0, restitution=0.0, other=None, other_xyz=(0, 0, 0), other_rpy=None, \
                              other_rotation=None, other_radius=None, other_size=None)")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn contact<'py>(
         mut slf: PyRefMut<'py, Self>,
         name: String,

@@ -34,16 +34,6 @@ impl PyScene {
         array.call_method1("take", (kept.to_vec(), -1))
     }
 
-    /// Converts configurations of the tree to the scene.
-    pub(super) fn coordinates_of_scene(&self, q: &[f64]) -> Vec<f64> {
-        self.scene.coupling().map_or_else(|| q.to_vec(), |coupling| coupling.independent_coordinates(q))
-    }
-
-    /// Converts joint velocities of the tree to the scene.
-    pub(super) fn rates_of_scene(&self, qd: &[f64]) -> Vec<f64> {
-        self.scene.coupling().map_or_else(|| qd.to_vec(), |coupling| coupling.independent_rates(qd))
-    }
-
     /// Converts joint properties of the tree to the coordinates of the scene.
     pub(super) fn properties_of_scene(&self, of: &Properties) -> Properties {
         let Some(coupling) = self.scene.coupling() else { return of.clone() };

@@ -1,15 +1,15 @@
 //! Methods of `Scene`: derivatives of the dynamics, and linearization.
 
 use super::call::BatchCall;
-use super::choice::read_form;
 use super::cost::Cost;
 use super::errors::asked_by;
 use super::evaluate::Keywords;
 use super::object::{Object, imported};
-use super::output::{Output, part};
+use super::output::{Output, three_parts};
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Derivatives};
+use crate::filter::Form;
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -18,6 +18,9 @@ const AT_A_TIME: usize = 1024;
 
 /// Approximate time of springs and damping of one body, ns.
 const COST_OF_FORCES: usize = 20;
+
+/// Derivatives of forward dynamics, (..., 3, nv, nv).
+const FORWARD: fn(Form) -> Algorithm = |form| Algorithm::Derivatives(Derivatives::ForwardDynamics(form));
 
 methods! {
     /// Analytical derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M.
@@ -37,13 +40,10 @@ methods! {
     /// >>> change = scene.inverse_dynamics(q + step, qd, qdd) - scene.inverse_dynamics(q - step, qd, qdd)
     /// >>> np.allclose(scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq[:, 1], change / 2e-6)
     /// True
-    fn inverse_dynamics_derivatives(q, qd, qdd; wrenches, out, errors) |scene, py| {
-        scene.check_dense("inverse_dynamics_derivatives", "differences of inverse_dynamics")?;
-        let algorithm = Algorithm::Derivatives(Derivatives::InverseDynamics);
-        let keywords = Keywords { wrenches, out, ..Keywords::of(errors) };
-        let all = scene.evaluate(py, algorithm, [q, qd, qdd], &keywords)?;
-        let class = imported!(py, "phipsi._results", "InverseDynamicsDerivatives")?;
-        class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
+    fn inverse_dynamics_derivatives(q, qd, qdd; wrenches, out, errors) |scene, py, keywords| {
+        let algorithm = |_| Algorithm::Derivatives(Derivatives::InverseDynamics);
+        let all = scene.evaluate(py, algorithm, [q, qd, qdd], keywords)?;
+        three_parts(imported!(py, "phipsi._results", "InverseDynamicsDerivatives")?, &all, 2)
     }
 
     /// Analytical derivatives of forward dynamics in the tangent space of q: dqdd/dq, dqdd/dqd, dqdd/dtau = M^-1.
@@ -69,12 +69,9 @@ methods! {
     /// >>> inverse = scene.inverse_dynamics_derivatives(q, qd, qdd)
     /// >>> np.allclose(inverse.mass_matrix @ forward.dqdd_dq, -inverse.dtau_dq)
     /// True
-    fn forward_dynamics_derivatives(q, qd, tau; form, tolerance, wrenches, out, errors) |scene, py| {
-        scene.check_dense("forward_dynamics_derivatives", "differences of forward_dynamics")?;
-        let keywords = Keywords { wrenches, out, tolerance, ..Keywords::of(errors) };
-        let all = scene.forward_derivatives(py, form, [q, qd, tau], &keywords)?;
-        let class = imported!(py, "phipsi._results", "ForwardDynamicsDerivatives")?;
-        class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
+    fn forward_dynamics_derivatives(q, qd, tau; form, tolerance, wrenches, out, errors) |scene, py, keywords| {
+        let all = scene.evaluate(py, FORWARD, [q, qd, tau], keywords)?;
+        three_parts(imported!(py, "phipsi._results", "ForwardDynamicsDerivatives")?, &all, 2)
     }
 
     /// Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.
@@ -101,9 +98,9 @@ methods! {
     /// >>> A, B = scene.linearize([0.3, 0.2, 0.1], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     /// >>> A.shape, B.shape
     /// ((6, 6), (6, 3))
-    fn linearize(q, qd, tau; form, tolerance, wrenches, springs_and_damping, errors) |scene, py| {
+    fn linearize(q, qd, tau; form, tolerance, wrenches, springs_and_damping, errors) |scene, py, keywords| {
         scene.check_dense("linearize", "differences of forward_dynamics")?;
-        let has_forces = springs_and_damping && scene.scene.joint_forces().are_linear();
+        let has_forces = keywords.springs_and_damping && scene.scene.joint_forces().are_linear();
         let torque;
         let tau = if has_forces {
             let given = [("q", q), ("qd", qd), ("tau", tau)];
@@ -116,8 +113,7 @@ methods! {
         } else {
             tau
         };
-        let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
-        let all = scene.forward_derivatives(py, form, [q, qd, tau], &keywords)?;
+        let all = scene.evaluate(py, FORWARD, [q, qd, tau], keywords)?;
         let class = imported!(py, "phipsi._results", "LinearSystem")?;
         let nv = scene.scene.nv();
         let all = all.cast::<PyArrayDyn<f64>>()?.try_readonly()?;
@@ -170,11 +166,7 @@ methods! {
     /// >>> skew = scene.mass_matrix_derivative(q, qd) - 2 * scene.coriolis_matrix(q, qd)
     /// >>> np.allclose(skew, -skew.T)
     /// True
-    fn coriolis_matrix(q, qd; out, errors) |scene, py| {
-        scene.check_dense("coriolis_matrix", "bias_torque")?;
-        let algorithm = Algorithm::Derivatives(Derivatives::CoriolisMatrix);
-        scene.evaluate(py, algorithm, [q, qd], &Keywords { out, ..Keywords::of(errors) })
-    }
+    fn coriolis_matrix(q, qd; out, errors) => evaluate(|_| Algorithm::Derivatives(Derivatives::CoriolisMatrix));
 
     /// Time derivative dM/dt of the mass matrix along the joint velocities: C + C^T with the Coriolis matrix C.
     #[doc = parameters!(q qd out errors)]
@@ -190,24 +182,5 @@ methods! {
     /// >>> change = scene.mass_matrix(q + 1e-6 * qd) - scene.mass_matrix(q - 1e-6 * qd)
     /// >>> np.allclose(scene.mass_matrix_derivative(q, qd), change / 2e-6)
     /// True
-    fn mass_matrix_derivative(q, qd; out, errors) |scene, py| {
-        scene.check_dense("mass_matrix_derivative", "differences of mass_matrix")?;
-        let algorithm = Algorithm::Derivatives(Derivatives::MassMatrix);
-        scene.evaluate(py, algorithm, [q, qd], &Keywords { out, ..Keywords::of(errors) })
-    }
-}
-
-impl PyScene {
-    /// Evaluates the derivatives of forward dynamics, (..., 3, nv, nv).
-    fn forward_derivatives<'py>(
-        &self,
-        py: Python<'py>,
-        form: &str,
-        state: [&Object<'py>; 3],
-        keywords: &Keywords<'_, 'py>,
-    ) -> PyResult<Object<'py>> {
-        let algorithm = Algorithm::Derivatives(Derivatives::ForwardDynamics(read_form(form)?));
-        self.scene.check_tolerance(algorithm, keywords.tolerance)?;
-        self.evaluate(py, algorithm, state, keywords)
-    }
+    fn mass_matrix_derivative(q, qd; out, errors) => evaluate(|_| Algorithm::Derivatives(Derivatives::MassMatrix));
 }

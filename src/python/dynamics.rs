@@ -1,6 +1,5 @@
 //! Methods of `Scene`: forces, accelerations, and the mass matrix.
 
-use super::choice::read_judged;
 use super::evaluate::Keywords;
 use super::fresh;
 use super::object::Object;
@@ -54,11 +53,8 @@ methods! {
     /// >>> qdd = scene.forward_dynamics(q, qd, tau)
     /// >>> np.allclose(scene.inverse_dynamics(q, qd, qdd), tau)
     /// True
-    fn forward_dynamics(q, qd, tau; form, tolerance, wrenches, out, dtype, errors, return_info) |scene, py| {
-        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::ForwardDynamics)?;
-        let keywords = Keywords { wrenches, out, dtype, errors, tolerance, info: return_info };
-        scene.evaluate(py, Algorithm::ForwardDynamics(form), [q, qd, tau], &keywords)
-    }
+    fn forward_dynamics(q, qd, tau; form, tolerance, wrenches, out, dtype, errors, return_info)
+        => evaluate(Algorithm::ForwardDynamics);
 
     /// Joint torques from joint accelerations, in O(N): tau = M qdd + bias - J^T w, including gravity and armature.
     #[doc = parameters!(q qd qdd wrenches out dtype errors)]
@@ -75,10 +71,7 @@ methods! {
     /// >>> tau = scene.inverse_dynamics([0.3, 0.2, 0.1], still, still)
     /// >>> np.allclose(tau, scene.gravity_torque([0.3, 0.2, 0.1]))
     /// True
-    fn inverse_dynamics(q, qd, qdd; wrenches, out, dtype, errors) |scene, py| {
-        let keywords = Keywords { wrenches, out, dtype, ..Keywords::of(errors) };
-        scene.evaluate(py, Algorithm::InverseDynamics, [q, qd, qdd], &keywords)
-    }
+    fn inverse_dynamics(q, qd, qdd; wrenches, out, dtype, errors) => evaluate(|_| Algorithm::InverseDynamics);
 
     /// Bias torque H phi b: joint torques for zero joint accelerations (Coriolis, centrifugal and gravity), in O(N).
     #[doc = parameters!(q qd out dtype errors)]
@@ -92,9 +85,7 @@ methods! {
     /// >>> nonlinear = scene.coriolis_matrix(q, qd) @ qd + scene.gravity_torque(q)
     /// >>> np.allclose(scene.bias_torque(q, qd), nonlinear)
     /// True
-    fn bias_torque(q, qd; out, dtype, errors) |scene, py| {
-        scene.evaluate(py, Algorithm::BiasTorque, [q, qd], &Keywords { out, dtype, ..Keywords::of(errors) })
-    }
+    fn bias_torque(q, qd; out, dtype, errors) => evaluate(|_| Algorithm::BiasTorque);
 
     /// Gravity torque dU/dq: joint torques that hold the scene in static equilibrium, in O(N).
     #[doc = parameters!(q out dtype errors)]
@@ -106,9 +97,9 @@ methods! {
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.gravity_torque(scene.neutral()).round(1)
     /// array([  0. , -37. ,   0.2,   0. ,   0. ,   0. ])
-    fn gravity_torque(q; out, dtype, errors) |scene, py| {
+    fn gravity_torque(q; out, dtype, errors) |scene, py, keywords| {
         let rest = fresh::zeros::<f64>(py, &[scene.scene.nv()])?.into_any();
-        scene.evaluate(py, Algorithm::BiasTorque, [q, &rest], &Keywords { out, dtype, ..Keywords::of(errors) })
+        scene.evaluate(py, |_| Algorithm::BiasTorque, [q, &rest], keywords)
     }
 
     /// Joint-space mass matrix M(q) including armature: the covariance of the joint torques (eq. 5.1).
@@ -125,10 +116,7 @@ methods! {
     /// >>> M = scene.mass_matrix([0.3, 0.2, 0.1])
     /// >>> M.shape, bool((M == M.T).all())
     /// ((3, 3), True)
-    fn mass_matrix(q; out, dtype, errors) |scene, py| {
-        scene.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
-        scene.evaluate(py, Algorithm::MassMatrix, [q], &Keywords { out, dtype, ..Keywords::of(errors) })
-    }
+    fn mass_matrix(q; out, dtype, errors) => evaluate(|_| Algorithm::MassMatrix);
 
     /// Inverse of the joint-space mass matrix in closed form (eq. 6.1), without forming or factoring M.
     #[doc = parameters!(q form tolerance out dtype errors)]
@@ -144,12 +132,7 @@ methods! {
     /// >>> q = [0.3, 0.2, 0.1]
     /// >>> np.allclose(scene.mass_matrix_inverse(q) @ scene.mass_matrix(q), np.eye(3))
     /// True
-    fn mass_matrix_inverse(q; form, tolerance, out, dtype, errors) |scene, py| {
-        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
-        scene.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
-        let keywords = Keywords { out, dtype, tolerance, ..Keywords::of(errors) };
-        scene.evaluate(py, Algorithm::MassMatrixInverse(form), [q], &keywords)
-    }
+    fn mass_matrix_inverse(q; form, tolerance, out, dtype, errors) => evaluate(Algorithm::MassMatrixInverse);
 }
 
 impl PyScene {

@@ -2,6 +2,7 @@
 
 use super::bad_states::is_nan;
 use super::cost::Cost;
+use super::evaluate::Keywords;
 use super::object::Object;
 use super::output::Output;
 use super::scene::PyScene;
@@ -20,7 +21,7 @@ impl PyScene {
         py: Python<'py>,
         what: &KinematicQuantity<'_>,
         values: [&Object<'py>; N],
-        errors: &str,
+        &Keywords { errors, .. }: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let (entry, mut room) = (what.entry(), [0; 4]);
         if entry.needs_mass {

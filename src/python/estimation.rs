@@ -79,7 +79,6 @@ impl PyScene {
            text_signature = "($self, q, qd, tau, *, noise=0.0, measured=None, prior_acceleration=None, \
                              acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', \
                              errors='raise')")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn estimate<'py>(
         &self,
         py: Python<'py>,

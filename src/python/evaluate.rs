@@ -3,6 +3,7 @@
 use super::accuracy::BatchAccuracy;
 use super::bad_states::{Errors, is_nan};
 use super::call::BatchCall;
+use super::choice::read_judged;
 use super::cost::Cost;
 use super::dtype::{Dtype, check_range, is_float32};
 use super::object::Object;
@@ -19,22 +20,39 @@ use crate::filter::Form;
 use crate::scalar::MOST_LANES;
 use pyo3::prelude::*;
 
-/// Keywords of a call.
+/// The keywords of the methods of `Scene`, and the link of those that have one; those that a method does not take have
+/// the values of [`Keywords::none`].
+#[derive(Default)]
 pub(super) struct Keywords<'a, 'py> {
+    pub errors: &'a str,
+    pub form: &'a str,
+    pub frame: &'a str,
+    pub kind: &'a str,
+    pub link: &'a str,
+    /// Largest accepted error estimate; None: the default.
+    pub tolerance: Option<f64>,
+    pub parameters: bool,
+    pub springs_and_damping: bool,
+    /// True if forward dynamics returns its accuracy.
+    pub return_info: bool,
     pub wrenches: Option<&'a Object<'py>>,
     pub out: Option<&'a Object<'py>>,
     pub dtype: Option<&'a Object<'py>>,
-    pub errors: &'a str,
-    /// Largest accepted error estimate; None: the default.
-    pub tolerance: Option<f64>,
-    /// True if forward dynamics returns its accuracy.
-    pub info: bool,
+    pub at: Option<&'a Object<'py>>,
+    pub rotation: Option<&'a Object<'py>>,
+    pub directions: Option<&'a Object<'py>>,
+    pub xyz: Option<&'a Object<'py>>,
+    pub compliance: Option<&'a Object<'py>>,
+    pub actuated: Option<&'a Object<'py>>,
+    pub dwrenches: Option<&'a Object<'py>>,
+    pub dparameters: Option<&'a Object<'py>>,
+    pub darmature: Option<&'a Object<'py>>,
+    pub dgravity: Option<&'a Object<'py>>,
 }
 
-impl<'a> Keywords<'a, '_> {
-    /// Keywords of a call whose only keyword is `errors`.
-    pub fn of(errors: &'a str) -> Self {
-        Self { wrenches: None, out: None, dtype: None, errors, tolerance: None, info: false }
+impl Keywords<'_, '_> {
+    pub fn none() -> Self {
+        Self { errors: "raise", form: "auto", ..Self::default() }
     }
 }
 
@@ -43,11 +61,16 @@ impl PyScene {
     pub(super) fn evaluate<'py, const N: usize>(
         &self,
         py: Python<'py>,
-        algorithm: Algorithm,
+        algorithm: fn(Form) -> Algorithm,
         values: [&Object<'py>; N],
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
+        let &Keywords { wrenches, out, dtype, errors, form, tolerance, return_info, .. } = keywords;
+        let algorithm = algorithm(read_judged(&self.scene, (form, tolerance), algorithm)?);
         let (entry, mut room) = (algorithm.entry(), [0; 4]);
+        if let Some(instead) = entry.instead {
+            self.check_dense(entry.name, instead)?;
+        }
         let shape = entry.shape(&self.scene.sizes(), &mut room);
         let is_connected = !self.scene.connections().is_empty();
         let body = match algorithm {
@@ -56,8 +79,7 @@ impl PyScene {
             _ => entry.cost[0] + entry.cost[1] * self.scene.nv(),
         };
         let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
-        let &Keywords { wrenches, out, dtype, errors, tolerance, info } = keywords;
-        let is_plain = !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() && tolerance.is_none();
+        let is_plain = !is_nan(errors)? && !return_info && wrenches.is_none() && dtype.is_none() && tolerance.is_none();
         if is_plain && let Some(result) = self.single(py, algorithm, values, shape, cost, out)? {
             self.warn_of_linkage(py)?;
             return Ok(result);
@@ -86,7 +108,7 @@ impl PyScene {
         let call = BatchCall::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
         let call = call.accepting(keywords.tolerance);
         let accuracy = match form {
-            Some(form) if keywords.info => Some(BatchAccuracy::new(form, call.states)?),
+            Some(form) if keywords.return_info => Some(BatchAccuracy::new(form, call.states)?),
             _ => None,
         };
         let mut output = call.output::<P>(py, shape, keywords.out, Output::unwritten)?;

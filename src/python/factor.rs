@@ -1,7 +1,7 @@
 //! The class `Factor`: K, L and D at one configuration or a batch of them, and the operators of the paper.
 
 use super::call::run;
-use super::choice::{name_of, read_judged};
+use super::choice::{choose, name_of, read_judged};
 use super::errors::{asked_by, fault};
 use super::input::{self, Input};
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
@@ -16,7 +16,7 @@ use crate::filter::Form;
 use crate::interrupt;
 use crate::memory;
 use crate::operators::dense::Composite;
-use crate::operators::{Factor, KINDS, Kind, Operator};
+use crate::operators::{Factor, KINDS, Operator};
 use crate::scene::{Model, Scene};
 use crate::workspace::Workspace;
 use pyo3::prelude::*;
@@ -56,17 +56,6 @@ struct State {
 impl PyFactor {
     fn model(&self) -> &Model<f64> {
         self.scene.get().scene.model()
-    }
-
-    /// Factors every configuration of q.
-    fn new(scene: &Bound<'_, PyScene>, q: &Object<'_>, (form, tolerance): (&str, Option<f64>)) -> PyResult<Self> {
-        let (py, own) = (scene.py(), scene.get());
-        let form = read_judged(&own.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
-        let input = own.configuration("q", q)?;
-        let factors = own.factors(py, &input, (form, tolerance))?;
-        let state = State { factors, configurations: memory::copied("q", input.data()?)? };
-        let (batch, state) = (input.leading().to_vec(), RwLock::new(Arc::new(state)));
-        Ok(Self { scene: scene.clone().unbind(), batch, form, tolerance, pool: Pool::default(), state })
     }
 
     /// Current factors and configurations. Ignoring a poisoned lock is safe, because updates are complete or
@@ -194,7 +183,7 @@ impl PyScene {
         form: &str,
         tolerance: Option<f64>,
     ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi.operators", "Factor")?.call1((PyFactor::new(slf, q, (form, tolerance))?,))
+        imported!(slf.py(), "phipsi.operators", "Factor")?.call1((rebuild_factor(slf, q, form, tolerance)?,))
     }
 }
 
@@ -256,14 +245,14 @@ impl PyFactor {
     /// Shape (rows, columns) of an operator.
     #[pyo3(signature = (kind, /))]
     fn shape(&self, kind: &str) -> PyResult<(usize, usize)> {
-        Ok(find(kind)?.shape(self.model().nv()))
+        Ok(choose("kind", kind, KINDS)?.shape(self.model().nv()))
     }
 
     /// Product of an operator, or of its transpose, with x, (..., columns), by a sweep.
     #[pyo3(signature = (kind, transpose, x, /))]
     fn apply<'py>(&self, py: Python<'py>, kind: &str, transpose: bool, x: &Object<'py>) -> Array<'py> {
         let what = format!("product with {kind}");
-        let kind = find(kind)?;
+        let kind = choose("kind", kind, KINDS)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let (from, to) = if transpose { (rows, columns) } else { (columns, rows) };
         let rates = self.scene.get().rates();
@@ -312,7 +301,7 @@ impl PyFactor {
     /// Operator as a matrix, (..., rows, columns), from its definition and not by a sweep.
     #[pyo3(signature = (kind, /))]
     fn dense<'py>(&self, py: Python<'py>, kind: &str) -> PyResult<Object<'py>> {
-        let kind = find(kind)?;
+        let kind = choose("kind", kind, KINDS)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let nq = self.model().nq;
         let mut output = asked_by(py, "q", Output::new(py, &[&self.batch[..], &[rows, columns]].concat()))?;
@@ -333,7 +322,7 @@ impl PyFactor {
     }
 }
 
-/// Rebuilds a factor from the result of RawFactor.__reduce__.
+/// Factors every configuration of q, for Scene.factor and from the result of RawFactor.__reduce__.
 #[pyfunction]
 #[pyo3(name = "_rebuild_factor", signature = (scene, q, form, tolerance=None, /))]
 pub(super) fn rebuild_factor(
@@ -342,12 +331,11 @@ pub(super) fn rebuild_factor(
     form: &str,
     tolerance: Option<f64>,
 ) -> PyResult<PyFactor> {
-    PyFactor::new(scene, q, (form, tolerance))
-}
-
-fn find(name: &str) -> Result<Kind, Error> {
-    Kind::from_name(name).ok_or_else(|| {
-        let names: Vec<&str> = KINDS.iter().map(|(name, _)| *name).collect();
-        Error::argument("kind", format!("{name:?}"), format!("one of {}", names.join(", ")))
-    })
+    let (py, own) = (scene.py(), scene.get());
+    let form = read_judged(&own.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
+    let input = own.configuration("q", q)?;
+    let factors = own.factors(py, &input, (form, tolerance))?;
+    let state = State { factors, configurations: memory::copied("q", input.data()?)? };
+    let (batch, state) = (input.leading().to_vec(), RwLock::new(Arc::new(state)));
+    Ok(PyFactor { scene: scene.clone().unbind(), batch, form, tolerance, pool: Pool::default(), state })
 }

@@ -1,6 +1,7 @@
 //! Methods of `Scene`: forward kinematics of all links, energy and momentum.
 
 use super::errors::asked_by;
+use super::evaluate::Keywords;
 use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
@@ -80,9 +81,7 @@ methods! {
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
     /// >>> np.allclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
     /// True
-    fn kinetic_energy(q, qd; errors) |scene, py| {
-        scene.kinematic_quantity(py, &KinematicQuantity::KineticEnergy, [q, qd], errors)
-    }
+    fn kinetic_energy(q, qd; errors) => kinematic_quantity(&KinematicQuantity::KineticEnergy);
 
     /// Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass.
     #[doc = parameters!(q errors)]
@@ -97,9 +96,7 @@ methods! {
     /// >>> weight = scene.total_mass * np.array(scene.gravity)
     /// >>> np.allclose(scene.potential_energy(q), -weight @ scene.center_of_mass(q))
     /// True
-    fn potential_energy(q; errors) |scene, py| {
-        scene.kinematic_quantity(py, &KinematicQuantity::PotentialEnergy, [q], errors)
-    }
+    fn potential_energy(q; errors) => kinematic_quantity(&KinematicQuantity::PotentialEnergy);
 
     /// Spatial momentum of all moving links in the base frame: (angular about its origin, linear).
     #[doc = parameters!(q qd errors)]
@@ -112,7 +109,5 @@ methods! {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.momentum(q, qd)[3:], scene.total_mass * scene.center_of_mass_velocity(q, qd))
     /// True
-    fn momentum(q, qd; errors) |scene, py| {
-        scene.kinematic_quantity(py, &KinematicQuantity::Momentum, [q, qd], errors)
-    }
+    fn momentum(q, qd; errors) => kinematic_quantity(&KinematicQuantity::Momentum);
 }

@@ -1,7 +1,5 @@
 //! Methods of `Scene`: identification of its parameters from logs, and what it needs of compiled code.
 
-#![allow(clippy::needless_pass_by_value)] // PyO3 hands arrays over
-
 use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::products::{parameters_of, places_of_links};

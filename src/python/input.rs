@@ -241,7 +241,7 @@ pub(super) fn triple(name: &str, value: &Object<'_>) -> PyResult<[f64; 3]> {
 }
 
 pub(super) fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyErr {
-    Error::Shape { argument: name.to_owned(), found: shape_text(found), expected }.into()
+    Error::shape(name, shape_text(found), expected).into()
 }
 
 /// Calls a function of `phipsi._arguments` with an argument.

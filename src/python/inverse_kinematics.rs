@@ -94,7 +94,6 @@ impl PyScene {
            text_signature = "($self, tasks, q0=None, *, follow=False, starts=None, posture=None, limits=True, \
                              tolerance=1e-9, iterations=100, metric='coordinates', covariance=False, seed=0, \
                              errors='raise')")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics<'py>(
         &self,
         py: Python<'py>,
@@ -196,7 +195,6 @@ impl PyScene {
     /// >>> scene.placement(q, "flange")[:3, 3].round(3)
     /// array([0.5, 0.1, 0.4])
     #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true, velocity=None, errors="raise"))]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics_rates<'py>(
         &self,
         py: Python<'py>,
@@ -312,16 +310,14 @@ fn on_paths(mut inputs: Vec<Input<'_>>) -> PyResult<Vec<Input<'_>>> {
     if start.leading().len() >= axes {
         let found = shape_text(&[start.leading(), &[start.width()]].concat());
         let expected =
-            "one configuration per path, without an axis of the path; each target starts from the solution before"
-                .to_owned();
-        return Err(Error::Shape { argument: start.name.into_owned(), found, expected }.into());
+            "one configuration per path, without an axis of the path; each target starts from the solution before";
+        return Err(Error::shape(&start.name, found, expected).into());
     }
     inputs.insert(0, start.for_paths()?);
     Ok(inputs)
 }
 
 /// Creates a task without its target, which differs between states.
-#[allow(clippy::too_many_arguments)] // the fields of a task
 fn aimless(
     scene: &Scene,
     kind: &str,

@@ -1,6 +1,7 @@
 //! Methods of `Scene`: pose, velocity, acceleration and Jacobian of one link, in O(depth).
 
 use super::choice::{choose, names};
+use super::evaluate::Keywords;
 use super::input::triple;
 use super::object::Object;
 use super::scene::PyScene;
@@ -41,7 +42,12 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         if let Ok(name) = link.cast::<PyString>() {
             let frame = self.scene.frame(&name.to_str()?.into())?;
-            return self.kinematic_quantity(py, &KinematicQuantity::Placement(&frame), [q], errors);
+            return self.kinematic_quantity(
+                py,
+                &KinematicQuantity::Placement(&frame),
+                [q],
+                &Keywords { errors, ..Keywords::none() },
+            );
         }
         let names = names("link", link, "the name of a link, or a sequence of names")?;
         memory::room("link", memory::bytes_of::<f64>(&[names.len(), 16, 3]))?;
@@ -82,9 +88,9 @@ methods! {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.velocity(q, qd, "link2"), scene.jacobian(q, "link2") @ qd)
     /// True
-    fn velocity(q, qd, link; frame, at, errors) |scene, py| {
-        let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
-        scene.kinematic_quantity(py, &KinematicQuantity::Velocity(&frame, reference), [q, qd], errors)
+    fn velocity(q, qd, link; frame, at, errors) |scene, py, keywords| {
+        let (reference, frame) = scene.on_link(keywords)?;
+        scene.kinematic_quantity(py, &KinematicQuantity::Velocity(&frame, reference), [q, qd], keywords)
     }
 
     /// Spatial acceleration of a link relative to the base, (angular, linear): J qdd + J' qd, without gravity.
@@ -105,11 +111,11 @@ methods! {
     /// >>> expected = scene.jacobian(q, "link2") @ qdd + scene.jacobian_rate_product(q, qd, "link2")
     /// >>> np.allclose(scene.acceleration(q, qd, qdd, "link2"), expected)
     /// True
-    fn acceleration(q, qd, qdd, link; frame, at, kind, errors) |scene, py| {
-        let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
-        let kind = choose("kind", kind, ACCELERATION_KINDS)?;
+    fn acceleration(q, qd, qdd, link; frame, at, kind, errors) |scene, py, keywords| {
+        let (reference, frame) = scene.on_link(keywords)?;
+        let kind = choose("kind", keywords.kind, ACCELERATION_KINDS)?;
         let what = KinematicQuantity::Acceleration(&frame, reference, kind);
-        scene.kinematic_quantity(py, &what, [q, qd, qdd], errors)
+        scene.kinematic_quantity(py, &what, [q, qd, qdd], keywords)
     }
 
     /// Geometric Jacobian J of a link: its spatial velocity (angular, linear) is J qd.
@@ -125,9 +131,9 @@ methods! {
     /// >>> J = scene.jacobian([0.3, 0.2, 0.1], "link2", frame="world")
     /// >>> np.allclose(J[:, 0], [0, 0, 1, 0, 0, 0])     # the first joint rotates about z of the base
     /// True
-    fn jacobian(q, link; frame, at, errors) |scene, py| {
-        let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
-        scene.kinematic_quantity(py, &KinematicQuantity::Jacobian(&frame, reference), [q], errors)
+    fn jacobian(q, link; frame, at, errors) |scene, py, keywords| {
+        let (reference, frame) = scene.on_link(keywords)?;
+        scene.kinematic_quantity(py, &KinematicQuantity::Jacobian(&frame, reference), [q], keywords)
     }
 
     /// Time derivative J' of the Jacobian of a link along qd, entry by entry in the given frame.
@@ -145,9 +151,9 @@ methods! {
     /// >>> ahead, behind = (scene.jacobian(q + h * qd, "link2") for h in (1e-6, -1e-6))
     /// >>> np.allclose(scene.jacobian_rate(q, qd, "link2"), (ahead - behind) / 2e-6)
     /// True
-    fn jacobian_rate(q, qd, link; frame, at, errors) |scene, py| {
-        let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
-        scene.kinematic_quantity(py, &KinematicQuantity::JacobianRate(&frame, reference), [q, qd], errors)
+    fn jacobian_rate(q, qd, link; frame, at, errors) |scene, py, keywords| {
+        let (reference, frame) = scene.on_link(keywords)?;
+        scene.kinematic_quantity(py, &KinematicQuantity::JacobianRate(&frame, reference), [q, qd], keywords)
     }
 
     /// Acceleration J' qd of a link for zero joint accelerations, without forming J', in O(depth).
@@ -162,23 +168,24 @@ methods! {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.jacobian_rate_product(q, qd, "link2"), scene.jacobian_rate(q, qd, "link2") @ qd)
     /// True
-    fn jacobian_rate_product(q, qd, link; frame, at, errors) |scene, py| {
-        let (reference, frame) = (read_frame(frame)?, scene.on_link(link, at)?);
+    fn jacobian_rate_product(q, qd, link; frame, at, errors) |scene, py, keywords| {
+        let (reference, frame) = scene.on_link(keywords)?;
         let what = KinematicQuantity::JacobianRateProduct(&frame, reference);
-        scene.kinematic_quantity(py, &what, [q, qd], errors)
+        scene.kinematic_quantity(py, &what, [q, qd], keywords)
     }
 }
 
 impl PyScene {
-    /// Frame of a link, translated to the point `at`; an unknown link is an error, even if the batch is empty.
-    fn on_link(&self, link: &str, at: Option<&Object<'_>>) -> PyResult<Frame<f64>> {
-        let mut frame = self.scene.frame(&link.into())?;
-        if let Some(at) = at {
+    /// The reference frame, and the frame of a link, translated to the point `at`; an unknown link is an error, even if the batch is empty.
+    fn on_link(&self, keywords: &Keywords<'_, '_>) -> PyResult<(ReferenceFrame, Frame<f64>)> {
+        let reference = read_frame(keywords.frame)?;
+        let mut frame = self.scene.frame(&keywords.link.into())?;
+        if let Some(at) = keywords.at {
             let point = triple("at", at)?;
             check_finite("at", &point)?;
             frame.placement.lever += frame.placement.rotate(&Vector3::from(point));
         }
-        Ok(frame)
+        Ok((reference, frame))
     }
 
     /// Number of bodies between the base and a frame, at least one, for the estimate of the time of a call.

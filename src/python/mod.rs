@@ -9,6 +9,8 @@
 
 // The doc comments of classes and methods are docstrings of Python, not Markdown.
 #![allow(clippy::doc_markdown, clippy::doc_link_with_quotes, clippy::doc_lazy_continuation)]
+// The arguments of a method are its keywords in Python, and PyO3 hands arrays and lists over by value.
+#![allow(clippy::too_many_arguments, clippy::needless_pass_by_value)]
 
 #[macro_use]
 mod docstrings;

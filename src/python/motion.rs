@@ -136,7 +136,7 @@ impl PyScene {
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
                              compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
                              duration=None, covariance=None)")]
-    #[allow(clippy::too_many_arguments, clippy::too_many_lines)] // keywords, in Python
+    #[allow(clippy::too_many_lines)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
@@ -393,18 +393,20 @@ fn advanced(
 fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<&Scene>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
     let py = tau.py();
     let states = rollout.states();
-    let (nq, nv) = (plan.own.scene.nq(), plan.own.scene.nv());
+    let (nq, nv) = (plan.own.scene.tree().nq(), plan.own.scene.tree().nv());
     let mut q = memory::with_capacity("q", states * nq)?;
     let mut qd = memory::with_capacity("qd", states * nv)?;
     for state in 0..rollout.states() {
         let (own_q, own_qd) = rollout.state(state);
-        q.extend_from_slice(&plan.own.coordinates_of_scene(own_q));
-        qd.extend_from_slice(&plan.own.rates_of_scene(own_qd));
+        q.extend_from_slice(own_q);
+        qd.extend_from_slice(own_qd);
     }
-    let shape = |width: usize| [plan.batch, &[width]].concat();
+    let of_scene = |numbers: &[f64], width: usize, rates: bool| {
+        plan.own.of_scene(from_numbers(py, numbers, &[plan.batch, &[width]].concat())?, rates)
+    };
     #[allow(clippy::cast_precision_loss)] // a time
     let t = rollout.steps() as f64 * plan.dt;
-    let value = tau.call1((t, from_numbers(py, &q, &shape(nq))?, from_numbers(py, &qd, &shape(nv))?))?;
+    let value = tau.call1((t, of_scene(&q, nq, false)?, of_scene(&qd, nv, true)?))?;
     let tau = Input::new("tau(t, q, qd)", &value, plan.own.rates())?;
     check_finite("tau(t, q, qd)", tau.data()?)?;
     plan.own.on_tree(py, tau, Coupling::torques)

@@ -54,7 +54,6 @@ pub(crate) struct PyObserver {
 impl PyObserver {
     /// Create a filter from checked arrays; q (robots, nq) and qd (robots, nv).
     #[new]
-    #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)] // one caller, in Python; arrays by value
     fn new(
         scene: Py<PyScene>,
         dt: f64,
@@ -89,7 +88,6 @@ impl PyObserver {
     }
 
     /// Replace the state.
-    #[allow(clippy::needless_pass_by_value)] // PyO3 hands arrays over
     fn resume(&self, numbers: PyReadonlyArray1<'_, f64>) -> PyResult<()> {
         Ok(self.filter()?.resume(numbers.as_slice()?)?)
     }
@@ -106,7 +104,6 @@ impl PyObserver {
     ///
     /// Returns q, qd, wrenches and biases, covariance, NIS and its number of readings, and whether a window of
     /// innovations is complete.
-    #[allow(clippy::needless_pass_by_value)] // PyO3 hands arrays over
     fn step<'py>(
         &self,
         py: Python<'py>,
@@ -211,7 +208,6 @@ impl PyObserver {
     }
 
     /// The next state of a step (q, qd, wrenches and biases), [F B], the accelerations and their derivatives.
-    #[allow(clippy::needless_pass_by_value)] // PyO3 hands arrays over
     fn transition<'py>(
         &self,
         py: Python<'py>,
@@ -251,7 +247,6 @@ impl PyScene {
     /// Predicted readings of a sensor, (states, m), and their derivatives by q, qd, qdd and torque noise, (states, m,
     /// nv), at states (states, nq) and (states, nv).
     #[pyo3(name = "_sensor_prediction")]
-    #[allow(clippy::needless_pass_by_value)] // PyO3 hands arrays over
     fn sensor_prediction<'py>(
         &self,
         py: Python<'py>,

@@ -1,6 +1,7 @@
 //! Methods of `Scene`: operational space.
 
 use super::choice::{names, read_judged, renamed};
+use super::evaluate::Keywords;
 use super::input::{one_or_each, rows};
 use super::object::Object;
 use super::scene::PyScene;
@@ -8,6 +9,7 @@ use super::scratch::Scratch;
 use crate::algorithm::Algorithm;
 use crate::api::TaskFrame;
 use crate::error::{Error, check_finite};
+use crate::filter::Form;
 use crate::memory;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
@@ -47,11 +49,8 @@ methods! {
     /// True
     #[pyo3(text_signature = "($self, q, links, *, at=None, rotation=None, form='auto', tolerance=None, \
                              errors='raise')")]
-    fn operational_inverse_inertia(q, links; at, rotation, form, tolerance, errors, xyz) |scene, py| {
-        renamed("xyz", xyz, "at")?;
-        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
-        scene.errors(errors, Some(form))?;
-        let task = Task::read(&scene.scene, links, at, rotation)?;
+    fn operational_inverse_inertia(q, links; at, rotation, form, tolerance, errors, xyz) |scene, py, keywords| {
+        let (form, task) = scene.task(links, keywords)?;
         let frames = task.frames();
         let width = 6 * frames.len();
         memory::room("links", memory::bytes_of::<f64>(&[width, width]))?;
@@ -89,15 +88,12 @@ methods! {
     /// array([ 4.3, 25.3, 39. ])
     #[pyo3(text_signature = "($self, q, links, *, at=None, rotation=None, directions=None, form='auto', \
                              tolerance=None, errors='raise')")]
-    fn operational_inertia(q, links; at, rotation, directions, form, tolerance, errors, xyz) |scene, py| {
-        renamed("xyz", xyz, "at")?;
-        let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
-        scene.errors(errors, Some(form))?;
-        let task = Task::read(&scene.scene, links, at, rotation)?;
+    fn operational_inertia(q, links; at, rotation, directions, form, tolerance, errors, xyz) |scene, py, keywords| {
+        let (form, task) = scene.task(links, keywords)?;
         let frames = task.frames();
         let width = 6 * frames.len();
         Self::check_task_room("links", [width, width])?;
-        let directions = directions.map(|directions| rows("directions", directions, width)).transpose()?;
+        let directions = keywords.directions.map(|directions| rows("directions", directions, width)).transpose()?;
         if let Some((_, directions)) = &directions {
             check_finite("directions", directions)?;
         }
@@ -124,6 +120,15 @@ impl PyScene {
         /// Number of matrices of that size at the same time.
         const AT_ONCE: usize = 6;
         memory::room(argument, memory::bytes_of::<f64>(&[rows, columns, AT_ONCE]))
+    }
+
+    /// The form and the frames of a task.
+    fn task(&self, links: &Object<'_>, keywords: &Keywords<'_, '_>) -> PyResult<(Form, Task)> {
+        let &Keywords { at, rotation, xyz, form, tolerance, errors, .. } = keywords;
+        renamed("xyz", xyz, "at")?;
+        let form = read_judged(&self.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
+        self.errors(errors, Some(form))?;
+        Ok((form, Task::read(&self.scene, links, at, rotation)?))
     }
 
     fn cost_of_task(&self, frames: usize) -> usize {

@@ -169,8 +169,13 @@ pub(super) fn property<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -
     Ok(array)
 }
 
+/// A named tuple of the three vectors or matrices (one or two axes) that are consecutive in the result of each state.
+pub(super) fn three_parts<'py>(class: &Object<'py>, all: &Object<'py>, axes: usize) -> PyResult<Object<'py>> {
+    class.call1((part(all, axes, 0)?, part(all, axes, 1)?, part(all, axes, 2)?))
+}
+
 /// View of one of the vectors or matrices (one or two axes) that are consecutive in the result of each state.
-pub(super) fn part<'py>(all: &Object<'py>, axes: usize, which: usize) -> PyResult<Object<'py>> {
+fn part<'py>(all: &Object<'py>, axes: usize, which: usize) -> PyResult<Object<'py>> {
     if all.cast::<PyUntypedArray>()?.ndim() == axes + 1 {
         return all.get_item(which);
     }

@@ -79,7 +79,6 @@ impl PySimulator {
 /// Rebuilds a simulator from the result of Simulator.__reduce__.
 #[pyfunction]
 #[pyo3(name = "_rebuild_simulator", signature = (scene, q, qd, keywords, numbers, begun, steps, /))]
-#[allow(clippy::needless_pass_by_value)] // what Python gives
 pub(super) fn rebuild_simulator<'py>(
     scene: &Bound<'py, PyScene>,
     q: &Object<'py>,

@@ -2,19 +2,20 @@
 
 use super::axis::Axis;
 use super::call::BatchCall;
-use super::choice::{items, read_form};
+use super::choice::{items, read_judged};
 use super::cost::Cost;
 use super::description::body_names;
 use super::evaluate::Keywords;
 use super::input::Input;
 use super::object::{Object, imported};
-use super::output::{Output, part};
+use super::output::{Output, three_parts};
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Arguments, Products};
 use crate::batch::Broadcast;
 use crate::dynamics::derivatives::{ConstantParts, GradientParts, Parameters, of_body, of_link};
 use crate::error::{Error, check_finite};
+use crate::filter::Form;
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
 use pyo3::prelude::*;
@@ -39,9 +40,6 @@ pub(super) fn places_of_links(scene: &Scene) -> Result<Vec<Place>, Error> {
     body_names(scene).map(|name| scene.link(name).map(|link| (link.body, link.placement))).collect()
 }
 
-/// q, qd and the third argument, then a direction or a cotangent, or both.
-type Given<'a, 'py> = Vec<&'a Object<'py>>;
-
 methods! {
     /// Directional derivative of the joint torques, in O(N): dtau_dq dq + dtau_dqd dqd + M dqdd.
     #[doc = parameters!(q qd qdd dq dqd dqdd wrenches constants errors)]
@@ -59,11 +57,7 @@ methods! {
     /// >>> np.allclose(product, scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq @ dq)
     /// True
     fn inverse_dynamics_jvp(q, qd, qdd, dq, dqd, dqdd;
-        wrenches, dwrenches, dparameters, darmature, dgravity, errors) |scene, py| {
-        let given = vec![q, qd, qdd, dq, dqd, dqdd];
-        let constants = Constant::read(&scene.scene, (dwrenches, dparameters, darmature, dgravity))?;
-        scene.along(py, Products::InverseTangent, given, (&Keywords { wrenches, ..Keywords::of(errors) }, constants))
-    }
+        wrenches, dwrenches, dparameters, darmature, dgravity, errors) => along(false);
 
     /// Gradients of cotangent . tau, in O(N): cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
     #[doc = parameters!(q qd qdd)]
@@ -81,16 +75,7 @@ methods! {
     /// >>> gradients = scene.inverse_dynamics_vjp(q, qd, qdd, c)
     /// >>> np.allclose(gradients.q, c @ scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq)
     /// True
-    fn inverse_dynamics_vjp(q, qd, qdd, cotangent; wrenches, parameters, errors) |scene, py| {
-        let given = vec![q, qd, qdd, cotangent];
-        let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
-        scene.gradients(
-            (py, class),
-            Products::InverseGradient,
-            given,
-            (&Keywords { wrenches, ..Keywords::of(errors) }, parameters),
-        )
-    }
+    fn inverse_dynamics_vjp(q, qd, qdd, cotangent; wrenches, parameters, errors) => gradients(false);
 
     /// Directional derivative of the joint accelerations, in O(N): dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
     #[doc = parameters!(q qd tau dq dqd dtau form tolerance_of_derivatives wrenches constants errors)]
@@ -109,13 +94,7 @@ methods! {
     /// >>> np.allclose(product, scene.mass_matrix_inverse(q) @ dtau)
     /// True
     fn forward_dynamics_jvp(q, qd, tau, dq, dqd, dtau;
-        form, tolerance, wrenches, dwrenches, dparameters, darmature, dgravity, errors) |scene, py| {
-        let given = vec![q, qd, tau, dq, dqd, dtau];
-        let constants = Constant::read(&scene.scene, (dwrenches, dparameters, darmature, dgravity))?;
-        let which = Products::ForwardTangent(read_form(form)?);
-        scene.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
-        scene.along(py, which, given, (&Keywords { wrenches, tolerance, ..Keywords::of(errors) }, constants))
-    }
+        form, tolerance, wrenches, dwrenches, dparameters, darmature, dgravity, errors) => along(true);
 
     /// Gradients of cotangent . qdd, in O(N): cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
     #[doc = parameters!(q qd tau)]
@@ -136,14 +115,7 @@ methods! {
     /// >>> gradients = scene.forward_dynamics_vjp(q, qd, tau, c)
     /// >>> np.allclose(gradients.q, c @ scene.forward_dynamics_derivatives(q, qd, tau).dqdd_dq)
     /// True
-    fn forward_dynamics_vjp(q, qd, tau, cotangent; form, tolerance, wrenches, parameters, errors) |scene, py| {
-        let given = vec![q, qd, tau, cotangent];
-        let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
-        let which = Products::ForwardGradient(read_form(form)?);
-        scene.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
-        let keywords = Keywords { wrenches, tolerance, ..Keywords::of(errors) };
-        scene.gradients((py, class), which, given, (&keywords, parameters))
-    }
+    fn forward_dynamics_vjp(q, qd, tau, cotangent; form, tolerance, wrenches, parameters, errors) => gradients(true);
 
     /// Hessian of cotangent . tau times a direction, in O(N): change of the gradients of inverse_dynamics_vjp.
     #[doc = parameters!(q qd qdd)]
@@ -165,11 +137,7 @@ methods! {
     /// >>> ahead, behind = (scene.inverse_dynamics_vjp(q + h * dq, qd, qdd, c).q for h in (1e-6, -1e-6))
     /// >>> np.allclose(product.q, (ahead - behind) / 2e-6)
     /// True
-    fn inverse_dynamics_hvp(q, qd, qdd, cotangent, dq, dqd, dqdd; wrenches, errors) |scene, py| {
-        let given = vec![q, qd, qdd, cotangent, dq, dqd, dqdd];
-        let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
-        scene.hessian((py, class), Products::InverseGradient, given, &Keywords { wrenches, ..Keywords::of(errors) })
-    }
+    fn inverse_dynamics_hvp(q, qd, qdd, cotangent, dq, dqd, dqdd; wrenches, errors) => hessian(false);
 
     /// Hessian of cotangent . qdd times a direction, in O(N): change of the gradients of forward_dynamics_vjp.
     #[doc = parameters!(q qd tau)]
@@ -190,32 +158,39 @@ methods! {
     /// >>> product = scene.forward_dynamics_hvp(q, qd, tau, c, zero, zero, dtau)
     /// >>> np.allclose(product.tau, 0.0)     # qdd is linear in tau
     /// True
-    fn forward_dynamics_hvp(q, qd, tau, cotangent, dq, dqd, dtau; form, tolerance, wrenches, errors) |scene, py| {
-        let given = vec![q, qd, tau, cotangent, dq, dqd, dtau];
-        let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
-        let which = Products::ForwardGradient(read_form(form)?);
-        scene.scene.check_tolerance(Algorithm::Products(which), tolerance)?;
-        scene.hessian((py, class), which, given, &Keywords { wrenches, tolerance, ..Keywords::of(errors) })
+    fn forward_dynamics_hvp(q, qd, tau, cotangent, dq, dqd, dtau; form, tolerance, wrenches, errors) => hessian(true);
+}
+
+/// The named tuple of the gradients of forward or inverse dynamics.
+fn class_of_gradients(py: Python<'_>, is_solved: bool) -> PyResult<&Object<'_>> {
+    if is_solved {
+        imported!(py, "phipsi._results", "ForwardDynamicsGradients")
+    } else {
+        imported!(py, "phipsi._results", "InverseDynamicsGradients")
     }
 }
 
 impl PyScene {
+    /// The form of a product of forward dynamics; None for those of inverse dynamics.
+    fn form_of_product(&self, is_solved: bool, keywords: &Keywords<'_, '_>) -> Result<Option<Form>, Error> {
+        let algorithm = |form| Algorithm::Products(Products::tangent(Some(form)));
+        let form = read_judged(&self.scene, (keywords.form, keywords.tolerance), algorithm);
+        is_solved.then_some(form).transpose()
+    }
+
     /// Creates a call with these arguments, of `body` ns per body.
     fn product_call<'a, 'py>(
         &'a self,
         which: Products,
-        given: Given<'_, 'py>,
+        given: &[&Object<'py>],
         others: Vec<Input<'py>>,
         (keywords, body): (&Keywords<'_, 'py>, usize),
     ) -> PyResult<BatchCall<'a, 'py>> {
         let errors = self.errors(keywords.errors, which.form())?;
         // Of a Hessian the direction follows the cotangent.
-        let direction = match which.form() {
-            Some(form) => Products::ForwardTangent(form),
-            None => Products::InverseTangent,
-        };
-        let names = which.entry().arguments.iter().chain(direction.entry().seeds()).map(|&(name, _)| name);
-        let mut inputs = self.inputs(names.zip(given))?;
+        let direction = Products::tangent(which.form()).entry().seeds();
+        let names = which.entry().arguments.iter().chain(direction).map(|&(name, _)| name);
+        let mut inputs = self.inputs(names.zip(given.iter().copied()))?;
         inputs.extend(others);
         let cost = Cost { arithmetic: body * self.size(), results: which.entry().results.len() * self.scene.nv() };
         let call = BatchCall::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
@@ -226,23 +201,20 @@ impl PyScene {
     fn along<'py>(
         &self,
         py: Python<'py>,
-        which: Products,
-        given: Given<'_, 'py>,
-        (keywords, constants): (&Keywords<'_, 'py>, Vec<(Input<'py>, Constant)>),
+        is_solved: bool,
+        given: [&Object<'py>; 6],
+        keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let first = given.len();
-        let (inputs, constants): (Vec<_>, Vec<_>) = constants.into_iter().unzip();
-        let call = self.product_call(which, given, inputs, (keywords, which.entry().cost[0]))?;
+        let (inputs, constants): (Vec<_>, Vec<_>) = Constant::read(&self.scene, keywords)?.into_iter().unzip();
+        let which = Products::tangent(self.form_of_product(is_solved, keywords)?);
+        let call = self.product_call(which, &given, inputs, (keywords, which.entry().cost[0]))?;
         let mut output = call.output(py, &[self.scene.nv()], None, Output::unwritten)?;
         if constants.is_empty() {
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
             return Ok(output.finish().into_any());
         }
-        let which = match which.form() {
-            Some(form) => Products::ForwardTangents(form),
-            None => Products::InverseTangents,
-        };
-        let (algorithm, links) = (Algorithm::Products(which), places_of_links(&self.scene)?);
+        let (algorithm, links) = (Algorithm::Products(which.with_constants()), places_of_links(&self.scene)?);
         let (nv, width) = (self.scene.nv(), self.scene.seed_width(algorithm, 2));
         let third = |arguments: &[Broadcast<'_>], state: usize, third: &mut Vec<f64>| {
             third.clear();
@@ -261,12 +233,14 @@ impl PyScene {
     /// Gradients; those with respect to constants of links follow from those of the bodies that carry them.
     fn gradients<'py>(
         &self,
-        (py, class): (Python<'py>, &Object<'py>),
-        which: Products,
-        given: Given<'_, 'py>,
-        (keywords, parameters): (&Keywords<'_, 'py>, bool),
+        py: Python<'py>,
+        is_solved: bool,
+        given: [&Object<'py>; 4],
+        keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
-        let (scene, nv) = (&self.scene, self.scene.nv());
+        let (scene, nv, parameters) = (&self.scene, self.scene.nv(), keywords.parameters);
+        let which = Products::gradient(self.form_of_product(is_solved, keywords)?);
+        let class = class_of_gradients(py, is_solved)?;
         let names = match keywords.wrenches.map(|wrenches| wrenches.cast::<PyMapping>()) {
             Some(Ok(mapping)) => {
                 items("wrenches", mapping, "names of links")?.into_iter().map(|(name, _)| name).collect()
@@ -274,21 +248,17 @@ impl PyScene {
             // Invalid shapes are reported with the other arguments.
             _ => Vec::new(),
         };
-        let call = self.product_call(which, given, Vec::new(), (keywords, which.entry().cost[0]))?;
+        let call = self.product_call(which, &given, Vec::new(), (keywords, which.entry().cost[0]))?;
         if !parameters && names.is_empty() {
             let mut output = call.output::<f64>(py, &[3, nv], None, Output::unwritten)?;
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
             let all = output.finish().into_any();
-            return class.call1((part(&all, 1, 0)?, part(&all, 1, 1)?, part(&all, 1, 2)?));
+            return three_parts(class, &all, 1);
         }
         let place = |name: &str| scene.link(name).map(|link| (link.body, link.placement));
         let wrenched = names.iter().map(|name| place(name)).collect::<Result<Vec<Place>, Error>>()?;
         let moving = if parameters { places_of_links(scene)? } else { Vec::new() };
-        let which = match which.form() {
-            Some(form) => Products::ForwardGradients(form),
-            None => Products::InverseGradients,
-        };
-        let algorithm = Algorithm::Products(which);
+        let algorithm = Algorithm::Products(which.with_constants());
         let mut of_bodies = call.scratch_results(py, scene.width(algorithm))?;
         call.in_chunks(py, algorithm, of_bodies.numbers()?, None)?;
         let mut shapes = vec![vec![nv]; 3];
@@ -310,13 +280,14 @@ impl PyScene {
     /// Hessian times a direction, one state at a time.
     fn hessian<'py>(
         &self,
-        (py, class): (Python<'py>, &Object<'py>),
-        which: Products,
-        given: Given<'_, 'py>,
+        py: Python<'py>,
+        is_solved: bool,
+        given: [&Object<'py>; 7],
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let nv = self.scene.nv();
-        let call = self.product_call(which, given, Vec::new(), (keywords, HESSIAN))?;
+        let which = Products::gradient(self.form_of_product(is_solved, keywords)?);
+        let call = self.product_call(which, &given, Vec::new(), (keywords, HESSIAN))?;
         let mut results = call.scratch_results(py, 3 * nv)?;
         call.numbers(py, results.numbers()?, |scene, scratch, [q, qd, u, cotangent, dq, dqd, du], out| {
             let (workspace, hessian, wrenches) = scratch.for_hessians(scene);
@@ -329,7 +300,7 @@ impl PyScene {
                 None => scene.inverse_dynamics_hvp(hessian, &state, [dq, dqd, du], out),
             }
         })?;
-        call.parts((py, class), results.numbers()?, &vec![vec![nv]; 3], &[])
+        call.parts((py, class_of_gradients(py, is_solved)?), results.numbers()?, &vec![vec![nv]; 3], &[])
     }
 }
 
@@ -343,26 +314,21 @@ enum Constant {
     Gravity,
 }
 
-/// Changes of wrenches, parameters, armature and gravity.
-type Changes<'a, 'py> =
-    (Option<&'a Object<'py>>, Option<&'a Object<'py>>, Option<&'a Object<'py>>, Option<&'a Object<'py>>);
-
 impl Constant {
     /// Reads the changes that are given.
-    fn read<'py>(scene: &Scene, given: Changes<'_, 'py>) -> PyResult<Vec<(Input<'py>, Self)>> {
-        let (wrenches, parameters, armature, gravity) = given;
+    fn read<'py>(scene: &Scene, keywords: &Keywords<'_, 'py>) -> PyResult<Vec<(Input<'py>, Self)>> {
         let mut read = Vec::new();
-        for wrench in Wrench::named("dwrenches", scene, wrenches)? {
+        for wrench in Wrench::named("dwrenches", scene, keywords.dwrenches)? {
             let (input, place) = wrench.apart();
             read.push((input, Self::Wrench(place)));
         }
-        if let Some(value) = parameters {
+        if let Some(value) = keywords.dparameters {
             read.push((Input::table("dparameters", value, body_names(scene).len(), 10)?, Self::Parameters));
         }
-        if let Some(value) = armature {
+        if let Some(value) = keywords.darmature {
             read.push((Input::new("darmature", value, Axis::Rates(scene))?, Self::Armature));
         }
-        if let Some(value) = gravity {
+        if let Some(value) = keywords.dgravity {
             read.push((Input::new("dgravity", value, 3)?, Self::Gravity));
         }
         Ok(read)

@@ -144,7 +144,6 @@ pub(super) fn reference_of(
 /// the states.
 #[pyfunction(name = "measure")]
 #[pyo3(signature = (scene, method, q, qd, tau, reference, repeats))]
-#[allow(clippy::too_many_arguments)] // keywords, in Python
 pub(super) fn measure_method<'py>(
     py: Python<'py>,
     scene: &PyScene,

@@ -75,7 +75,6 @@ impl PyScene {
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
                              parameters=False, limits=None, restitution=0.0, compliance=None, \
                              smoothing=0.0)")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,

@@ -148,12 +148,8 @@ impl PyScene {
         qd: Option<&Object<'py>>,
     ) -> PyResult<[Input<'py>; 2]> {
         let q = self.on_tree(py, self.configuration("q", q)?, Coupling::configuration)?;
-        Ok([q, self.on_tree(py, self.rates_or_rest(py, qd)?, Coupling::rates)?])
-    }
-
-    /// Reads joint velocities, or returns zero.
-    fn rates_or_rest<'py>(&self, py: Python<'py>, qd: Option<&Object<'py>>) -> PyResult<Input<'py>> {
-        qd.map_or_else(|| Input::filled(py, "qd", 0.0, self.scene.nv()), |qd| self.rate("qd", qd))
+        let qd = qd.map_or_else(|| Input::filled(py, "qd", 0.0, self.scene.nv()), |qd| self.rate("qd", qd))?;
+        Ok([q, self.on_tree(py, qd, Coupling::rates)?])
     }
 }
 

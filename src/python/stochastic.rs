@@ -34,14 +34,7 @@ pub(crate) struct PyRandomModel {
     acceleration_variance: f64,
 }
 
-impl PyRandomModel {
-    fn new(scene: &Bound<'_, PyScene>, q: Vec<f64>, qd: Option<Vec<f64>>, variance: f64) -> PyResult<Self> {
-        let model = scene.get().scene.random_model(&q, qd.as_deref(), variance)?;
-        Ok(Self { model, scene: scene.clone().unbind(), q, qd, acceleration_variance: variance })
-    }
-}
-
-/// Rebuilds a model from the result of RandomModel.__reduce__.
+/// Creates a model, or rebuilds it from the result of RandomModel.__reduce__.
 #[pyfunction]
 #[pyo3(name = "_rebuild_random_model", signature = (scene, q, qd, acceleration_variance, /))]
 pub(super) fn rebuild_random_model(
@@ -50,7 +43,8 @@ pub(super) fn rebuild_random_model(
     qd: Option<Vec<f64>>,
     acceleration_variance: f64,
 ) -> PyResult<PyRandomModel> {
-    PyRandomModel::new(scene, q, qd, acceleration_variance)
+    let model = scene.get().scene.random_model(&q, qd.as_deref(), acceleration_variance)?;
+    Ok(PyRandomModel { model, scene: scene.clone().unbind(), q, qd, acceleration_variance })
 }
 
 #[pymethods]
@@ -84,7 +78,7 @@ impl PyScene {
     ) -> PyResult<PyRandomModel> {
         let q = state("q", q, slf.get().coordinates())?;
         let qd = qd.map(|qd| state("qd", qd, slf.get().rates())).transpose()?;
-        PyRandomModel::new(slf, q, qd, acceleration_variance)
+        rebuild_random_model(slf, q, qd, acceleration_variance)
     }
 }
 
@@ -198,7 +192,6 @@ impl PyRandomModel {
     #[pyo3(signature = (samples=None, *, seed=None, method="monte-carlo", confidence=0.95, replicates=None),
            text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, \
                              replicates=8)")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn mass_matrix<'py>(
         &self,
         py: Python<'py>,

@@ -218,7 +218,6 @@ impl PyScene {
     /// Variances of accelerations (forward) or torques, (..., nv), then the covariance (6, 6) of each of the links;
     /// `roots` is (bodies, rank, 10).
     #[pyo3(name = "_variance")]
-    #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)] // one caller, in Python; a list is extracted by value
     fn variance<'py>(
         &self,
         py: Python<'py>,

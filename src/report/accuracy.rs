@@ -182,30 +182,15 @@ impl<'a> Solver<'a> {
     /// Evaluates one state. Returns false if a pivot is singular or a result is not finite.
     pub fn run(&mut self, q: &[f64], qd: &[f64], tau: &[f64], qdd: &mut [f64]) -> bool {
         let Self { scene, method, evaluator, matrix, right, buffer } = self;
-        let mut call = |algorithm, state: Arguments<'_>, out: &mut [f64]| {
-            scene.evaluate(evaluator, algorithm, &[state], out).is_ok()
+        let state = Arguments { q, qd, u: tau, ..Arguments::default() };
+        let mut call =
+            |algorithm, out: &mut [f64]| scene.evaluate(evaluator, algorithm, &[state.read_by(algorithm)], out).is_ok();
+        let of_matrix = match *method {
+            Method::Filter(form) => return call(Algorithm::ForwardDynamics(form), qdd),
+            Method::ClosedInverse => Algorithm::MassMatrixInverse(Form::Auto),
+            Method::DenseLdlt | Method::DenseCholesky => Algorithm::MassMatrix,
         };
-        let configuration = Arguments { q, qd: &[], u: &[], wrenches: &[], ..Arguments::default() };
-        match *method {
-            Method::Filter(form) => {
-                return call(
-                    Algorithm::ForwardDynamics(form),
-                    Arguments { q, qd, u: tau, wrenches: &[], ..Arguments::default() },
-                    qdd,
-                );
-            }
-            Method::ClosedInverse => {
-                if !call(Algorithm::MassMatrixInverse(Form::Auto), configuration, matrix) {
-                    return false;
-                }
-            }
-            Method::DenseLdlt | Method::DenseCholesky => {
-                if !call(Algorithm::MassMatrix, configuration, matrix) {
-                    return false;
-                }
-            }
-        }
-        if !call(Algorithm::BiasTorque, Arguments { q, qd, u: &[], wrenches: &[], ..Arguments::default() }, right) {
+        if !(call(of_matrix, matrix) && call(Algorithm::BiasTorque, right)) {
             return false;
         }
         for (right, &tau) in right.iter_mut().zip(tau) {

@@ -3,7 +3,7 @@
 use crate::algorithm::{Algorithm, Arguments};
 use crate::batch::evaluator::Evaluator;
 use crate::dynamics;
-use crate::error::Error;
+use crate::error::{Error, named};
 use crate::memory;
 use crate::model::Model;
 use crate::operators::dense::Composite;
@@ -14,30 +14,25 @@ use crate::stochastic::{Method, RandomModel};
 use crate::workspace::Workspace;
 use std::hint::black_box;
 
-/// A method that computes M at q.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Route {
-    /// Independent samples.
-    MonteCarlo,
-    /// One scramble of Sobol points.
-    Sobol,
-    /// Sigma points.
-    SigmaPoints,
-    /// Composite inertias (3.5), with [`Scene::evaluate`].
-    Recursion,
-    /// H phi Q phi* H* with dense matrices (5.1).
-    DenseProduct,
+named! {
+    /// A method that computes M at q.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    #[non_exhaustive]
+    enum Route;
+    /// All routes with their names.
+    const ROUTES {
+        /// Independent samples.
+        MonteCarlo = "monte-carlo",
+        /// One scramble of Sobol points.
+        Sobol = "sobol",
+        /// Sigma points.
+        SigmaPoints = "sigma-points",
+        /// Composite inertias (3.5), with [`Scene::evaluate`].
+        Recursion = "recursion",
+        /// H phi Q phi* H* with dense matrices (5.1).
+        DenseProduct = "dense product",
+    }
 }
-
-/// All routes with their names.
-pub const ROUTES: &[(&str, Route)] = &[
-    ("monte-carlo", Route::MonteCarlo),
-    ("sobol", Route::Sobol),
-    ("sigma-points", Route::SigmaPoints),
-    ("recursion", Route::Recursion),
-    ("dense product", Route::DenseProduct),
-];
 
 impl Route {
     /// M at `q`; `samples` and `seed` are used by the first two routes only.

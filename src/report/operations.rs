@@ -1,7 +1,7 @@
 //! Operation counts of each algorithm on a scene, obtained by running the code on [`Traced`] scalars, and the memory it
 //! accesses.
 
-use crate::algorithm::{Algorithm, Arguments, Products};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics;
 use crate::dynamics::constraints::ConstraintKernel;
 use crate::dynamics::derivatives::{
@@ -196,19 +196,18 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
     let mut derivatives = DerivativeScratch::new(&model);
     let mut products = ProductScratch::new(&model);
     let seed = state.seed.map(|given| given.iter().map(|&x| Traced::from_f64(x)).collect::<Vec<_>>());
-    let width = match task {
-        Task::Algorithm(algorithm) => scene.width(algorithm),
-        Task::Factor(_) => 0,
+    let (width, form) = match task {
+        Task::Algorithm(algorithm) => (scene.width(algorithm), algorithm.form()),
+        Task::Factor(form) => (0, Some(form)),
     };
+    workspace.form = form.unwrap_or_default();
     let mut out = vec![Traced::from_f64(f64::NAN); width];
     let ((), operations) = Traced::counted(|| match task {
-        Task::Algorithm(Algorithm::ForwardDynamics(form)) => {
-            workspace.form = form;
+        Task::Algorithm(Algorithm::ForwardDynamics(_)) => {
             dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &u, &wrenches, &mut out);
         }
         // The general recursion exists for f64 only; the count is that of the tree, which dominates.
-        Task::Algorithm(Algorithm::ConstrainedDynamics(form)) => {
-            workspace.form = form;
+        Task::Algorithm(Algorithm::ConstrainedDynamics(_)) => {
             dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &u, &wrenches, &mut out[..model.nv()]);
         }
         Task::Algorithm(Algorithm::InverseDynamics) => {
@@ -218,12 +217,10 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
             dynamics::bias_torque(&model, &mut workspace, &q, &qd, &wrenches, &mut out);
         }
         Task::Algorithm(Algorithm::MassMatrix) => dynamics::mass_matrix(&model, &mut workspace, &q, &mut out),
-        Task::Algorithm(Algorithm::MassMatrixInverse(form)) => {
-            workspace.form = form;
+        Task::Algorithm(Algorithm::MassMatrixInverse(_)) => {
             dynamics::mass_matrix_inverse(&model, &mut workspace, &mut inverse, &q, &mut out);
         }
         Task::Algorithm(Algorithm::Derivatives(which)) => {
-            workspace.form = Algorithm::Derivatives(which).form().unwrap_or_default();
             // A lost pivot is not counted.
             let _ = of_state(which, &model, (&mut workspace, &mut derivatives), (&q, &qd, &u), &wrenches, &mut out);
         }
@@ -231,30 +228,27 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
             let at = (&q[..], &qd[..], &u[..]);
             let (seeds, mut forces) = ([&seed[0][..], &seed[1], &seed[2]], Vec::new());
             let (none, scratch) = (&mut Constants::default(), &mut products);
-            workspace.form = which.form().unwrap_or_default();
             // A lost pivot is not counted.
-            let _ = match which {
-                Products::InverseTangent | Products::InverseTangents => {
-                    let along = Directions::of_seed(seeds, model.bodies.len(), &mut forces);
-                    inverse_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, &mut out);
+            let results = &mut out[..];
+            let bodies = model.bodies.len();
+            let of_seed = |forces| Directions::of_seed(seeds, bodies, forces);
+            let along = if which.is_gradient() { Directions::default() } else { of_seed(&mut forces) };
+            let _ = match (which.form(), which.is_gradient()) {
+                (None, false) => {
+                    inverse_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, results);
                     Ok(())
                 }
-                Products::InverseGradient | Products::InverseGradients => {
-                    inverse_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], (none, &mut out));
+                (None, true) => {
+                    inverse_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], (none, results));
                     Ok(())
                 }
-                Products::ForwardTangent(_) | Products::ForwardTangents(_) => {
-                    let along = Directions::of_seed(seeds, model.bodies.len(), &mut forces);
-                    forward_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, &mut out)
-                }
-                Products::ForwardGradient(_) | Products::ForwardGradients(_) => {
-                    let results = (none, &mut out[..]);
-                    forward_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], results)
+                (_, false) => forward_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, results),
+                (_, true) => {
+                    forward_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], (none, results))
                 }
             };
         }
-        Task::Factor(form) => {
-            workspace.form = form;
+        Task::Factor(_) => {
             dynamics::factorise(&model, &mut workspace, &q);
         }
     });

@@ -7,7 +7,7 @@
 
 use crate::dynamics;
 use crate::dynamics::derivatives::{DerivativeScratch, forward_dynamics_derivatives};
-use crate::error::Error;
+use crate::error::{Error, named};
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
@@ -16,30 +16,25 @@ use crate::scenes::draw::Draw;
 use crate::workspace::Workspace;
 use crate::{interrupt, memory};
 
-/// The computed quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Quantity {
-    /// Joint accelerations from torques, (nv,).
-    ForwardDynamics,
-    /// Joint torques from accelerations, (nv,).
-    InverseDynamics,
-    /// The bias torque H phi b, (nv,).
-    BiasTorque,
-    /// The mass matrix, (nv x nv).
-    MassMatrix,
-    /// The derivative of the accelerations by the tangent of q, (nv x nv).
-    AccelerationDerivative,
+named! {
+    /// The computed quantity.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    #[non_exhaustive]
+    enum Quantity;
+    /// All quantities with their Python names.
+    const QUANTITIES {
+        /// Joint accelerations from torques, (nv,).
+        ForwardDynamics = "forward dynamics",
+        /// Joint torques from accelerations, (nv,).
+        InverseDynamics = "inverse dynamics",
+        /// The bias torque H phi b, (nv,).
+        BiasTorque = "bias torque",
+        /// The mass matrix, (nv x nv).
+        MassMatrix = "mass matrix",
+        /// The derivative of the accelerations by the tangent of q, (nv x nv).
+        AccelerationDerivative = "derivative of forward dynamics",
+    }
 }
-
-/// All quantities with their Python names.
-pub const QUANTITIES: &[(&str, Quantity)] = &[
-    ("forward dynamics", Quantity::ForwardDynamics),
-    ("inverse dynamics", Quantity::InverseDynamics),
-    ("bias torque", Quantity::BiasTorque),
-    ("mass matrix", Quantity::MassMatrix),
-    ("derivative of forward dynamics", Quantity::AccelerationDerivative),
-];
 
 impl Quantity {
     /// Number of entries for a scene.
@@ -59,36 +54,29 @@ pub struct State<'a, T = f64> {
     pub u: &'a [T],
 }
 
-/// The values that are perturbed together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Moved {
-    /// All entries of q, qd and tau.
-    State,
-    /// The masses of the links.
-    Masses,
-    /// The centers of mass of the links, in link frames.
-    Centers,
-    /// The central inertias of the links, entry by entry.
-    Inertias,
-    /// The origins of the joint frames on their parents.
-    Levers,
-    /// The directions of the joint axes, component by component.
-    Axes,
-    /// The armatures.
-    Armatures,
+named! {
+    /// The values that are perturbed together.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    #[non_exhaustive]
+    enum Moved;
+    /// All kinds with their Python names; the first is the state, the others are model parameters.
+    const MOVED {
+        /// All entries of q, qd and tau.
+        State = "state",
+        /// The masses of the links.
+        Masses = "masses",
+        /// The centers of mass of the links, in link frames.
+        Centers = "centers of mass",
+        /// The central inertias of the links, entry by entry.
+        Inertias = "central inertias",
+        /// The origins of the joint frames on their parents.
+        Levers = "levers",
+        /// The directions of the joint axes, component by component.
+        Axes = "axes",
+        /// The armatures.
+        Armatures = "armatures",
+    }
 }
-
-/// All kinds with their Python names; the first is the state, the others are model parameters.
-pub const MOVED: &[(&str, Moved)] = &[
-    ("state", Moved::State),
-    ("masses", Moved::Masses),
-    ("centers of mass", Moved::Centers),
-    ("central inertias", Moved::Inertias),
-    ("levers", Moved::Levers),
-    ("axes", Moved::Axes),
-    ("armatures", Moved::Armatures),
-];
 
 /// The relative difference from the exact result, in two norms.
 #[derive(Debug, Clone, PartialEq)]

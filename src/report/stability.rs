@@ -81,20 +81,14 @@ pub fn recursion_error(
     if quantity.count(scene.nv()) > DENSE_CAP * DENSE_CAP {
         return Err(Failure::TooLarge);
     }
-    let mut state = Arguments { q: state.q, qd: state.qd, u: state.u, wrenches: &[], ..Arguments::default() };
     let algorithm = match quantity {
         Quantity::ForwardDynamics => Algorithm::ForwardDynamics(Form::Covariance),
         Quantity::InverseDynamics => Algorithm::InverseDynamics,
-        Quantity::BiasTorque => {
-            state.u = &[];
-            Algorithm::BiasTorque
-        }
-        Quantity::MassMatrix => {
-            (state.qd, state.u) = (&[], &[]);
-            Algorithm::MassMatrix
-        }
+        Quantity::BiasTorque => Algorithm::BiasTorque,
+        Quantity::MassMatrix => Algorithm::MassMatrix,
         Quantity::AccelerationDerivative => Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Covariance)),
     };
+    let state = Arguments { q: state.q, qd: state.qd, u: state.u, ..Arguments::default() }.read_by(algorithm);
     let mut out = vec![f64::NAN; scene.width(algorithm)];
     if scene.evaluate(&mut Evaluator::new(scene), algorithm, &[state], &mut out).is_err() {
         let is_factored = algorithm.form().is_some();

@@ -11,6 +11,7 @@ use super::properties::Properties;
 use crate::error::{Error, in_language, known_names};
 use crate::joints::JointKind;
 use crate::model::Simplifications;
+use crate::setters::accessors;
 use crate::{interrupt, memory};
 use nalgebra::Vector3;
 use std::collections::{HashMap, HashSet};
@@ -132,23 +133,11 @@ impl SceneBuilder {
         self
     }
 
-    /// The connections added so far.
-    #[must_use]
-    pub fn connections(&self) -> &[Connection] {
-        &self.connections
-    }
-
     /// Adds a contact. The link that it names can be added later; [`SceneBuilder::build`] checks it.
     #[must_use]
     pub fn contact(mut self, contact: Contact) -> Self {
         self.contacts.push(contact);
         self
-    }
-
-    /// The contacts added so far.
-    #[must_use]
-    pub fn contacts(&self) -> &[Contact] {
-        &self.contacts
     }
 
     /// Sets gravity in the base frame, m/s^2.
@@ -158,66 +147,10 @@ impl SceneBuilder {
         self
     }
 
-    /// Adds a free joint between the base and the root link. Its name is [`ROOT_JOINT`], followed by the number of "_"
-    /// that makes it unique.
-    #[must_use]
-    pub fn floating_base(mut self, floating: bool) -> Self {
-        self.floating_base = floating;
-        self
-    }
-
-    /// Turns warnings into errors: nonphysical inertias and mimics of unknown joints; for a file also moving links
-    /// without mass, unrecognized elements and invalid limits.
-    #[must_use]
-    pub fn strict(mut self, strict: bool) -> Self {
-        self.strict = strict;
-        self
-    }
-
-    /// Sets the treatment of joints with a [`Mimic`](super::Mimic); the default is [`MimicJoints::Free`].
-    #[must_use]
-    pub fn mimic_joints(mut self, mimic_joints: MimicJoints) -> Self {
-        self.mimic_joints = mimic_joints;
-        self
-    }
-
-    /// Sets the simplifications; all are on by default.
-    #[must_use]
-    #[doc(hidden)]
-    pub fn simplifications(mut self, simplifications: Simplifications) -> Self {
-        self.simplifications = simplifications;
-        self
-    }
-
     /// Gravity in the base frame, m/s^2.
     #[must_use]
     pub fn gravity_vector(&self) -> [f64; 3] {
         self.gravity.into()
-    }
-
-    /// The links added so far.
-    #[must_use]
-    pub fn links(&self) -> &[LinkDescription] {
-        &self.links
-    }
-
-    /// The joints added so far.
-    #[must_use]
-    pub fn joints(&self) -> &[JointDescription] {
-        &self.joints
-    }
-
-    /// True if the base is floating.
-    #[must_use]
-    pub fn is_floating(&self) -> bool {
-        self.floating_base
-    }
-
-    /// The simplifications.
-    #[must_use]
-    #[doc(hidden)]
-    pub fn left_out(&self) -> Simplifications {
-        self.simplifications
     }
 
     /// The free joint of a floating base whose root link has the name `link`.
@@ -225,28 +158,6 @@ impl SceneBuilder {
         let mut joint = JointDescription::new(self.root_joint_name(), JointKind::Floating, "", link);
         self.root.give(&mut joint);
         joint
-    }
-
-    /// Armature, damping, friction and stiffness of the free joint of a floating base, for copies of the description.
-    #[cfg_attr(not(feature = "python"), allow(dead_code))]
-    pub(crate) fn root_properties(&self) -> Properties {
-        self.root
-    }
-
-    /// Sets armature, damping, friction and stiffness of the free joint of a floating base.
-    #[must_use]
-    #[cfg_attr(not(feature = "python"), allow(dead_code))]
-    pub(crate) fn with_root(mut self, root: Properties) -> Self {
-        self.root = root;
-        self
-    }
-
-    /// Sets the file that contains the description.
-    #[must_use]
-    #[cfg_attr(not(any(feature = "python", feature = "urdf")), allow(dead_code))]
-    pub(crate) fn with_file(mut self, file: Option<PathBuf>) -> Self {
-        self.file = file;
-        self
     }
 
     /// The file that contains the description; `None` for text or code.
@@ -263,29 +174,9 @@ impl SceneBuilder {
         self
     }
 
-    /// URDF texts whose `<visual>` elements are drawn.
-    #[cfg_attr(not(feature = "python"), allow(dead_code))]
-    pub(crate) fn shapes(&self) -> &[String] {
-        &self.shapes
-    }
-
     /// Names of the joints that were movable before [`Scene::lock`] fixed them.
     pub fn locked_joints(&self) -> impl Iterator<Item = &str> {
         self.locked.iter().map(|(name, _)| name.as_str())
-    }
-
-    /// The locked joints with their previous kinds, for copies of the description.
-    #[cfg_attr(not(feature = "python"), allow(dead_code))]
-    pub(crate) fn locked(&self) -> &[(String, JointKind)] {
-        &self.locked
-    }
-
-    /// Marks joints as locked; they are fixed joints of the description already.
-    #[must_use]
-    #[cfg_attr(not(feature = "python"), allow(dead_code))]
-    pub(crate) fn with_locked(mut self, locked: Vec<(String, JointKind)>) -> Self {
-        self.locked = locked;
-        self
     }
 
     /// The description with the locked joints movable again; their locked positions become zero.
@@ -299,36 +190,6 @@ impl SceneBuilder {
             }
         }
         source
-    }
-
-    /// The treatment of mimic joints.
-    #[must_use]
-    #[doc(hidden)]
-    pub fn of_mimic_joints(&self) -> MimicJoints {
-        self.mimic_joints
-    }
-
-    /// Sets the geometric tolerance of linkages: rows of connections that are linearly dependent to within this angle
-    /// (rad), or this length relative to the reach of the loop, count as dependent.
-    ///
-    /// `None` selects 3e-5. A file whose angles have two, three or four decimals sets 5e-3, 2e-3 or 2e-4. With
-    /// [`SceneBuilder::strict`], only rounding errors are tolerated.
-    #[must_use]
-    pub fn tolerance(mut self, tolerance: Option<f64>) -> Self {
-        self.tolerance = tolerance;
-        self
-    }
-
-    /// The tolerance that was set or derived from the file.
-    #[must_use]
-    pub fn tolerance_of_linkages(&self) -> Option<f64> {
-        self.tolerance
-    }
-
-    /// True if warnings are errors.
-    #[must_use]
-    pub fn is_strict(&self) -> bool {
-        self.strict
     }
 
     /// Checks the description and builds the scene.
@@ -475,3 +336,80 @@ impl SceneBuilder {
         check_joint(&self.root_joint(String::new()))
     }
 }
+
+accessors!(SceneBuilder {
+    /// The connections added so far.
+    pub view connections(connections): &[Connection];
+
+    /// The contacts added so far.
+    pub view contacts(contacts): &[Contact];
+
+    /// Adds a free joint between the base and the root link. Its name is [`ROOT_JOINT`], followed by the number of "_"
+    /// that makes it unique.
+    pub set floating_base(floating_base): bool;
+
+    /// Turns warnings into errors: nonphysical inertias and mimics of unknown joints; for a file also moving links
+    /// without mass, unrecognized elements and invalid limits.
+    pub set strict(strict): bool;
+
+    /// Sets the treatment of joints with a [`Mimic`](super::Mimic); the default is [`MimicJoints::Free`].
+    pub set mimic_joints(mimic_joints): MimicJoints;
+
+    /// Sets the simplifications; all are on by default.
+    #[doc(hidden)]
+    pub set simplifications(simplifications): Simplifications;
+
+    /// The links added so far.
+    pub view links(links): &[LinkDescription];
+
+    /// The joints added so far.
+    pub view joints(joints): &[JointDescription];
+
+    /// True if the base is floating.
+    pub get is_floating(floating_base): bool;
+
+    /// The simplifications.
+    #[doc(hidden)]
+    pub get left_out(simplifications): Simplifications;
+
+    /// Armature, damping, friction and stiffness of the free joint of a floating base, for copies of the description.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) get root_properties(root): Properties;
+
+    /// Sets armature, damping, friction and stiffness of the free joint of a floating base.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) set with_root(root): Properties;
+
+    /// Sets the file that contains the description.
+    #[cfg_attr(not(any(feature = "python", feature = "urdf")), allow(dead_code))]
+    pub(crate) set with_file(file): Option<PathBuf>;
+
+    /// URDF texts whose `<visual>` elements are drawn.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) view shapes(shapes): &[String];
+
+    /// The locked joints with their previous kinds, for copies of the description.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) view locked(locked): &[(String, JointKind)];
+
+    /// Marks joints as locked; they are fixed joints of the description already.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) set with_locked(locked): Vec<(String, JointKind)>;
+
+    /// The treatment of mimic joints.
+    #[doc(hidden)]
+    pub get of_mimic_joints(mimic_joints): MimicJoints;
+
+    /// Sets the geometric tolerance of linkages: rows of connections that are linearly dependent to within this angle
+    /// (rad), or this length relative to the reach of the loop, count as dependent.
+    ///
+    /// `None` selects 3e-5. A file whose angles have two, three or four decimals sets 5e-3, 2e-3 or 2e-4. With
+    /// [`SceneBuilder::strict`], only rounding errors are tolerated.
+    pub set tolerance(tolerance): Option<f64>;
+
+    /// The tolerance that was set or derived from the file.
+    pub get tolerance_of_linkages(tolerance): Option<f64>;
+
+    /// True if warnings are errors.
+    pub get is_strict(strict): bool;
+});

@@ -73,6 +73,7 @@ use self::contact_point::ContactPoint;
 use self::shared::Shared;
 use crate::error::{Error, known_names};
 use crate::model::Identity;
+use crate::setters::accessors;
 use crate::spatial::RigidShift;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -151,11 +152,6 @@ impl Scene {
         }
     }
 
-    /// The connections in the form that the sweeps read.
-    pub(crate) fn constraints(&self) -> &Constraints {
-        &self.constraints
-    }
-
     /// Geometric tolerance of linkages: an angle in rad, or a length relative to the reach of the loop.
     ///
     /// Combinations of rows of connections that joint motions change by less count as dependent. Zero for strict
@@ -165,19 +161,9 @@ impl Scene {
         if self.source.strict { 0.0 } else { self.source.tolerance.unwrap_or(connection::DEFAULT_TOLERANCE) }
     }
 
-    /// The contacts in the form that the sweeps read.
-    pub(crate) fn contact_points(&self) -> &[ContactPoint] {
-        &self.contact_points
-    }
-
     /// Identity of the scene in this process. Data stored for one scene is never used for another.
     pub(crate) fn identity(&self) -> u64 {
         self.identity.number()
-    }
-
-    /// Values computed once per scene.
-    pub(crate) fn shared(&self) -> &Shared {
-        &self.shared
     }
 
     /// Number of coordinates in q.
@@ -190,42 +176,6 @@ impl Scene {
     #[must_use]
     pub fn nv(&self) -> usize {
         self.coupling().map_or(self.model.nv(), |coupling| coupling.sizes().1)
-    }
-
-    /// The numerical model that the sweeps read; that of the [`tree`](Scene::tree) if joints are coupled.
-    #[must_use]
-    pub fn model(&self) -> &Model<f64> {
-        &self.model
-    }
-
-    /// The description that the scene was built from. Building it again returns an equal scene.
-    #[must_use]
-    pub fn source(&self) -> &SceneBuilder {
-        &self.source
-    }
-
-    /// Warnings about probably unintended properties of the scene.
-    #[must_use]
-    pub fn warnings(&self) -> &[SceneWarning] {
-        &self.warnings
-    }
-
-    /// Movable joints in the order of q.
-    #[must_use]
-    pub fn joints(&self) -> &[Joint] {
-        &self.joints
-    }
-
-    /// Links in depth-first order, including those on fixed joints.
-    #[must_use]
-    pub fn links(&self) -> &[Link] {
-        &self.links
-    }
-
-    /// Names of the fixed joints that were merged.
-    #[must_use]
-    pub fn merged_joints(&self) -> &[String] {
-        &self.merged
     }
 
     /// The movable joint named `name`.
@@ -259,6 +209,35 @@ impl Scene {
         self.joint_of_body.get(body).copied().flatten().map(|joint| &self.joints[joint])
     }
 }
+
+accessors!(Scene {
+    /// The connections in the form that the sweeps read.
+    pub(crate) view constraints(constraints): &Constraints;
+
+    /// The contacts in the form that the sweeps read.
+    pub(crate) view contact_points(contact_points): &[ContactPoint];
+
+    /// Values computed once per scene.
+    pub(crate) view shared(shared): &Shared;
+
+    /// The numerical model that the sweeps read; that of the [`tree`](Scene::tree) if joints are coupled.
+    pub view model(model): &Model<f64>;
+
+    /// The description that the scene was built from. Building it again returns an equal scene.
+    pub view source(source): &SceneBuilder;
+
+    /// Warnings about probably unintended properties of the scene.
+    pub view warnings(warnings): &[SceneWarning];
+
+    /// Movable joints in the order of q.
+    pub view joints(joints): &[Joint];
+
+    /// Links in depth-first order, including those on fixed joints.
+    pub view links(links): &[Link];
+
+    /// Names of the fixed joints that were merged.
+    pub view merged_joints(merged): &[String];
+});
 
 /// The error for an unknown name, which lists the existing names.
 fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>) -> Error {

@@ -49,12 +49,7 @@ pub fn by_method(scene: &Scene, function: &Function, given: &[Vec<f64>]) -> Vec<
                 told.copy_from_slice(&[found.rank as f64, found.residual]);
             })
         }
-        Function::ForwardDynamicsWatched
-        | Function::ConstrainedDynamicsWatched
-        | Function::MassMatrixInverseWatched
-        | Function::FactorWatched => {
-            unreachable!("no method has a margin")
-        }
+        Function::Watched(_) | Function::FactorWatched => unreachable!("no method has a margin"),
         Function::InverseDynamics => scene.inverse_dynamics(w, q, qd, u, &[], &mut out),
         Function::BiasTorque => scene.bias_torque(w, q, qd, &mut out),
         Function::MassMatrix => scene.mass_matrix(w, q, &mut out),

@@ -18,10 +18,10 @@ pub const ALGORITHMS: [(&str, Algorithm); 16] = [
     ("forward_dynamics_derivatives/auto", Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Auto))),
     ("forward_dynamics_derivatives/covariance", Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Covariance))),
     ("coriolis_matrix", Algorithm::Derivatives(Derivatives::CoriolisMatrix)),
-    ("inverse_dynamics_vjp", Algorithm::Products(Products::InverseGradient)),
-    ("forward_dynamics_jvp/auto", Algorithm::Products(Products::ForwardTangent(Form::Auto))),
-    ("forward_dynamics_vjp/auto", Algorithm::Products(Products::ForwardGradient(Form::Auto))),
-    ("forward_dynamics_vjp/constants", Algorithm::Products(Products::ForwardGradients(Form::Auto))),
+    ("inverse_dynamics_vjp", Algorithm::Products(Products::gradient(None))),
+    ("forward_dynamics_jvp/auto", Algorithm::Products(Products::tangent(Some(Form::Auto)))),
+    ("forward_dynamics_vjp/auto", Algorithm::Products(Products::gradient(Some(Form::Auto)))),
+    ("forward_dynamics_vjp/constants", Algorithm::Products(Products::gradient(Some(Form::Auto)).with_constants())),
 ];
 
 /// Names of the scenes.

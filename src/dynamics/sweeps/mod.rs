@@ -63,7 +63,7 @@ pub(crate) use tiles::Entries;
 
 use super::forces::Motion;
 #[cfg(feature = "report")]
-use crate::algorithm::{Algorithm, Derivatives, Products};
+use crate::algorithm::Algorithm;
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::rounding::RoundingBound;
@@ -74,17 +74,8 @@ use nalgebra::Vector6;
 /// True if an algorithm has kernels, in form `auto` at least for states that need no fallback.
 #[cfg(feature = "report")]
 pub(crate) fn covers(algorithm: Algorithm) -> bool {
-    !matches!(
-        algorithm,
-        Algorithm::MassMatrixInverse(Form::SquareRoot)
-            | Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::SquareRoot))
-            | Algorithm::Products(
-                Products::ForwardTangent(Form::SquareRoot)
-                    | Products::ForwardTangents(Form::SquareRoot)
-                    | Products::ForwardGradient(Form::SquareRoot)
-                    | Products::ForwardGradients(Form::SquareRoot)
-            )
-    )
+    algorithm.form() != Some(Form::SquareRoot)
+        || matches!(algorithm, Algorithm::ForwardDynamics(_) | Algorithm::ConstrainedDynamics(_))
 }
 
 /// Joint accelerations in covariance form.

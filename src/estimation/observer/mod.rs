@@ -373,14 +373,14 @@ impl<'a> MotionEstimate<'a> {
     /// The wrench (moment, force) number `index`, at the link origin in the link frame; `None` if there is none.
     #[must_use]
     pub fn wrench(&self, index: usize) -> Option<&'a [f64; 6]> {
-        let wrenches = &self.record.rest.as_chunks::<6>().0[..self.plan.wrenches()];
+        let wrenches = &self.record.rest.as_chunks::<6>().0[..self.plan.wrenches.len()];
         wrenches.get(index)
     }
 
     /// The bias of sensor number `index`; `None` for a sensor without bias.
     #[must_use]
     pub fn bias(&self, index: usize) -> Option<&'a [f64]> {
-        let first = self.plan.sensors.get(index)?.bias()?;
+        let first = self.plan.sensors.get(index)?.bias?;
         self.record.rest.get(first..first + 3)
     }
 

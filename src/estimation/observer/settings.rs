@@ -178,11 +178,6 @@ pub(crate) struct Reader {
 }
 
 impl Reader {
-    /// Index of its bias among wrenches and biases; None without a bias.
-    pub(super) fn bias(&self) -> Option<usize> {
-        self.bias
-    }
-
     /// True if the readings depend on the joint accelerations.
     pub(super) fn needs_acceleration(&self) -> bool {
         matches!(self.source, Source::Accelerometer(..))
@@ -389,11 +384,6 @@ impl Plan {
             [[3, self.nv, self.nv], [1, self.width, stride], [2, self.width, self.reading_stride()], predicted];
         let bytes = all(robots, &robot).saturating_add(all(threads, &thread));
         room(if robots > 1 { "q" } else { "scene" }, bytes)
-    }
-
-    /// Number of wrenches.
-    pub(super) fn wrenches(&self) -> usize {
-        self.wrenches.len()
     }
 
     /// Index of the first component of q in the error.
