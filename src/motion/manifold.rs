@@ -15,6 +15,15 @@ pub fn advance<T: Real>(model: &Model<T>, q: &[T], v: &[T], out: &mut [T]) {
     }
 }
 
+/// The velocities that [`advance`] integrates from `q` to `to`.
+pub(super) fn displacement(model: &Model<f64>, q: &[f64], to: &[f64]) -> Vec<f64> {
+    let mut x = vec![0.0; model.nv()];
+    for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
+        body.motion.displacement(&q[body.q..], &to[body.q..], &mut x[stage.first_row..]);
+    }
+    x
+}
+
 /// Adds the gradients by q, in its tangent space, and by x of a function of [`advance`], from those by its result; (nv)
 /// each.
 #[inline(always)]

@@ -95,6 +95,14 @@ impl StepSettings {
         }
     }
 
+    /// Sets the length of steps, with contacts and without.
+    pub fn adopt(&mut self, h: f64) {
+        (self.step, self.scheme) = (h, Scheme::new(self.method, h));
+        if let Some(free) = &mut self.free {
+            free.adopt(h);
+        }
+    }
+
     /// The same settings for coupled joints.
     pub fn with_coupling(self, coupling: Option<Arc<Coupling>>) -> Self {
         Self { coupling, ..self }

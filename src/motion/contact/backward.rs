@@ -76,7 +76,8 @@ impl ContactAdjoint {
     }
 
     /// From `gradients.end` to all results of [`StepGradients`] and the gradients by the contacts, for the step that
-    /// `step` made and recorded. Returns the joint and the error if a pivot is singular.
+    /// `step` made and recorded. `of_gap` is the cotangent of the gap of a row at the end of the displacement. Returns the
+    /// joint and the error if a pivot is singular.
     pub fn step(
         &mut self,
         scene: &Scene,
@@ -84,6 +85,7 @@ impl ContactAdjoint {
         (step, s): (&mut ContactStep, &mut Scratch<f64>),
         connections: &mut Connections,
         gradients: &mut StepGradients<f64>,
+        of_gap: Option<(usize, f64)>,
     ) -> Result<(), (String, Error)> {
         let nv = s.v.len();
         clear(&mut self.q);
@@ -122,6 +124,12 @@ impl ContactAdjoint {
         }
         let moved = record.moves.first().map_or(&s.q_next, Move::start);
         let mut of_moving = vec![0.0; nv];
+        if let Some((row, bar)) = of_gap {
+            at.place_rows(moved);
+            std::mem::swap(&mut self.q, &mut of_q);
+            self.add_gaps(&mut at, &[row], &[bar]);
+            std::mem::swap(&mut self.q, &mut of_q);
+        }
         self.displaced(at.model, settings.step, (&s.q, moved, &record.moving), &of_q, &mut of_moving);
 
         // Without a projection, the factor of the solves is still in the workspace.

@@ -17,8 +17,7 @@
 use super::super::events::{StopImpact, largest};
 use super::super::job::{Impacts, Job, States};
 use super::super::limit_rows::limit_rows;
-use super::super::manifold::advance;
-use super::super::method::Scheme;
+use super::super::manifold::{advance, displacement};
 use super::super::step_settings::StepSettings;
 use super::super::torque::{StepFault, Torque};
 use super::super::totals::{ERROR, EVENTS, LENGTH, MOST, SUBSTEPS, TOTALS, WORKS};
@@ -113,13 +112,6 @@ impl Divided<'_> {
         values[..self.at().0].split_at(self.scene.nq())
     }
 
-    /// Sets the length of contact steps, and of steps without contacts.
-    fn adopt(&mut self, h: f64) {
-        let set = |of: &mut StepSettings| (of.step, of.scheme) = (h, Scheme::new(of.method, h));
-        set(&mut self.settings);
-        self.settings.free.as_deref_mut().map(set);
-    }
-
     /// A job of one step, which adds its impacts, with the time since its start.
     fn job<'j>(&'j self, values: &'j mut [f64], impacts: &'j Impacts) -> Job<'j, 'static> {
         Job {
@@ -151,7 +143,7 @@ impl Divided<'_> {
     /// it and do not.
     fn run(&mut self, one: &mut ContactStepper, h: f64, (count, must): (u8, bool)) -> Result<Run, StepFault> {
         let h = h / f64::from(count);
-        self.adopt(h);
+        self.settings.adopt(h);
         let (at, contacts) = (self.at().1, self.scene.contact_points().len());
         let mut values = self.values.clone();
         for (held, force) in values[at..].iter_mut().zip(&self.forces) {
@@ -183,11 +175,7 @@ impl Divided<'_> {
     /// The displacement and the change of velocities from one end to another.
     fn difference(&self, from: &Run, to: &Run) -> (Vec<f64>, Vec<f64>) {
         let ((q, v), (to_q, to_v)) = (self.moving(&from.values), self.moving(&to.values));
-        let (model, mut x) = (self.scene.model(), vec![0.0; v.len()]);
-        for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
-            body.motion.displacement(&q[body.q..], &to_q[body.q..], &mut x[stage.first_row..]);
-        }
-        (x, to_v.iter().zip(v).map(|(to, from)| to - from).collect())
+        (displacement(self.scene.model(), q, to_q), to_v.iter().zip(v).map(|(to, from)| to - from).collect())
     }
 
     /// A substep of the part `part` of the step in contact steps; `rests`: a contact touches at its start, where gaps
@@ -398,7 +386,7 @@ impl Switching {
 
     /// A substep without contacts; returns false if a contact can act in it.
     fn free_substep(&mut self, step: &mut Divided<'_>, part: f64) -> Result<bool, StepFault> {
-        step.adopt(part * step.step);
+        step.settings.adopt(part * step.step);
         let (at, contacts) = (step.at().0, step.scene.contact_points().len());
         let (mut values, impacts) = (step.values.clone(), Impacts::default());
         values[at + LENGTH] /= part;

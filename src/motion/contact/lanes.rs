@@ -151,7 +151,7 @@ impl<T: Vectorized> Touching<T> {
         let Self { kernel, start, free, impulses, solved, .. } = self;
         let Solved { outcome, free: free_here, report, impulse_kept } = &mut solved[lane];
         let (points, h, near) = (scene.contact_points(), settings.step, &outcome.near);
-        let rest_speed = rest_speed(model, settings);
+        let rest_speed = rest_speed(model, h, settings.accuracy);
         let hits = |&i: &usize| points[i].restitution > 0.0 && start[3 * i + 2].lanes()[lane] < -rest_speed;
         if near.iter().any(hits) {
             return false;
@@ -196,7 +196,7 @@ impl<T: Vectorized> Touching<T> {
         }
         let pick = |all: &[T]| DVector::from_fn(3 * near.len(), |i, _| all[3 * near[i / 3] + i % 3].lanes()[lane]);
         let velocities = (&outcome.held, [&pick(start), &*free, &pick(after)]);
-        let counted = (near.len(), rest_speed(model, settings));
+        let counted = (near.len(), rest_speed(model, settings.step, settings.accuracy));
         outcome.report = report(solved, solved.iterations, *impulse_kept, (0.0, None), velocities, counted);
         true
     }
@@ -279,7 +279,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
                 take_end(one, s, lane);
                 let ends = (&mut one.q_next[..], &mut one.q_stage[..]);
                 let workspace = &mut step.solver.workspace;
-                let found = out_of_planes((scene, &one.model), workspace, &mut step.rows, ends, None);
+                let found = out_of_planes((scene, &one.model), workspace, &mut step.rows, ends, (None, &[]));
                 let Ok(found) = found else {
                     fallback |= 1 << lane;
                     continue;

@@ -25,6 +25,7 @@ mod at;
 mod backward;
 mod closed;
 mod control;
+mod division;
 mod faults;
 mod free_axes;
 mod lanes;

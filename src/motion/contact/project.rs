@@ -101,19 +101,21 @@ fn cancel(
 /// Displaces `q` with the least kinetic energy until no contact is below its surface: min d M d/2 subject to gap +
 /// `J_n` d >= 0, and `J_k` d = 0 for connections, in a few Newton steps, each followed by a projection onto the
 /// connections. No joint moves beyond its limit, or further beyond it. Velocities are unchanged. Returns the initial
-/// penetration, m, and the number of iterations; records the Newton steps in `moves`.
+/// penetration, m, and the number of iterations; records the Newton steps in `moves`. Contacts that the step passes are
+/// left where they are.
 pub(super) fn out_of_planes(
     (scene, model): (&Scene, &Model<f64>),
     workspace: &mut Workspace<f64>,
     rows: &mut ContactScratch,
     (q, next): (&mut [f64], &mut [f64]),
-    mut moves: Option<&mut Vec<Move>>,
+    (mut moves, passing): (Option<&mut Vec<Move>>, &[usize]),
 ) -> Result<(f64, usize), (String, Error)> {
     let points = scene.contact_points();
     let (mut depth, mut iterations) = (0.0, 0);
     for k in 0..=STEPS {
         positions_onto_connections(scene, (model, workspace), rows, q, moves.as_deref_mut())?;
         rows.place(model, points, q);
+        passing.iter().for_each(|&i| rows.gaps[i] = f64::INFINITY);
         let lowest = rows.gaps[..points.len()].iter().fold(0.0_f64, |lowest, &gap| lowest.min(gap));
         if k == 0 {
             depth = -lowest;

@@ -3,11 +3,14 @@
 
 use super::super::backward::StepGradients;
 use super::super::job::Job;
+use super::super::manifold::displacement;
+use super::super::reversed_substeps::{Parts, through_substeps};
 use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
 use super::super::torque::StepFault;
 use super::at::Connections;
 use super::backward::{ContactAdjoint, ContactGradient};
+use super::division::Part;
 use super::record::StepRecord;
 use super::report::{begin, width};
 use super::step::ContactStep;
@@ -25,6 +28,9 @@ const REPRODUCED: f64 = 1e-5;
 
 /// Largest number of steps from which the impulses before a step are recomputed.
 const BACK: usize = 16;
+
+/// Distance of a contact from another mode, m/s, and its state.
+type Mode = (f64, ContactState);
 
 /// A contact that is in another state in a step than in the step before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -135,18 +141,84 @@ impl ContactReverse {
     ) -> Result<(), (String, Error)> {
         self.step.step(scene, settings, &mut self.scratch, &mut self.kept)?;
         self.reproduce((scene, settings), n, recorded, row_before)?;
-        let Self { scratch: s, gradients, step, adjoint, connections, sums, margins, states, .. } = self;
-        adjoint.step(scene, settings, (step, s), connections, gradients)?;
+        let now = self.through_parts((scene, settings))?;
+        note((&mut self.margins, &mut self.states), n, now, &mut changed);
+        let mut results = self.gradients.results();
+        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
+    }
+
+    /// Propagates the gradients through the parts of a step, which end at impacts: with b(h) the product of the cotangent
+    /// of the end of a part and the derivative of that end by the length of the part, a longer part changes the result by
+    /// b less that of the last part, which is then shorter, and a larger gap at its end makes it longer.
+    fn through_parts(&mut self, (scene, settings): (&Scene, &StepSettings)) -> Result<Vec<Mode>, (String, Error)> {
+        let parts = std::mem::take(&mut self.step.division.parts);
+        if parts.is_empty() {
+            return self.through_part((scene, settings), None);
+        }
+        let (mut own, mut last, mut modes) = (settings.clone(), None, Vec::new());
+        let (made, mut parts): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
+        through_substeps(self, settings, made, |one, made| {
+            let Some(part) = parts.pop() else { return Ok(()) };
+            let (by_length, of_gap) = one.by_length((scene, &mut own), made.scheme.step, &part)?;
+            own.adopt(made.scheme.step);
+            one.step.repeat((scene, &own), &mut one.scratch, &part)?;
+            let by_last = *last.get_or_insert(by_length);
+            let now = one.through_part((scene, &own), part.ended.map(|row| (row, (by_last - by_length) / of_gap)))?;
+            if modes.is_empty() {
+                modes = now;
+                return Ok(());
+            }
+            for ((least, state), (margin, before)) in modes.iter_mut().zip(now) {
+                *least = least.min(margin);
+                *state = if *state == ContactState::Open { before } else { *state };
+            }
+            Ok(())
+        })?;
+        self.scratch.adopt(settings, &settings.scheme);
+        Ok(modes)
+    }
+
+    /// The derivatives by the length of a part: of the product of the cotangent and its end, and of the gap at which it
+    /// ends, by one-sided differences of second order.
+    fn by_length(
+        &mut self,
+        (scene, settings): (&Scene, &mut StepSettings),
+        length: f64,
+        part: &Part,
+    ) -> Result<(f64, f64), (String, Error)> {
+        /// Difference of lengths relative to the step.
+        const DIFFERENCE: f64 = 2e-3;
+        let Self { scratch: s, step, gradients, .. } = self;
+        let (difference, mut ends) = (DIFFERENCE * step.division.whole, Vec::new());
+        for k in [0.0_f64, 1.0, 2.0] {
+            settings.adopt(k.mul_add(difference, length));
+            step.repeat((scene, settings), s, part)?;
+            let gap = part.ended.map_or(0.0, |row| step.division.end_of(row));
+            ends.push((s.q_next.clone(), s.v_next.clone(), gap));
+        }
+        let [(q, v, gap), near, far] = &ends[..] else { return Ok((0.0, 0.0)) };
+        let slope = |start: f64, near: f64, far: f64| (4.0 * (near - start) - (far - start)) / (2.0 * difference);
+        let [to_near, to_far] = [near, far].map(|end| displacement(&s.model, q, &end.0));
+        let by_q = (0..v.len()).map(|i| gradients.end[0][i] * slope(0.0, to_near[i], to_far[i]));
+        let by_v = (0..v.len()).map(|i| gradients.end[1][i] * slope(v[i], near.1[i], far.1[i]));
+        Ok((by_q.chain(by_v).sum(), slope(*gap, near.2, far.2)))
+    }
+
+    /// Propagates the gradients through the step, or the part, that was made and recorded.
+    fn through_part(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        of_gap: Option<(usize, f64)>,
+    ) -> Result<Vec<Mode>, (String, Error)> {
+        let Self { scratch: s, gradients, step, adjoint, connections, sums, .. } = self;
+        adjoint.step(scene, settings, (step, s), connections, gradients, of_gap)?;
         for (sum, more) in sums.iter_mut().zip(&adjoint.contacts) {
             sum.friction += more.friction;
             sum.restitution += more.restitution;
             sum.offset += more.offset;
             sum.normal += more.normal;
         }
-        let now = now(scene, settings, s, step);
-        note((margins, states), n, now, &mut changed);
-        let mut results = gradients.results();
-        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
+        Ok(now(scene, settings, s, step))
     }
 
     /// Makes step `n` if no contact can act in it; returns false if one can. The values of the state in the job become
@@ -187,11 +259,17 @@ impl ContactReverse {
     }
 }
 
+impl Parts for ContactReverse {
+    fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>) {
+        (&mut self.scratch, &mut self.gradients)
+    }
+}
+
 /// Adds the contacts of step `n`, their distances from another mode and their states, to those of the later steps.
 fn note(
     (margins, states): (&mut [(f64, usize)], &mut Option<Vec<ContactState>>),
     n: usize,
-    now: Vec<(f64, ContactState)>,
+    now: Vec<Mode>,
     changed: &mut impl FnMut(usize, ContactState, ContactState),
 ) {
     if let Some(later) = states.take() {
@@ -222,8 +300,8 @@ fn by_plane(scene: &Scene, contact: &Contact, sum: &ContactGradient) -> (f64, Ve
 }
 
 /// Distance of each contact from another mode, m/s, and its state, in the step that was recorded.
-fn now(scene: &Scene, settings: &StepSettings, s: &Scratch<f64>, step: &mut ContactStep) -> Vec<(f64, ContactState)> {
-    let ContactStep { rows, record, .. } = step;
+fn now(scene: &Scene, settings: &StepSettings, s: &Scratch<f64>, step: &mut ContactStep) -> Vec<Mode> {
+    let ContactStep { rows, record, division, .. } = step;
     let points = scene.contact_points();
     let Some(record) = record else { return Vec::new() };
     if settings.smoothing.is_some() {
@@ -234,6 +312,10 @@ fn now(scene: &Scene, settings: &StepSettings, s: &Scratch<f64>, step: &mut Cont
     let mut found: Vec<_> = (0..points.len())
         .map(|i| ((record.before.gaps[i] / settings.step + moving[3 * i + 2]).abs(), ContactState::Open))
         .collect();
+    // A contact that ends a part is at its surface then.
+    for &i in division.passing.iter().filter(|i| **i < points.len()) {
+        found[i].0 = f64::INFINITY;
+    }
     let Some(laws) = &record.laws else { return found };
     let mut margins = laws.cone.margins(&laws.held, &laws.c, &Limits::beside(&laws.c));
     let mut least = |more: Vec<f64>| margins.iter_mut().zip(more).for_each(|(least, more)| *least = least.min(more));

@@ -10,6 +10,7 @@ use super::super::step_settings::StepSettings;
 use super::super::totals::STOPS;
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
+use super::division::Division;
 use super::faults::{check, check_movable, check_normals, factorised};
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::moves::Pulled;
@@ -25,8 +26,8 @@ use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::Scene;
-use crate::scene::contact_point::ContactPoint;
 use nalgebra::{DVector, Matrix3};
+use std::ops::RangeInclusive;
 
 /// A contact that leaves or approaches its surface at most at this multiple of the accuracy, m/s, rests on it.
 pub(super) const RESTS: f64 = 10.0;
@@ -46,6 +47,7 @@ pub(super) struct ContactStep {
     /// direction.
     pub acceleration: f64,
     pub reverses: bool,
+    pub division: Division,
 }
 
 /// Gaps, axes and velocities of contacts at the start of a step.
@@ -92,6 +94,15 @@ impl Outcome {
             laws: None,
         }
     }
+
+    /// Makes the velocities without impulses those of the end of a step, and the displacement that of their mean.
+    fn move_by_mean(&mut self, s: &mut Scratch<f64>, v_free: &[f64]) {
+        self.strikes = true;
+        self.slowed = Some(s.v_next.clone());
+        for ((v, free), start) in s.v_next.iter_mut().zip(v_free).zip(&s.v) {
+            *v -= 0.5 * (free - start);
+        }
+    }
 }
 
 impl ContactStep {
@@ -101,18 +112,20 @@ impl ContactStep {
         rows.closed = eliminated(scene, settings);
         // The equations of motion are those of the tree; coupled joints are rows of the step.
         let solver = Checked::new(scene.model(), None, form).accepting(settings.tolerance);
-        Self { solver, rows, impacts: Vec::new(), record: None, acceleration: 0.0, reverses: false }
+        let (impacts, division) = (Vec::new(), Division::default());
+        Self { solver, rows, impacts, record: None, acceleration: 0.0, reverses: false, division }
     }
 
-    /// One step from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the joint and the
-    /// error if it fails.
-    pub fn step(
+    /// A step, or a part of it, from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the
+    /// joint and the error if it fails, and false, without an effect, if the least gap at the end of the rows that the
+    /// part passes is not `accepted`.
+    pub fn part(
         &mut self,
-        scene: &Scene,
-        settings: &StepSettings,
+        (scene, settings): (&Scene, &StepSettings),
         s: &mut Scratch<f64>,
         kept: &mut [f64],
-    ) -> Result<(), (String, Error)> {
+        accepted: &RangeInclusive<f64>,
+    ) -> Result<bool, (String, Error)> {
         step((settings, &settings.scheme), s, &mut self.solver);
         let lost = self.solver.lost.take();
         if let Some(fault) = fault_of(scene, settings, s, lost) {
@@ -142,6 +155,14 @@ impl ContactStep {
         if let Some(slowed) = outcome.slowed.take() {
             s.v_next = slowed;
         }
+        let passing = &self.division.passing;
+        if !passing.is_empty() {
+            self.rows.place(&s.model, points, &s.q_next);
+            self.division.ends = passing.iter().map(|&i| self.rows.gaps[i]).collect();
+            if !accepted.contains(&self.division.lowest().1) {
+                return Ok(false);
+            }
+        }
         add_work(settings, s);
         let (depth, iterations) = if let Some(smoothing) = smoothing {
             let (depth, hover) = self.end_smoothed((scene, settings, smoothing), s, &outcome.held)?;
@@ -161,7 +182,7 @@ impl ContactStep {
             }
             let ends = (&mut s.q_next[..], &mut s.q_stage[..]);
             let moves = self.record.as_mut().map(|record| &mut record.moves);
-            out_of_planes((scene, &s.model), workspace, &mut self.rows, ends, moves)?
+            out_of_planes((scene, &s.model), workspace, &mut self.rows, ends, (moves, &self.division.passing))?
         };
         let workspace = &mut self.solver.workspace;
         to_axes_at_end(&s.model, (&s.q, &s.q_next), &mut s.v_next);
@@ -183,7 +204,7 @@ impl ContactStep {
         #[allow(clippy::cast_precision_loss)] // a small count
         let iterations = outcome.report.iterations + iterations as f64;
         ContactReport::add(kept, &ContactReport { iterations, depth, ..outcome.report });
-        fault_of(scene, settings, s, None).map_or(Ok(()), Err)
+        fault_of(scene, settings, s, None).map_or(Ok(true), Err)
     }
 
     /// Applies impacts and contact forces of the step to `v_next`.
@@ -196,7 +217,7 @@ impl ContactStep {
         before: &StepStart,
         kept: &[f64],
     ) -> Result<Outcome, (String, Error)> {
-        let Self { solver, rows, record, .. } = self;
+        let Self { solver, rows, record, division, .. } = self;
         let records = record.is_some();
         let (workspace, points, h) = (&mut solver.workspace, scene.contact_points(), settings.step);
         let StepStart { gaps, start, free, .. } = before;
@@ -204,22 +225,37 @@ impl ContactStep {
         let mut near: Vec<usize> =
             (0..all_rows).filter(|&i| gaps[i] <= 0.0 || gaps[i] + h * free[3 * i + 2] <= 0.0).collect();
         let mut outcome = Outcome::nothing();
+        // The rules for slow contacts are those of the whole step.
+        let (rest_speed, least) =
+            (rest_speed(&s.model, division.whole, settings.accuracy), touching_gap(&s.model, division.whole));
+        let change = |i: usize| (free[3 * i + 2] - start[3 * i + 2]) * division.whole / h;
+        let of_stops = settings.restitution;
+        let restitution = |i: usize, speed: f64| match points.get(i) {
+            Some(point) if speed < -rest_speed => point.restitution,
+            None if rebounds(speed, speed + change(i), of_stops) => of_stops,
+            _ => 0.0,
+        };
+        let rests = |i: usize| gaps[i] <= least && division.whole * start[3 * i + 2].abs() <= least;
+        let is_free = settings.free.is_some() && !(0..n).any(rests);
+        let mut passing = std::mem::take(&mut division.passing);
+        division.pass((&mut passing, &mut near), gaps, |i| restitution(i, start[3 * i + 2]));
         if near.is_empty() {
+            if is_free && !passing.is_empty() {
+                let v_free = s.v_next.clone();
+                outcome.move_by_mean(s, &v_free);
+            }
+            division.passing = passing;
             return Ok(outcome);
         }
         // With connections, the projection of the velocities has left the factor.
         if rows.closed.is_none() {
             factorised(scene, (&s.model, &s.q), workspace)?;
         }
-        let rest_speed = rest_speed(&s.model, settings);
         let v_free = s.v_next.clone();
         // Velocities at the end of a free step are those of the time of its end, those of contact steps lag by half a
         // step. With an impact at the start of this step, and a displacement with the mean of the velocities of the
         // free motion after it, an elastic impact after a flight keeps the sum of all energies.
-        let least = touching_gap(&s.model, h);
-        let rests = |i: usize| gaps[i] <= least && h * start[3 * i + 2].abs() <= least;
-        let is_free = settings.free.is_some() && !(0..n).any(rests);
-        let part = if is_free { 0.0 } else { 0.5 };
+        let part = if is_free || division.struck.is_some() { 0.0 } else { 0.5 };
         let mut iterations = 0;
         let kept = from_fixed_axes(points, &before.axes, kept);
         for _ in 0..=all_rows {
@@ -230,7 +266,7 @@ impl ContactStep {
             let cone = Cones::new(blocks, &friction);
             check_movable((scene, &rows.limits), &near, &cone.lengths())?;
             let free_here = pick(&|i| free[i]);
-            let rebound = restitutions(points, &near, (start, free), (rest_speed, settings.restitution));
+            let rebound: Vec<f64> = near.iter().map(|&i| restitution(i, start[3 * i + 2])).collect();
             let mut u = free_here.clone();
             let middle = |free: &DVector<f64>| {
                 let start = pick(&|i| start[i]);
@@ -266,7 +302,8 @@ impl ContactStep {
             }
             let after = rows.velocities(&s.model, points, &s.v_next);
             let late = |i: &usize| gaps[*i].max(0.0) + h * after[3 * i + 2] < -LATE && near.binary_search(i).is_err();
-            let late: Vec<usize> = (0..all_rows).filter(late).collect();
+            let mut late: Vec<usize> = (0..all_rows).filter(late).collect();
+            division.pass((&mut passing, &mut late), gaps, |i| restitution(i, after[3 * i + 2]));
             if late.is_empty() {
                 let arrives = |at: usize| near[at] >= n && gaps[near[at]] > 0.0 && held[3 * at + 2] > 0.0;
                 let arriving: Vec<usize> = (touching..near.len()).filter(|&at| arrives(at)).collect();
@@ -300,14 +337,12 @@ impl ContactStep {
                     let turned = before.dot(&after) < 0.5 * before.norm() * after.norm();
                     state == ContactState::Sliding && friction[at] > 0.0 && turned
                 });
-                if let (Some(_), true, None) = (&hit, is_free, &outcome.slowed)
+                if (hit.is_some() || !passing.is_empty())
+                    && is_free
+                    && outcome.slowed.is_none()
                     && outcome.states.iter().all(|&state| state == ContactState::Open)
                 {
-                    outcome.strikes = true;
-                    outcome.slowed = Some(s.v_next.clone());
-                    for ((v, free), start) in s.v_next.iter_mut().zip(&v_free).zip(&s.v) {
-                        *v -= 0.5 * (free - start);
-                    }
+                    outcome.move_by_mean(s, &v_free);
                 }
                 if let Some(hit) = &hit {
                     states_of_rebounds((&cone, &friction), (&middle(&free_here), &hit.impulses), &mut outcome.states);
@@ -318,6 +353,7 @@ impl ContactStep {
             near.extend(late);
             near.sort_unstable();
         }
+        division.passing = passing;
         Ok(outcome)
     }
 
@@ -346,9 +382,9 @@ impl ContactStep {
 
 /// The velocity that gravity adds in a step: slower rebounds would last less than two steps. With error control, at
 /// least a multiple of the accuracy.
-pub(super) fn rest_speed<T: Real>(model: &Model<T>, settings: &StepSettings) -> f64 {
-    let least = settings.accuracy.map_or(0.0, |accuracy| RESTS * accuracy);
-    (model.gravity.map(|g| g.lane(0)).norm() * settings.step).max(least)
+pub(super) fn rest_speed<T: Real>(model: &Model<T>, h: f64, accuracy: Option<f64>) -> f64 {
+    let least = accuracy.map_or(0.0, |accuracy| RESTS * accuracy);
+    (model.gravity.map(|g| g.lane(0)).norm() * h).max(least)
 }
 
 /// Velocities u of the contacts `near`, the first `n` of which are not joint limits, minus the least velocities with
@@ -359,21 +395,6 @@ fn to_least_velocities(u: &DVector<f64>, (near, n): (&[usize], usize), before: &
         c[3 * at + 2] -= if i < n { -gaps[i].max(0.0) / h } else { least_velocity(gaps[i], start[3 * i + 2], h) };
     }
     c
-}
-
-/// Coefficient of restitution of each contact and joint limit in this step: zero if it does not rebound.
-fn restitutions(
-    points: &[ContactPoint],
-    near: &[usize],
-    (start, free): (&DVector<f64>, &DVector<f64>),
-    (rest_speed, of_stops): (f64, f64),
-) -> Vec<f64> {
-    let each = near.iter().map(|&i| match (points.get(i), start[3 * i + 2]) {
-        (Some(point), speed) if speed < -rest_speed => point.restitution,
-        (None, speed) if rebounds(speed, free[3 * i + 2], of_stops) => of_stops,
-        _ => 0.0,
-    });
-    each.collect()
 }
 
 /// Kinetic energy dissipated by an impact at contacts, without joint limits, J, for velocities u.

@@ -106,7 +106,7 @@ impl ContactStepper {
         let (system, workspace) = ((scene, &s.model), &mut solver.workspace);
         if positions && settings.smoothing.is_none() {
             onto_surfaces(system, workspace, rows, (&mut *q, &mut s.q_stage), touching)?;
-            out_of_planes(system, workspace, rows, (&mut *q, &mut s.q_stage), None)?;
+            out_of_planes(system, workspace, rows, (&mut *q, &mut s.q_stage), (None, &[]))?;
         } else if positions {
             positions_onto_connections(scene, (&s.model, workspace), rows, q, None)?;
         }
