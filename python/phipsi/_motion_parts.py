@@ -139,9 +139,11 @@ class ContactMotion(NamedTuple):
     iterations: NDArray[np.int_]
     """Number of iterations of all solves, (...): the number of factorized matrices."""
     lost_in_impacts: _Array
-    """Kinetic energy lost in impacts, (...), J: in rebounds, and in landings of contacts that do not rest at the start of the step."""
+    """Kinetic energy lost in impacts, (...), J: in rebounds, in landings of contacts that do not rest at the start of the step, and in jams
+    whose impulse accelerates the slip. With `smoothing`, the work against normal forces, which can be negative.
+    """
     lost_in_friction: _Array
-    """Energy dissipated by friction, (...), J."""
+    """Energy dissipated by friction, (...), J; not negative."""
     expansion_kept: _Array
     """Smallest fraction of a rebound that was applied so that an impact does not increase the kinetic energy, (...); 1
     if no rebound was reduced.

@@ -14,13 +14,13 @@
 
 use super::constrained::{Constrained, Failure};
 use super::events::{Ending, StopImpact, largest};
-use super::limit_rows::{rebounds, settle_at};
+use super::limit_rows::{is_violent, rebounds, settle_at};
 use super::manifold::advance;
 use super::modes::STUCK_NOISE;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
-use super::stops::{AT_MOST, Graph, Hold, Piece, SetValued, settle};
-use super::totals::{DROPPED, DROPPED_ROW};
+use super::stops::{Graph, Hold, Piece, SetValued, settle};
+use super::totals::note_dropped;
 use super::works::RowWork;
 use crate::contact::{Cone, expansion_kept};
 use crate::dynamics::constraints::ProjectionStep;
@@ -43,8 +43,6 @@ const REFINEMENTS: usize = 4;
 
 /// A velocity demanded by a stop is not met if it is missed by more than this, relative to the largest change.
 const MISSED: f64 = 1e-5;
-/// A joint does not return to its limits if other joints would move faster than this times the velocities of the step.
-const VIOLENT: f64 = 10.0;
 
 /// Relative rounding errors of velocities and of torques.
 const ROUNDING: f64 = 1e-12;
@@ -248,7 +246,7 @@ impl Constrained<'_> {
             projected?;
         }
         impacts.extend(acting.finish(rows, (&reached, &last), (h, time, &resting, elastic), s));
-        acting.note_dropped(rows, s);
+        note_dropped(&mut s.totals, acting.reduced.iter().position(|&by| by > 0).map(|i| rows[i].row));
         Ok(acting.error(rows, (&reached, &bounced), (settings, h, &free), s))
     }
 
@@ -337,7 +335,7 @@ impl Acting {
                 }
             }
             let holds: Vec<_> = graphs.iter().zip(&pieces).map(|(graph, &piece)| graph.velocity(piece)).collect();
-            if self.reduce(&holds, (&own, &u), largest(&velocities, 0.0) / largest(free, AT_MOST)) {
+            if self.reduce(&holds, (&own, &u), is_violent(&velocities, free)) {
                 continue;
             }
             if largest(&velocities, 0.0) <= ROUNDING * largest(free, 0.0) {
@@ -356,7 +354,12 @@ impl Acting {
     }
 
     /// Reduces the demands that are not met, and those of joints outside of their limits if others would move too fast.
-    fn reduce(&mut self, holds: &[Option<(f64, Hold)>], (free, u): (&DVector<f64>, &DVector<f64>), speed: f64) -> bool {
+    fn reduce(
+        &mut self,
+        holds: &[Option<(f64, Hold)>],
+        (free, u): (&DVector<f64>, &DVector<f64>),
+        violent: bool,
+    ) -> bool {
         let size = (u - free).amax().max(free.amax());
         let mut any = false;
         for (a, hold) in holds.iter().enumerate() {
@@ -365,7 +368,7 @@ impl Acting {
                 Some((high, Hold::Upper)) => (u[a] - high, *high < 0.0),
                 _ => continue,
             };
-            let is_met = missing <= MISSED * size && !(outside && speed > VIOLENT);
+            let is_met = missing <= MISSED * size && !(outside && violent);
             let reduced = &mut self.reduced[self.near[a]];
             if !is_met && *reduced < 2 {
                 (*reduced, any) = (*reduced + 1, true);
@@ -508,16 +511,6 @@ impl Acting {
         };
         let late = if lasts { 0.0 } else { (0..free.len()).map(late).fold(0.0, f64::max) / fastest };
         (h * jump).max(late) + omitted
-    }
-
-    /// Notes that a demand was dropped.
-    fn note_dropped(&self, rows: &[SetValued], s: &mut Scratch<f64>) {
-        if let Some(i) = self.reduced.iter().position(|&by| by > 0) {
-            s.totals[DROPPED] += 1.0;
-            #[allow(clippy::cast_precision_loss)] // index of a joint
-            let row = rows[i].row as f64;
-            s.totals[DROPPED_ROW] = row;
-        }
     }
 
     /// Locks the joints that friction holds, so that projections do not move them. Returns the noise before.

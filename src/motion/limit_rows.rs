@@ -1,12 +1,16 @@
 //! Joint limits as stops in scenes with contacts or connections: frictionless unilateral rows, in steps of order 1.
 
-use super::events::StopImpact;
-use super::stops::returning;
+use super::events::{StopImpact, largest};
+use super::stops::{AT_MOST, returning};
 use crate::dynamics::contacts::LimitRow;
 use crate::scene::Scene;
 
 /// Relative rounding errors of velocities and coordinates.
 const ROUNDING: f64 = 1e-12;
+
+/// A joint does not return to its limits if joints would move faster than in the step without stops, and than this
+/// times the largest velocity of returns. A larger bound would let consecutive returns add energy.
+const VIOLENT: f64 = 10.0;
 
 /// A joint that approaches its stop more slowly than this rests on it, rad/s or m/s.
 const RESTS: f64 = 1e-3;
@@ -35,6 +39,12 @@ pub(super) fn least_velocity(gap: f64, start: f64, h: f64) -> f64 {
 /// Derivatives of [`least_velocity`] by the gap and by the velocity at the start.
 pub(super) fn least_slopes(gap: f64, start: f64, h: f64) -> [f64; 2] {
     if gap < 0.0 { returning(-gap, start, h).slopes } else { [-1.0 / h, 0.0] }
+}
+
+/// True if the return of a joint to its limits would move joints too fast, as near a dead center; for the velocities of
+/// the step with and without stops.
+pub(super) fn is_violent(velocities: &[f64], free: &[f64]) -> bool {
+    largest(velocities, 0.0) > largest(free, VIOLENT * AT_MOST)
 }
 
 /// True if a joint that approaches its limit with velocity `start` rebounds. A rebound that would end within two steps

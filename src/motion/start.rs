@@ -47,10 +47,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
         ))
     }
 
-    /// Number of steps of all states in which connections prevented a stop from acting, since the states began.
+    /// Number of steps of all states in which connections or contacts prevented a stop from acting, since the states began.
     #[cfg(feature = "python")]
     pub(crate) fn dropped(&self) -> f64 {
-        let states = if self.scene().constraints().is_empty() { 0 } else { self.states() };
+        let (scene, states) = (self.scene(), self.states());
+        let states = if scene.constraints().is_empty() && scene.contacts().is_empty() { 0 } else { states };
         (0..states).map(|state| self.totals(state).dropped).sum()
     }
 
@@ -61,9 +62,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // index of a joint
         let joint = joint_of_row(self.scene(), of.map_or(0, |of| of.dropped_row as usize));
         format!(
-            "limits: found joint {joint:?} at a stop that the connections prevent from acting, as at a dead center; \
-             expected limits that the closed mechanism can meet: the stop is omitted in such steps; {} lists \
-             the rows outside of limits",
+            "limits: found joint {joint:?} at a stop that the connections or contacts prevent from acting in {} of {} \
+             steps, as at a dead center; expected limits that the mechanism can meet: the stop is omitted in such steps; \
+             {} lists the rows outside of limits",
+            of.map_or(0.0, |of| of.dropped),
+            self.steps(),
             in_language("the motion", "path.violations()")
         )
     }

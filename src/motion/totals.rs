@@ -24,9 +24,19 @@ pub(super) const ERROR: usize = 8;
 pub(super) const LENGTH: usize = 9;
 /// Events without a solution.
 pub(super) const UNSETTLED: usize = 10;
-/// Steps in which connections prevent a stop from acting, and the last row with such a stop.
-pub(super) const DROPPED: usize = 11;
-pub(super) const DROPPED_ROW: usize = 12;
+/// Steps in which connections or contacts prevent a stop from acting, and the last row with such a stop.
+const DROPPED: usize = 11;
+const DROPPED_ROW: usize = 12;
+
+/// Counts a step in which the demand of a stop is dropped, with the row of its joint.
+pub(super) fn note_dropped(totals: &mut [f64], row: Option<usize>) {
+    if let Some(row) = row {
+        totals[DROPPED] += 1.0;
+        #[allow(clippy::cast_precision_loss)] // index of a joint
+        let row = row as f64;
+        totals[DROPPED_ROW] = row;
+    }
+}
 
 /// Works and numbers of substeps of one state since it began.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -55,8 +65,8 @@ pub struct Totals {
     /// Number of events whose friction and stop torques contradict each other, because the mass matrix is indefinite; a
     /// joint was then treated as stuck.
     pub unsettled: f64,
-    /// Number of steps in which connections, at a dead center, prevent a joint from returning to its limits or from
-    /// stopping there.
+    /// Number of steps in which connections, at a dead center, or contacts prevent a joint from returning to its limits
+    /// or from stopping there.
     pub dropped: f64,
     /// The degree of freedom of the last of these joints.
     pub dropped_row: f64,

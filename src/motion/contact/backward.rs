@@ -288,7 +288,7 @@ impl ContactAdjoint {
                 of_gaps[k] = chain.of_target[k] * by_gap;
                 self.contacts[i].friction += chain.friction[k];
                 self.contacts[i].restitution += chain.restitution[k];
-            } else {
+            } else if !record.laws.as_ref().is_some_and(|laws| laws.dropped.contains(&i)) {
                 let [by_gap, by_start] = least_slopes(gap, record.before.start[3 * i + 2], h);
                 of_gaps[k] = -chain.of_target[k] * by_gap;
                 of_start[3 * k + 2] -= chain.of_target[k] * by_start;

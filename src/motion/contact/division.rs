@@ -147,7 +147,12 @@ impl ContactStep {
             s.adopt(settings, &settings.scheme);
             begun = kept.to_vec();
             if self.part((scene, settings), s, kept, &(least..=f64::INFINITY))? {
-                self.end_part((settings, s), (kept, begun), (&mut sums, &mut impacts), (self.division.whole - left, None));
+                self.end_part(
+                    (settings, s),
+                    (kept, begun),
+                    (&mut sums, &mut impacts),
+                    (self.division.whole - left, None),
+                );
                 break;
             }
         }

@@ -36,7 +36,7 @@ pub(super) fn check_movable(
 }
 
 /// Text that names some contacts and the joints of some limits, whose rows follow those of the contacts.
-fn named((scene, limits): (&Scene, &[LimitRow]), which: &[usize]) -> String {
+pub(super) fn named((scene, limits): (&Scene, &[LimitRow]), which: &[usize]) -> String {
     let points = scene.contact_points();
     let contacts = which.iter().filter_map(|&i| Some(points.get(i)?.name.as_str()));
     let reached = which.iter().filter_map(|&i| limits.get(i.checked_sub(points.len())?));

@@ -14,6 +14,7 @@
 
 use super::super::scratch::Scratch;
 use super::at::{At, Moved};
+use super::faults::named;
 use super::record::{Laws, StepRecord};
 use crate::contact::{Cone, LawCotangents, Limits, Turning};
 use crate::error::Error;
@@ -82,10 +83,10 @@ impl Chain {
         let mut forces = nothing();
         let (held, of) = if let Some(energies) = &laws.energies {
             let of = cone.linearized_relaxed(&laws.held, &laws.c, energies).cotangents(&of_struck);
-            (laws.held.clone(), of.ok_or_else(|| singular("smoothed contacts whose impulses have no derivative"))?)
+            (laws.held.clone(), of.ok_or_else(|| singular(at, near))?)
         } else {
             let held = polished(cone, &laws.held, &laws.c, &Limits::beside(&laws.c));
-            let of = law(cone, &held, &laws.c, &Limits::beside(&laws.c), &of_struck)?;
+            let of = law((at, near), cone, &held, &laws.c, &Limits::beside(&laws.c), &of_struck)?;
             (held, of)
         };
         let all = &struck + &held;
@@ -102,7 +103,7 @@ impl Chain {
             let z = at.solve(of_last);
             let bar = at.velocities(near, &z.v);
             let slower = polished(cone, slower, c, &Limits::beside(c));
-            let of = law(cone, &slower, c, &Limits::beside(c), &bar)?;
+            let of = law((at, near), cone, &slower, c, &Limits::beside(c), &bar)?;
             let y = at.respond(near, &none, &(&struck + &slower));
             chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y.v)));
             chain.turn(at, near, &of);
@@ -151,7 +152,7 @@ impl Chain {
             let change = &cone.g * &hit.all;
             let along = (&laws.middle + &change).dot(second);
             if along == 0.0 {
-                return Err(singular("an impact whose expansion has no derivative"));
+                return Err(singular(at, near));
             }
             let part = -second.dot(&of_all) / along;
             let half: Vec<f64> = middle.iter().zip(&y_all.v).map(|(v, y)| v + 0.5 * y).collect();
@@ -166,7 +167,7 @@ impl Chain {
         let mut forces = DVector::zeros(3 * near.len());
         if let Some(second) = &hit.second {
             let (limits, c) = (hit.bound(laws), &laws.middle + &cone.g * &hit.first);
-            let of = law(cone, second, &c, &limits, &(of_all * hit.kept))?;
+            let of = law((at, near), cone, second, &c, &limits, &(of_all * hit.kept))?;
             let y = at.respond(near, &none, second);
             let before = sum(&middle, &y_first.v);
             self.evaluations.push((of.velocities.clone(), sum(&before, &y.v)));
@@ -181,7 +182,7 @@ impl Chain {
             of_first += &cone.g * &of.velocities;
             forces += of.velocities;
         }
-        let of = law(cone, &hit.first, &laws.middle, &Limits::beside(&laws.middle), &of_first)?;
+        let of = law((at, near), cone, &hit.first, &laws.middle, &Limits::beside(&laws.middle), &of_first)?;
         self.evaluations.push((of.velocities.clone(), sum(&middle, &y_first.v)));
         self.turn(at, near, &of);
         self.add(&of);
@@ -237,6 +238,7 @@ fn polished(cone: &Cone, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) ->
 
 /// The cotangents of the data of a solve for a cotangent `bar` of its impulses.
 fn law(
+    (at, near): (&At<'_>, &[usize]),
     cone: &Cone,
     p: &DVector<f64>,
     c: &DVector<f64>,
@@ -244,11 +246,14 @@ fn law(
     bar: &DVector<f64>,
 ) -> Result<LawCotangents, (String, Error)> {
     let modes = cone.modes(p, c, limits);
-    cone.linearized(&modes, p, c).cotangents(bar).ok_or_else(|| singular("contacts whose impulses have no derivative"))
+    cone.linearized(&modes, p, c).cotangents(bar).ok_or_else(|| singular(at, near))
 }
 
-fn singular(found: &str) -> (String, Error) {
-    (String::new(), Error::argument("q, qd", found, "rows that simulate recorded"))
+fn singular(at: &At<'_>, near: &[usize]) -> (String, Error) {
+    let of = named((at.scene, &at.rows.limits), near);
+    let expected =
+        "contacts whose impulses have a derivative: begin from rows that simulate recorded, or set smoothing";
+    (String::new(), Error::argument(of, "impulses without a derivative", expected))
 }
 
 fn sum(a: &[f64], b: &[f64]) -> Vec<f64> {

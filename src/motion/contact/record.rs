@@ -20,6 +20,8 @@ pub(super) struct Laws {
     /// Active joint limits at which joints arrive, and the velocities and impulses with which they end the step.
     pub arriving: Vec<usize>,
     pub slower: Option<(DVector<f64>, DVector<f64>)>,
+    /// Joint limits whose joints do not return to them in this step.
+    pub dropped: Vec<usize>,
     /// The energies of the relaxed law, with smoothing.
     pub energies: Option<Vec<Relaxation>>,
 }
@@ -33,7 +35,8 @@ impl Laws {
         arriving: &[usize],
     ) -> Self {
         let (rebound, arriving) = (rebound.to_vec(), arriving.to_vec());
-        Self { cone, rebound, middle, part, c: c.clone(), held: held.clone(), arriving, slower: None, energies: None }
+        let (slower, dropped, energies) = (None, Vec::new(), None);
+        Self { cone, rebound, middle, part, c: c.clone(), held: held.clone(), arriving, slower, dropped, energies }
     }
 }
 

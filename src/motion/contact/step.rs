@@ -2,16 +2,16 @@
 
 use super::super::events::StopImpact;
 use super::super::faults::fault_of;
-use super::super::limit_rows::{least_velocity, limit_rows, rebounds, settle_at};
+use super::super::limit_rows::{is_violent, least_velocity, limit_rows, rebounds, settle_at};
 use super::super::scratch::Scratch;
 use super::super::solver::Checked;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
-use super::super::totals::STOPS;
+use super::super::totals::{STOPS, note_dropped};
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
 use super::division::Division;
-use super::faults::{check, check_movable, check_normals, factorised};
+use super::faults::{REFUSED, check, check_movable, check_normals, factorised};
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::moves::Pulled;
 use super::pairs::{from_fixed_axes, into_fixed_axes};
@@ -34,6 +34,10 @@ pub(super) const RESTS: f64 = 10.0;
 
 /// An inactive contact becomes active if the step ends with a larger penetration, m.
 pub(super) const LATE: f64 = 1e-12;
+
+/// The stop of a joint outside of its limits takes part in a contradiction if its impulse is larger than this, relative
+/// to the largest: contradicting demands have unbounded impulses.
+const TAKES_PART: f64 = 1e-6;
 
 /// Scratch memory for one state.
 pub(super) struct ContactStep {
@@ -258,7 +262,9 @@ impl ContactStep {
         let part = if is_free || division.struck.is_some() { 0.0 } else { 0.5 };
         let mut iterations = 0;
         let kept = from_fixed_axes(points, &before.axes, kept);
-        for _ in 0..=all_rows {
+        // The stops whose joints do not return in this step, but only move no further outside.
+        let mut dropped: Vec<usize> = Vec::new();
+        for _ in 0..=2 * all_rows {
             let blocks = rows.gram(&s.model, points, workspace, &mut near);
             let pick =
                 |all: &dyn Fn(usize) -> f64| DVector::from_fn(3 * near.len(), |i, _| all(3 * near[i / 3] + i % 3));
@@ -283,11 +289,12 @@ impl ContactStep {
                 warm = None;
                 hit = Some(struck);
             }
-            let mut c = to_least_velocities(&u, (&near, n), before, h);
+            let mut c = to_least_velocities(&u, (&near, n), (before, &dropped), h);
             let limits = Limits::of_step(&c, &free_here);
             let (held, mut solved) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
             // A joint that returns from outside of its limits gains energy.
-            let returns = near.iter().any(|&i| i >= n && gaps[i] < 0.0);
+            let returning = |&i: &usize| i >= n && gaps[i] < 0.0 && !dropped.contains(&i);
+            let returns = near.iter().any(returning);
             let (mut held, mut impulse_kept) = if returns { (held, 1.0) } else { passive(&cone, &u, held) };
             let mut all = held.clone();
             if let Some(hit) = &hit {
@@ -302,6 +309,15 @@ impl ContactStep {
             }
             let after = rows.velocities(&s.model, points, &s.v_next);
             let late = |i: &usize| gaps[*i].max(0.0) + h * after[3 * i + 2] < -LATE && near.binary_search(i).is_err();
+            // Connections and contacts can prevent a joint from returning to its limits.
+            let is_met = solved.residual <= REFUSED && !is_violent(&s.v_next, &v_free);
+            let outside = |at: usize| returning(&near[at]) && gaps[near[at]] < -LATE;
+            let takes_part = |at: usize| outside(at) && held[3 * at + 2] > TAKES_PART * held.amax();
+            let prevented: Vec<usize> = (0..near.len()).filter(|&at| !is_met && takes_part(at)).collect();
+            if !prevented.is_empty() {
+                dropped.extend(prevented.into_iter().map(|at| near[at]));
+                continue;
+            }
             let mut late: Vec<usize> = (0..all_rows).filter(late).collect();
             division.pass((&mut passing, &mut late), gaps, |i| restitution(i, after[3 * i + 2]));
             if late.is_empty() {
@@ -310,6 +326,8 @@ impl ContactStep {
                 let mut after = after;
                 let of_impact = || (middle(&free_here), part);
                 outcome.laws = records.then(|| Laws::new(cone.whole(), &rebound, of_impact(), (&c, &held), &arriving));
+                outcome.laws.iter_mut().for_each(|laws| laws.dropped.clone_from(&dropped));
+                note_dropped(&mut s.totals, dropped.first().map(|i| rows.limits[i - n].row));
                 if !arriving.is_empty() {
                     for at in arriving {
                         c[3 * at + 2] = u[3 * at + 2];
@@ -388,10 +406,15 @@ pub(super) fn rest_speed<T: Real>(model: &Model<T>, h: f64, accuracy: Option<f64
 }
 
 /// Velocities u of the contacts `near`, the first `n` of which are not joint limits, minus the least velocities with
-/// which they end the step at their surface or limit.
-fn to_least_velocities(u: &DVector<f64>, (near, n): (&[usize], usize), before: &StepStart, h: f64) -> DVector<f64> {
+/// which they end the step at their surface or limit; zero for the stops `dropped`.
+fn to_least_velocities(
+    u: &DVector<f64>,
+    (near, n): (&[usize], usize),
+    (before, dropped): (&StepStart, &[usize]),
+    h: f64,
+) -> DVector<f64> {
     let (mut c, StepStart { gaps, start, .. }) = (u.clone(), before);
-    for (at, &i) in near.iter().enumerate() {
+    for (at, &i) in near.iter().enumerate().filter(|(_, i)| !dropped.contains(i)) {
         c[3 * at + 2] -= if i < n { -gaps[i].max(0.0) / h } else { least_velocity(gaps[i], start[3 * i + 2], h) };
     }
     c
@@ -422,7 +445,8 @@ fn states_of_rebounds(
 
 /// The report of a step, for contact velocities at its `start`, u before the persistent impulses, and `after` them; the
 /// first rows are those of contacts. Friction acts at the mean of the velocities at start and end, which also counts
-/// the energy that a jam takes (Painleve's paradox).
+/// the energy that a jam takes (Painleve's paradox). Where an impulse on a contact that lands slowly, or that jams,
+/// accelerates the slip at its start, its tangential part is not friction: the whole work is that of an impact.
 pub(super) fn report(
     solved: &SolveReport,
     iterations: usize,
@@ -434,10 +458,11 @@ pub(super) fn report(
     let (mut impacts, mut friction) = (lost, 0.0);
     for at in 0..touching {
         let [p, start, u, after] = [held, start, u, after].map(|rows| rows.fixed_rows::<3>(3 * at));
-        if start[2] < -rest_speed {
+        let rubbed = -0.5 * (p[0] * (start[0] + after[0]) + p[1] * (start[1] + after[1]));
+        if start[2] < -rest_speed || rubbed < 0.0 {
             impacts -= 0.5 * p.dot(&(u + after));
         } else {
-            friction -= 0.5 * (p[0] * (start[0] + after[0]) + p[1] * (start[1] + after[1]));
+            friction += rubbed;
         }
     }
     #[allow(clippy::cast_precision_loss)] // a small count
