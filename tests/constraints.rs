@@ -297,7 +297,7 @@ fn rows_are_the_derivatives_of_the_errors_off_the_connections_too() {
         let (two, one, none) = ((along(2.0 * h), along(-2.0 * h)), (along(h), along(-h)), along(0.0));
         let rates = jacobian(&scene, &q) * DVector::from_column_slice(&v);
         let mut bias = vec![f64::NAN; scene.constraint_rows()];
-        scene.constraint_bias(&q, &v, &mut bias).unwrap();
+        scene.constraint_bias(&mut scene.workspace(), &mut scene.constraint_scratch(), &q, &v, &mut bias).unwrap();
         for i in 0..scene.constraint_rows() {
             let first = (8.0 * (one.0[i] - one.1[i]) - (two.0[i] - two.1[i])) / (12.0 * h);
             let second = (16.0 * (one.0[i] + one.1[i]) - (two.0[i] + two.1[i]) - 30.0 * none[i]) / (12.0 * h * h);

@@ -270,8 +270,8 @@ fn calls() -> Vec<Call> {
         let mut out = g.out(s.constraint_rows() * s.nv());
         s.constraint_jacobian(&mut s.workspace(), &mut k.rows, q, &mut out)
     });
-    method!("constraint_bias", (2, true, false), |s, _k, g, q, qd, _u, _x| {
-        s.constraint_bias(q, qd, &mut g.out(s.constraint_rows()))
+    method!("constraint_bias", (2, true, true), |s, k, g, q, qd, _u, _x| {
+        s.constraint_bias(&mut s.workspace(), &mut k.rows, q, qd, &mut g.out(s.constraint_rows()))
     });
     method!("constrained_dynamics", (3, true, true), |s, k, g, q, qd, u, _x| {
         let (mut qdd, mut forces) = (g.out(s.nv()), g.out(s.constraint_rows()));

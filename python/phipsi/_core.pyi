@@ -2632,7 +2632,7 @@ class Scene:
 
         Notes
         -----
-        O(m depth) operations.
+        O(N + m depth) operations.
 
         Examples
         --------

@@ -84,12 +84,21 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// As [`Scene::constraint_error`].
-    pub fn constraint_bias(&self, q: &[f64], qd: &[f64], out: &mut [f64]) -> Result<(), Error> {
+    /// As [`Scene::constraint_jacobian`].
+    pub fn constraint_bias(
+        &self,
+        workspace: &mut Workspace<f64>,
+        scratch: &mut ConstraintScratch,
+        q: &[f64],
+        qd: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
         self.check_configuration("q", q)?;
         self.check_rates("qd", qd)?;
+        self.check_scratch_of_rows(workspace, scratch)?;
         check_length("out", out.len(), self.constraint_rows())?;
-        for (out, row) in out.iter_mut().zip(&self.rows_at(q, qd)?.all) {
+        scratch.rows.place(self.model(), workspace, (q, qd)).map_err(|at| self.row_fault(at))?;
+        for (out, row) in out.iter_mut().zip(&scratch.rows.all) {
             *out = row.gamma;
         }
         self.check_result("constraint bias", out)
@@ -249,12 +258,12 @@ impl Scene {
         check_length("actuated", actuated.len(), self.nv())?;
         self.check_scratch_of_rows(workspace, scratch)?;
         self.check_form(workspace)?;
-        self.check_closed(q, qd)?;
         let (system, state) = ((self.model(), self.constraints()), (q, qd, qdd));
         let outcome =
             constraints::constrained_inverse_dynamics(system, workspace, scratch, state, wrenches, actuated, tau)
                 .map_err(|at| self.row_fault(at))?;
         self.check_pivots(workspace, outcome.pivots)?;
+        self.check_closed_rows(&scratch.rows, (q, qd))?;
         self.check_result("tau", tau)?;
         self.check_result("forces", &scratch.forces)?;
         if let Some((row, torque)) = outcome.unmet {

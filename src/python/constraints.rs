@@ -82,7 +82,7 @@ methods! {
     ///     Acceleration of each row, rad/s^2 or m/s^2.
     #[doc = raises!(arguments)]
     #[doc = section!(Notes)]
-    /// O(m depth) operations.
+    /// O(N + m depth) operations.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2").build()
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
@@ -92,7 +92,10 @@ methods! {
     fn constraint_bias(q, qd; errors) |scene, py| {
         let m = scene.scene.constraint_rows();
         let call = scene.call(scene.inputs([("q", q), ("qd", qd)])?, scene.cost_of_rows(), errors)?;
-        call.array(py, &[m], |scene, _, [q, qd], out| scene.constraint_bias(q, qd, out)).map(Bound::into_any)
+        call.array(py, &[m], |scene, scratch, [q, qd], out| {
+            let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
+            scene.constraint_bias(workspace, rows, q, qd, out)
+        }).map(Bound::into_any)
     }
 
     /// Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.

@@ -62,15 +62,10 @@ impl Scene {
     /// `slack`, m/s or rad/s, or relative to the fastest joint velocity if that exceeds 1. Combinations of rows that
     /// count as dependent may have errors up to the tolerance of the scene.
     pub(crate) fn check_on_connections(&self, q: &[f64], qd: &[f64], slack: f64) -> Result<(), Error> {
-        self.check_rows(&self.rows_at(q, qd)?, (q, qd), slack)
-    }
-
-    /// The rows of the connections at a state.
-    pub(crate) fn rows_at(&self, q: &[f64], qd: &[f64]) -> Result<ConnectionRows<f64>, Error> {
         let mut workspace = Workspace::new(self.model());
         let mut rows = ConnectionRows::new((self.model(), &workspace.sweeps), self.constraints());
         rows.place(self.model(), &mut workspace, (q, qd)).map_err(|at| self.row_fault(at))?;
-        Ok(rows)
+        self.check_rows(&rows, (q, qd), slack)
     }
 
     /// The same check with the rows at the state.
@@ -114,11 +109,7 @@ impl Scene {
     }
 
     /// The same with the rows at the state.
-    pub(in crate::dynamics) fn check_closed_rows(
-        &self,
-        rows: &ConnectionRows<f64>,
-        state: (&[f64], &[f64]),
-    ) -> Result<(), Error> {
+    pub(crate) fn check_closed_rows(&self, rows: &ConnectionRows<f64>, state: (&[f64], &[f64])) -> Result<(), Error> {
         self.check_rows(rows, state, IN_CALLS)
     }
 

@@ -427,3 +427,6 @@ pub(crate) fn errors_of_rows(
     }
     Ok(())
 }
+
+#[cfg(test)]
+pub(super) mod tests;

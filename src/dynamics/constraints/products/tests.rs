@@ -1,57 +1,15 @@
 //! Gradients of the rows of connections, compared with differences in double-double arithmetic.
 
 use super::super::rows::ConnectionRows;
+use super::super::rows::tests::scene;
 use super::RowGradients;
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
-use crate::scene::{Connection, ConnectionKind, Inertial, JointDescription, JointKind, LinkDescription};
-use crate::scene::{Scene, SceneBuilder};
+use crate::scene::Scene;
 use crate::scenes::draw::Draw;
-use crate::spatial::{RigidShift, Symmetric3};
+use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
-use nalgebra::Vector3;
-
-/// A floating robot with every kind of joint, and connections of every kind between its branches and to the world.
-fn scene() -> Scene {
-    let mut random = Draw::new(3);
-    let central = Symmetric3::new([0.04, 0.0, 0.0, 0.05, 0.0, 0.03]);
-    let inertial = || Inertial { mass: 1.0, center: Vector3::zeros(), central };
-    let kinds = [
-        JointKind::Spherical,
-        JointKind::Revolute,
-        JointKind::Prismatic,
-        JointKind::Screw { pitch: 0.2 },
-        JointKind::Planar,
-        JointKind::Revolute,
-    ];
-    let mut vector = |size: f64| Vector3::from_fn(|_, _| size * random.uniform(-1.0, 1.0));
-    let mut builder = SceneBuilder::new()
-        .floating_base(true)
-        .link(LinkDescription { name: "base".into(), inertial: Some(inertial()) });
-    for (k, kind) in kinds.into_iter().enumerate() {
-        let parent = if k < 2 { "base".to_owned() } else { format!("l{}", k - 2) };
-        let mut joint = JointDescription::new(format!("j{k}"), kind, parent, format!("l{k}"));
-        joint.origin.lever = vector(0.4);
-        joint.axis = vector(1.0);
-        builder = builder.link(LinkDescription { name: format!("l{k}"), inertial: Some(inertial()) }).joint(joint);
-    }
-    for (i, (kind, link, other)) in [
-        (ConnectionKind::Point, "l5", Some("l4")),
-        (ConnectionKind::Weld, "l4", None),
-        (ConnectionKind::Axis(Vector3::z()), "l2", Some("l0")),
-        (ConnectionKind::Distance(Some(0.7)), "l3", Some("l5")),
-    ]
-    .into_iter()
-    .enumerate()
-    {
-        let mut connection = Connection::new(format!("c{i}"), kind, link, other);
-        connection.frame.lever = vector(0.3);
-        connection.other_frame = Some(RigidShift { lever: vector(0.3), ..RigidShift::identity() });
-        builder = builder.connect(connection);
-    }
-    builder.build().expect("a scene")
-}
 
 /// multipliers* (J qdd + J' qd), by the definition of the rows.
 fn value(
