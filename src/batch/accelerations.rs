@@ -19,6 +19,17 @@ pub(crate) struct KernelArguments<'a, T: Real> {
     pub qdd: &'a mut [T],
 }
 
+/// The arguments and results of a kernel with scratch of its own.
+pub(super) struct KernelCall<'a, T: Real, K> {
+    pub scene: (&'a Model<T>, &'a SweepModel<T>),
+    pub scratch: &'a mut SweepScratch<T>,
+    pub kernel: &'a mut K,
+    /// (q, qd, u).
+    pub state: (&'a [T], &'a [T], &'a [T]),
+    pub wrenches: &'a [Vector6<T>],
+    pub out: &'a mut [f64],
+}
+
 within_target! {
     /// In covariance form. Returns the lanes that need the fallback as bits, as the other kernels do.
     #[inline(never)]

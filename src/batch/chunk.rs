@@ -3,7 +3,7 @@
 //! Kernels raise no errors: they return the lanes whose arguments, pivots, precision or results fail a check, and the
 //! caller recomputes those states with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
-use super::accelerations;
+use super::accelerations::{self, KernelCall};
 use super::connected::{self, ConnectedKernel};
 #[cfg(feature = "derivatives")]
 use super::derivatives::{self, DerivativeKernel};
@@ -304,17 +304,6 @@ const PRODUCTS: u8 = 5;
 /// Forward dynamics through connections.
 const CONNECTED: u8 = 6;
 
-/// The arguments and results of a kernel with scratch of its own.
-pub(super) struct KernelArguments<'a, T: Vectorized, K> {
-    pub scene: (&'a Model<T>, &'a SweepModel<T>),
-    pub scratch: &'a mut SweepScratch<T>,
-    pub kernel: &'a mut K,
-    /// (q, qd, u).
-    pub state: (&'a [T], &'a [T], &'a [T]),
-    pub wrenches: &'a [Vector6<T>],
-    pub out: &'a mut [f64],
-}
-
 /// A chunk with its arguments.
 struct ChunkArguments<'a, T: Vectorized> {
     chunk: &'a mut Chunk<T>,
@@ -365,7 +354,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         if let (Algorithm::Derivatives(which), true) = (algorithm, GROUP == DERIVATIVES) {
             let kernel = &mut **derivatives.get_or_insert_with(|| Box::new(DerivativeKernel::new(model, sweeps)));
             let scratch = sweep_scratch;
-            let call = KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
+            let call = KernelCall { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
             doubt |= derivatives::run(target, which, call, inverse_columns);
             if which == Derivatives::MassMatrix {
                 for matrix in out.chunks_exact_mut(model.nv() * model.nv()) {
@@ -381,7 +370,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             for lane in 0..states.len() {
                 doubt |= u64::from(fault.lane(lane) != 0.0) << lane;
             }
-            let call = KernelArguments { scene, scratch: sweep_scratch, kernel, state: (q, qd, u), wrenches, out };
+            let call = KernelCall { scene, scratch: sweep_scratch, kernel, state: (q, qd, u), wrenches, out };
             return doubt | products::run(target, which, call);
         }
         if let (Some(form), true) = (algorithm.form(), GROUP == CONNECTED) {
@@ -394,7 +383,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
                 doubt |= lanes_but::<T>(|lane| fault.lane(lane) == 0.0);
             }
             let (scratch, states) = (sweep_scratch, states.len());
-            let call = KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out };
+            let call = KernelCall { scene, scratch, kernel, state: (q, qd, u), wrenches, out };
             return doubt | connected::run(target, form, call, states);
         }
         let entries = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns);

@@ -1,6 +1,6 @@
 //! Forward dynamics through connections, for one state per lane of a scalar.
 
-use super::chunk::KernelArguments;
+use super::accelerations::KernelCall;
 use super::factor;
 use super::finite::any_not_finite;
 use super::instruction_set::{Target, Vectorized, within_target};
@@ -41,17 +41,11 @@ impl<T: Vectorized> ConnectedKernel<T> {
 pub(super) fn run<T: Vectorized, I: Target>(
     target: I,
     form: Form,
-    call: KernelArguments<'_, T, ConnectedKernel<T>>,
+    call: KernelCall<'_, T, ConnectedKernel<T>>,
     states: usize,
 ) -> u64 {
-    let KernelArguments {
-        scene,
-        scratch,
-        kernel: ConnectedKernel { rows, innovations, results },
-        state,
-        wrenches,
-        out,
-    } = call;
+    let KernelCall { scene, scratch, kernel: ConnectedKernel { rows, innovations, results }, state, wrenches, out } =
+        call;
     let nv = innovations.len();
     if form == Form::SquareRoot {
         return u64::MAX;

@@ -1,7 +1,6 @@
 //! Derivatives for one state per lane of a scalar.
 
-use super::accelerations;
-use super::chunk::KernelArguments;
+use super::accelerations::{self, KernelCall};
 use super::factor::{multiplied_out, with_factor};
 use super::finite::entries_not_finite;
 use super::instruction_set::{Entry, Target, Vectorized, within_target};
@@ -50,10 +49,10 @@ impl<T: Vectorized> DerivativeKernel<T> {
 pub(super) fn run<T: Vectorized, I: Target>(
     target: I,
     which: Derivatives,
-    call: KernelArguments<'_, T, DerivativeKernel<T>>,
+    call: KernelCall<'_, T, DerivativeKernel<T>>,
     inverse: &mut InverseColumns<T, T::Columns>,
 ) -> u64 {
-    let KernelArguments { scene, scratch, kernel, state: (q, qd, u), wrenches, out } = call;
+    let KernelCall { scene, scratch, kernel, state: (q, qd, u), wrenches, out } = call;
     let DerivativeKernel { kept, columns, product, qdd, matrices, all } = kernel;
     let (size, form) = (matrices.len(), if let Derivatives::ForwardDynamics(form) = which { Some(form) } else { None });
     let mut doubt = 0;

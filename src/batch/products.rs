@@ -1,7 +1,6 @@
 //! Products with Jacobians, for one state per lane of a scalar.
 
-use super::accelerations;
-use super::chunk::KernelArguments;
+use super::accelerations::{self, KernelCall};
 use super::factor::with_factor;
 use super::finite::any_not_finite;
 use super::instruction_set::{Target, Vectorized, within_target};
@@ -52,9 +51,9 @@ impl<T: Vectorized> ProductKernel<T> {
 pub(super) fn run<T: Vectorized, I: Target>(
     target: I,
     which: Products,
-    call: KernelArguments<'_, T, ProductKernel<T>>,
+    call: KernelCall<'_, T, ProductKernel<T>>,
 ) -> u64 {
-    let KernelArguments { scene, scratch, kernel, state, wrenches, out } = call;
+    let KernelCall { scene, scratch, kernel, state, wrenches, out } = call;
     let ((q, qd, u), mut doubt) = (state, 0);
     let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, of_wrenches } = kernel;
     let (nv, bodies, zero) =

@@ -49,26 +49,23 @@ impl Simplifications {
     /// Every switch on.
     #[must_use]
     pub const fn all() -> Self {
-        Self {
-            fixed_joints: true,
-            base_links: true,
-            permuted_axes: true,
-            oblique_axes: true,
-            zero_velocity: true,
-            zero_gravity: true,
-        }
+        Self::each(true)
     }
 
     /// Every switch off.
     #[must_use]
     pub const fn none() -> Self {
+        Self::each(false)
+    }
+
+    const fn each(on: bool) -> Self {
         Self {
-            fixed_joints: false,
-            base_links: false,
-            permuted_axes: false,
-            oblique_axes: false,
-            zero_velocity: false,
-            zero_gravity: false,
+            fixed_joints: on,
+            base_links: on,
+            permuted_axes: on,
+            oblique_axes: on,
+            zero_velocity: on,
+            zero_gravity: on,
         }
     }
 

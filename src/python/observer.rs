@@ -94,8 +94,7 @@ impl PyObserver {
 
     /// Factor of wrenches and biases per step, and standard deviation of their growth, (rest,) each.
     fn process<'py>(&self, py: Python<'py>) -> PyResult<[Object<'py>; 2]> {
-        let guard = self.filter()?;
-        let filter = &*guard;
+        let filter = self.filter()?;
         let (decay, walk) = filter.process();
         Ok([from_numbers(py, decay, &[decay.len()])?, from_numbers(py, walk, &[walk.len()])?])
     }
@@ -123,30 +122,22 @@ impl PyObserver {
         let filter = &*filter;
         let each = || (0..filter.robots()).filter_map(|robot| filter.estimate(robot));
         let shaped = |own: &[usize]| Output::<f64>::new(py, &[&self.batch[..], own].concat());
-        let (mut q, mut qd, mut others) = (shaped(&[nq])?, shaped(&[nv])?, shaped(&[rest])?);
+        let mut outputs =
+            [shaped(&[nq])?, shaped(&[nv])?, shaped(&[rest])?, shaped(&[n, n])?, shaped(&[])?, shaped(&[])?];
+        let [q, qd, others, covariance, nis, count] = &mut outputs;
         q.gather(py, nq, each().map(|own| own.q()))?;
         qd.gather(py, nv, each().map(|own| own.qd()))?;
         others.gather(py, rest, each().map(|own| own.wrenches_and_biases()))?;
-        let mut covariance = shaped(&[n, n])?;
         for (to, own) in covariance.numbers()?.chunks_exact_mut(n * n).zip(each()) {
             own.covariance(to)?;
         }
-        let (mut nis, mut count) = (shaped(&[])?, shaped(&[])?);
         for (robot, (nis, count)) in nis.numbers()?.iter_mut().zip(count.numbers()?).enumerate() {
             let (value, readings) = filter.innovation(robot).unwrap_or((f64::NAN, 0));
             *nis = value;
             *count = f64::from(u32::try_from(readings).unwrap_or(u32::MAX));
         }
         let is_complete = filter.innovation(0).is_some() && filter.window(0).0 == WINDOW;
-        let arrays = [
-            q.finish().into_any(),
-            qd.finish().into_any(),
-            others.finish().into_any(),
-            covariance.finish().into_any(),
-            nis.finish().into_any(),
-            count.finish().into_any(),
-        ];
-        Ok((arrays, is_complete))
+        Ok((outputs.map(|output| output.finish().into_any()), is_complete))
     }
 
     /// Smoothed q, qd, wrenches and biases, and covariances, (steps, ...), and the index of the first step.
@@ -178,8 +169,7 @@ impl PyObserver {
 
     /// The estimate before the readings of the next step: q, qd, wrenches and biases, and a root of the covariance.
     fn prior<'py>(&self, py: Python<'py>) -> PyResult<[Object<'py>; 4]> {
-        let guard = self.filter()?;
-        let filter = &*guard;
+        let filter = self.filter()?;
         let [nq, nv, rest, n] = self.sizes;
         let shaped = |own: &[usize]| Output::<f64>::new(py, &[&self.batch[..], own].concat());
         let mut outputs = [shaped(&[nq])?, shaped(&[nv])?, shaped(&[rest])?, shaped(&[n, n])?];
@@ -195,8 +185,7 @@ impl PyObserver {
 
     /// For each robot and sensor, the sum of the normalized innovations squared of the window, and its readings.
     fn window(&self) -> Result<Vec<Vec<(f64, usize)>>, Error> {
-        let guard = self.filter()?;
-        let filter = &*guard;
+        let filter = self.filter()?;
         Ok((0..filter.robots()).map(|robot| filter.window(robot).1.to_vec()).collect())
     }
 
