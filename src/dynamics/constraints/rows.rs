@@ -23,7 +23,7 @@ use crate::workspace::Workspace;
 use ends::{axis_of, less, relative_motion, set_anchored};
 use nalgebra::{Vector3, Vector6};
 
-/// What a connection ties, in the scalar of the rows.
+/// The geometry of a connection, in the scalar of the rows.
 #[derive(Debug, Clone)]
 enum RowTie<T> {
     /// Frames on the bodies, relative to the body frames of the sweeps.
