@@ -257,11 +257,17 @@ impl ContactScratch {
             for (at, &i) in block.which.iter().enumerate() {
                 self.units[i].put(&mut block.forces, block.ends[at], 0.0);
                 let limit = i.checked_sub(points.len()).map(|at| self.limits[at]);
-                limit.iter().for_each(|limit| self.torque[limit.row] = limit.sign());
+                if let Some(limit) = limit {
+                    self.torque[limit.row] = limit.sign();
+                }
                 block.whitened.innovations_of(at, scene, &workspace.store, (&mut block.forces, &self.torque));
-                limit.iter().for_each(|limit| self.torque[limit.row] = 0.0);
+                if let Some(limit) = limit {
+                    self.torque[limit.row] = 0.0;
+                }
             }
-            block.whitened.multiply(0.0);
+            if self.closed.is_none() {
+                block.whitened.multiply(0.0);
+            }
             self.blocks.push(block);
         }
         if self.closed.is_some() {
@@ -283,7 +289,9 @@ impl ContactScratch {
             block.whitened.scaled(&workspace.store.measured, whitened.as_mut_slice());
         }
         let sizes: Vec<f64> = whitened.column_iter().map(|column| column.norm()).collect();
-        self.closed.iter().for_each(|closed| closed.project(&mut whitened));
+        if let Some(closed) = &self.closed {
+            closed.project(&mut whitened);
+        }
         for (mut column, size) in whitened.column_iter_mut().zip(sizes) {
             if column.norm() <= HELD * size {
                 column.fill(0.0);
