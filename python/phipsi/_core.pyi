@@ -864,7 +864,8 @@ class Scene:
         FrictionWarning
             friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
         LimitWarning
-            Joints that start outside of limits that are stops, or stops that connections prevent from acting.
+            Joints that start outside of limits that are stops, or stops that connections or contacts prevent from
+            acting.
         UncertaintyWarning
             With covariance, joints that friction holds, and contacts that errors can bring into another mode.
 

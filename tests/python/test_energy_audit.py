@@ -323,3 +323,11 @@ def jammed(seed: int) -> tuple[phipsi.Scene, np.ndarray, np.ndarray, dict[str, f
     tau = random.normal(size=count) * random.choice([0, 10, 50])
     qd = random.normal(size=count) * random.choice([3, 10])
     return chain.build(), random.uniform(-0.6, 0.6, count), qd, {"dt": float(random.choice([1e-3, 4e-3])), "tau": tau}
+
+
+@pytest.mark.parametrize("seed", [22, 33, 55, 73, 146])
+def test_friction_of_contacts_takes_energy_also_in_jams(seed: int) -> None:
+    scene, q, qd, given = jammed(seed)
+    path = scene.simulate(q, qd, steps=250, **given)
+    assert path.contacts is not None and path.contacts.converged
+    assert path.contacts.lost_in_friction >= 0.0 and path.contacts.lost_in_impacts >= 0.0

@@ -280,13 +280,39 @@ def test_a_joint_beyond_its_stop_at_a_dead_center_ends_no_simulation(crank: floa
     scene = four_bar(-10.0, float(q[2]) - beyond)
     with pytest.warns(phipsi.errors.LimitWarning) as caught:
         path = scene.simulate(q, np.zeros(3), dt=1e-3, steps=100)
-    assert "joint \"rocker\" at a stop that the connections prevent" in str(caught[-1].message) and len(caught) == 2
+    assert "joint \"rocker\" at a stop that the connections or contacts prevent" in str(caught[-1].message) and len(caught) == 2
     assert path.drift.max() < 1e-11 and np.ptp(path.energy().total) < 0.15 and np.abs(path.qd).max() < 5.0
     with pytest.warns(phipsi.errors.LimitWarning, match="beyond its upper limit"):
         simulator = scene.simulator(np.stack([q, q]), dt=1e-3)
     with pytest.warns(phipsi.errors.LimitWarning, match="prevent"):
         simulator.step(steps=100)
     assert np.array_equal(simulator.q, path.q[[100, 100]])
+
+
+@pytest.mark.parametrize("beyond", [0.02, 1e-3])
+@pytest.mark.parametrize("crank", [-2.801755737285684, -2.8017, -2.79])
+def test_a_stop_at_a_dead_center_adds_no_energy_while_a_contact_acts(crank: float, beyond: float) -> None:
+    """A ball that rests on the ground makes all steps those with contacts."""
+    q, _, _ = four_bar(-10.0, 10.0).project([crank, np.pi, -0.89], np.zeros(3))
+    builder = four_bar(-10.0, float(q[2]) - beyond).to_builder().link("ball", 1.0, inertia=0.01 * np.eye(3)).joint("ball", "floating", "ground", "ball")
+    scene = builder.contact("ground", "ball", radius=0.1, friction=0.5).build()
+    q = np.concatenate([q, [0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0]])
+    with pytest.warns(phipsi.errors.LimitWarning, match="joint \"rocker\" at a stop that the connections or contacts prevent.* of 30 steps"):
+        path = scene.simulate(q, np.zeros(scene.nv), dt=1e-3, steps=30)
+    assert path.drift.max() < 1e-11 and np.ptp(path.energy().total) < 1.0 and np.abs(path.qd).max() < 10.0
+
+
+def test_a_stop_that_a_contact_contradicts_acts_as_soon_as_it_can() -> None:
+    """A puck beyond the limit of its joint slides along a wall that keeps it there, and returns behind the end of the wall."""
+    builder = phipsi.SceneBuilder().link("world").link("rail", 1.0).link("puck", 1.0)
+    builder.joint("along", "prismatic", "world", "rail", axis=(0, 1, 0)).joint("across", "prismatic", "rail", "puck", axis=(1, 0, 0), lower=-1.0, upper=-0.01)
+    wall = {"other_xyz": (-0.15, 0.0, 0.0), "other_size": (0.2, 0.4, 1.0)}
+    scene = builder.contact("wall", "puck", radius=0.05, friction=0.0, **wall).build(gravity=(0, 0, 0))
+    with pytest.warns(phipsi.errors.LimitWarning, match="joint \"across\" at a stop that the connections or contacts prevent"):
+        path = scene.simulate([0.0, 0.0], [1.0, 0.0], dt=1e-3, steps=400)
+    beside = path.q[:, 0] < 0.199
+    assert np.abs(path.q[beside, 1]).max() < 1e-9 and np.abs(path.qd[beside, 1]).max() < 1e-9
+    assert path.q[-1, 1] <= -0.01 and scene.contact_gaps(path.q).min() > -1e-9
 
 
 def test_exact_friction_beside_contacts_warns() -> None:
