@@ -46,6 +46,8 @@ pub(super) struct Division {
     /// Length of the whole step, s.
     pub whole: f64,
     divides: bool,
+    /// Steps without impulses are those of a flight: the displacement is that of the mean velocities.
+    pub flies: bool,
     /// The row whose impact begins this part.
     pub struck: Option<usize>,
     /// The rows that this part passes, and their gaps at its end.
@@ -97,7 +99,7 @@ impl ContactStep {
         kept: &mut [f64],
     ) -> Result<(), (String, Error)> {
         let divides = settings.free.is_some() && settings.accuracy.is_none() && settings.smoothing.is_none();
-        self.division = Division { whole: settings.step, divides, ..Division::default() };
+        self.division = Division { whole: settings.step, divides, flies: divides, ..Division::default() };
         let least = -LEAST * largest(&s.q, 1.0);
         if self.part((scene, settings), s, kept, &(least..=f64::INFINITY))? {
             return Ok(());
@@ -147,7 +149,12 @@ impl ContactStep {
             s.adopt(settings, &settings.scheme);
             begun = kept.to_vec();
             if self.part((scene, settings), s, kept, &(least..=f64::INFINITY))? {
-                self.end_part((settings, s), (kept, begun), (&mut sums, &mut impacts), (self.division.whole - left, None));
+                self.end_part(
+                    (settings, s),
+                    (kept, begun),
+                    (&mut sums, &mut impacts),
+                    (self.division.whole - left, None),
+                );
                 break;
             }
         }

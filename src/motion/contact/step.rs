@@ -235,12 +235,12 @@ impl ContactStep {
             None if rebounds(speed, speed + change(i), of_stops) => of_stops,
             _ => 0.0,
         };
-        let rests = |i: usize| gaps[i] <= least && division.whole * start[3 * i + 2].abs() <= least;
-        let is_free = settings.free.is_some() && !(0..n).any(rests);
+        let is_free = settings.free.is_some()
+            && !(0..n).any(|i| gaps[i] <= least && division.whole * start[3 * i + 2].abs() <= least);
         let mut passing = std::mem::take(&mut division.passing);
         division.pass((&mut passing, &mut near), gaps, |i| restitution(i, start[3 * i + 2]));
         if near.is_empty() {
-            if is_free && !passing.is_empty() {
+            if is_free && division.flies {
                 let v_free = s.v_next.clone();
                 outcome.move_by_mean(s, &v_free);
             }
@@ -337,7 +337,7 @@ impl ContactStep {
                     let turned = before.dot(&after) < 0.5 * before.norm() * after.norm();
                     state == ContactState::Sliding && friction[at] > 0.0 && turned
                 });
-                if (hit.is_some() || !passing.is_empty())
+                if (hit.is_some() || division.flies)
                     && is_free
                     && outcome.slowed.is_none()
                     && outcome.states.iter().all(|&state| state == ContactState::Open)
