@@ -186,14 +186,14 @@ def test_bounces_that_die_out_end_and_have_no_gradient() -> None:
     assert_near(at_end(path, np.outer([1.0, 1.0], np.eye(6)[2])).q[2], 0.0, 1e-6)
 
 
-def gradients_of_the_motion(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, steps: int, **given: object) -> None:
+def gradients_of_the_motion(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, dt: float, steps: int, **given: object) -> None:
     """Compare gradients with differences of simulations with error control, along states that satisfy the connections."""
-    path, step = scene.simulate(q, qd, dt=1e-3, steps=steps, **given), 1e-5
+    path, step = scene.simulate(q, qd, dt=dt, steps=steps, **given), 1e-5
     weights = np.random.default_rng(3).normal(size=(2, scene.nv))
     found = at_end(path, weights)
 
     def value(state: tuple[np.ndarray, np.ndarray]) -> float:
-        end = scene.simulate(*state, dt=1e-3 * steps, steps=1, accuracy=1e-10, **given)
+        end = scene.simulate(*state, dt=dt * steps, steps=1, accuracy=1e-10, **given)
         return float(weights[0] @ scene.difference(path.q[-1], end.q[-1]) + weights[1] @ end.qd[-1])
 
     for change in np.eye(2 * scene.nv).reshape(-1, 2, scene.nv):
@@ -214,7 +214,7 @@ def test_gradients_of_a_double_pendulum_that_bounces_are_those_of_the_motion(fri
     scene = builder.contact("tip", "lower", xyz=(0, 0, -0.5), friction=friction, restitution=0.6, offset=-0.9).build()
     q, qd = np.array([0.5, 0.2]), np.array([0.5, -0.2])
     assert (scene.simulate(q, qd, dt=1e-3, steps=300).contacts.impulse["tip"][:, 2] > 0).sum() == 1
-    gradients_of_the_motion(scene, q, qd, 300)
+    gradients_of_the_motion(scene, q, qd, 2.5e-4, 1200)
 
 
 @pytest.mark.parametrize("restitution", [0.5, 1.0])
@@ -222,7 +222,7 @@ def test_gradients_of_a_linkage_that_rebounds_from_its_stop_are_those_of_the_mot
     q, qd, _ = four_bar(-9.0, 9.0).project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
     scene = four_bar(-9.0, q[2] + 0.05)
     assert scene.simulate(q, qd, dt=1e-3, steps=150, restitution=restitution).stops
-    gradients_of_the_motion(scene, q, qd, 150, restitution=restitution)
+    gradients_of_the_motion(scene, q, qd, 1e-3, 150, restitution=restitution)
 
 
 def test_gradients_of_a_floating_robot_that_sticks() -> None:
