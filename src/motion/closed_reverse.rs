@@ -119,6 +119,26 @@ impl ClosedReverse {
         steps.failure.map_or(Ok(()), |failure| Err(named(scene, failure)))
     }
 
+    /// The accelerations at the end of the step in the scratch, at its last velocities, in a step of h without friction
+    /// and stops.
+    pub fn accelerations_after(
+        &mut self,
+        scene: &Scene,
+        settings: &StepSettings,
+        scheme: &Scheme,
+    ) -> Result<Vec<f64>, (String, Error)> {
+        let Self { scratch: s, closed: ClosedScratch { rows_of_connections: scratch, without, .. }, .. } = self;
+        let mut solver = Constrained { scene, scratch, compliance: &settings.compliance };
+        let end = (s.q_next.clone(), s.v_next.clone());
+        let (q, v) = (std::mem::replace(&mut s.q, end.0), std::mem::replace(&mut s.v, end.1));
+        clear(&mut s.dry);
+        step((without, scheme), s, &mut solver);
+        let finished = solver.finish(without, s);
+        let accelerations = s.v_next.iter().zip(&s.v).map(|(next, v)| (next - v) / scheme.step).collect();
+        (s.q, s.v) = (q, v);
+        finished.map(|()| accelerations).map_err(|failure| named(scene, failure))
+    }
+
     /// From `gradients.end` to all results of [`StepGradients`], for a whole step or a substep. Returns false for a
     /// whole step that is or can be divided, and the joint and the error if the step fails.
     pub fn step(
@@ -155,7 +175,7 @@ impl ClosedReverse {
             Projected { q: s.q_next.clone(), v: s.v_next.clone(), free, forces: forward.scratch.rows.forces.clone() };
         let mut record = acts.then(StopRecord::default);
         if let Some(record) = &mut record {
-            forward.stop_recorded(settings, rows, (s, (scheme.step, 0.0, &mut Vec::new())), record).map_err(named)?;
+            forward.stop(settings, rows, (s, (scheme.step, 0.0, &mut Vec::new())), record).map_err(named)?;
             if record.kept < 1.0 {
                 let expected = "rebounds that leave the kinetic energy below that before, or a smaller restitution: a \
                                 rebound that the energy limits has no gradient";

@@ -2,10 +2,10 @@
 //! the projection onto the connections; in events, friction and stops at the end.
 
 use super::choice::closed_rows;
-use super::closed_stops::is_past;
+use super::closed_stops::{StopRecord, is_past};
 use super::constrained::{Constrained, ConstrainedScratch, Failure};
 use super::division::Steps;
-use super::events::{Ending, Event};
+use super::events::{Ending, Event, Rebound};
 use super::method::Scheme;
 use super::scratch::{Scratch, clear};
 use super::step::step;
@@ -40,11 +40,12 @@ pub(super) struct ClosedSteps<'a> {
     scratch: &'a mut ClosedScratch,
     /// The first failure.
     pub failure: Option<Failure>,
+    rebound: Option<Rebound>,
 }
 
 impl<'a> ClosedSteps<'a> {
     pub fn new(scene: &'a Scene, scratch: &'a mut ClosedScratch) -> Self {
-        Self { scene, scratch, failure: None }
+        Self { scene, scratch, failure: None, rebound: None }
     }
 
     fn constrained<'b>(&'b mut self, settings: &'b StepSettings) -> Constrained<'b> {
@@ -84,7 +85,9 @@ impl Steps for ClosedSteps<'_> {
             step((without, &Scheme::new(settings.method, ending.0)), s, &mut solver);
             found = solver.finish(settings, s);
         }
-        let error = found.and_then(|()| solver.stop(settings, rows, s, ending));
+        let (h, mut record) = (ending.0, StopRecord::default());
+        let error = found.and_then(|()| solver.stop(settings, rows, (s, ending), &mut record));
+        self.rebound = record.rebound(s, h);
         add_work(settings, s);
         error.unwrap_or_else(|failure| {
             self.failure = Some(failure);
@@ -93,7 +96,7 @@ impl Steps for ClosedSteps<'_> {
     }
 
     fn solution(&self) -> Event<'_> {
-        Event { solutions: &[], reached: &[], rebound: None }
+        Event { solutions: &[], reached: &[], rebound: self.rebound.as_ref() }
     }
 
     fn has_failed(&self) -> bool {

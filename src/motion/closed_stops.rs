@@ -13,7 +13,7 @@
 //! step.
 
 use super::constrained::{Constrained, Failure};
-use super::events::{Ending, StopImpact, largest};
+use super::events::{Ending, Rebound, StopImpact, largest};
 use super::limit_rows::{is_violent, rebounds, settle_at};
 use super::manifold::advance;
 use super::modes::STUCK_NOISE;
@@ -110,23 +110,26 @@ pub(super) struct StopRecord {
     pub last: LawSolution,
     /// The fraction of the rebounds that the kinetic energy allows; 1 without rebounds.
     pub kept: f64,
+    /// The rows of v that rebound.
+    bounced: Vec<usize>,
+}
+
+impl StopRecord {
+    /// The rebounds of an event of length h.
+    pub fn rebound(&self, s: &Scratch<f64>, h: f64) -> Option<Rebound> {
+        let before = self.free.iter().zip(&s.v).map(|(free, v)| (free - v) / h);
+        (!self.bounced.is_empty()).then(|| Rebound {
+            rows: self.bounced.clone(),
+            velocities: s.v_next.clone(),
+            accelerations_before: before.collect(),
+        })
+    }
 }
 
 impl Constrained<'_> {
-    /// Solves friction and stops of a step, from the end of a step without them. Returns an estimate of the error, as
-    /// of error control.
+    /// Solves friction and stops of a step, from the end of a step without them, and records the solutions of the law.
+    /// Returns an estimate of the error, as of error control.
     pub(super) fn stop(
-        &mut self,
-        settings: &StepSettings,
-        rows: &[SetValued],
-        s: &mut Scratch<f64>,
-        ending: Ending<'_>,
-    ) -> Result<f64, Failure> {
-        self.stop_recorded(settings, rows, (s, ending), &mut StopRecord::default())
-    }
-
-    /// As [`Constrained::stop`], with the solutions of the law.
-    pub(super) fn stop_recorded(
         &mut self,
         settings: &StepSettings,
         rows: &[SetValued],
@@ -225,6 +228,7 @@ impl Constrained<'_> {
             }
         };
         let bounced: Vec<bool> = (0..n).map(bounces).collect();
+        record.bounced = (0..n).filter(|&i| bounced[i]).map(|i| rows[i].row).collect();
         let (is_stopped, elastic) = ((0..n).any(|i| stopped(i).is_some()), bounced.contains(&true));
         let (resting, rebounding): (Vec<_>, Vec<_>) = (0..n).map(|i| (returning(i), back(i))).unzip();
         let mut last = if is_stopped { acting.solved(rows, &free, |i| resting[i]) } else { reached.clone() };

@@ -246,9 +246,19 @@ impl OneState for ClosedReverse {
             return Ok(());
         }
         let mut made = Vec::new();
-        self.substeps(scene, settings, &mut |scheme, s, _| made.push(Substep::new(settings, scheme, s, None)))?;
-        through_substeps(self, settings, made, |closed, Substep { scheme, .. }| {
-            closed.step((scene, settings), &Scheme::new(settings.method, scheme.step), false).map(drop)
+        self.substeps(scene, settings, &mut |scheme, s, event| made.push(Substep::new(settings, scheme, s, event)))?;
+        through_substeps(self, settings, made, |closed, Substep { scheme, event, .. }| {
+            let scheme = Scheme::new(settings.method, scheme.step);
+            let Some(rebound) = event.and_then(|event| event.rebound) else {
+                return closed.step((scene, settings), &scheme, false).map(drop);
+            };
+            let [of_q, of_v] = closed.gradients.end.clone();
+            clear(&mut closed.gradients.end[0]);
+            closed.step((scene, settings), &scheme, false)?;
+            let after = closed.accelerations_after(scene, settings, &scheme)?;
+            let ClosedReverse { scratch, gradients, .. } = closed;
+            through_impact((&scratch.v, scheme.step), (&rebound, &after), [&of_q, &of_v], &mut gradients.start);
+            Ok(())
         })
     }
 }

@@ -216,10 +216,11 @@ def test_closed_forms_of_a_slide_that_stops() -> None:
     assert all(change.before == SLIDING and abs(change.step - v / (mu * g * 1e-3)) < 3 and change.state is None for change in stops)
 
 
-def test_the_time_of_an_impact_is_not_part_of_a_gradient() -> None:
+def test_without_division_the_time_of_an_impact_is_not_part_of_a_gradient() -> None:
+    """With division it is, see test_event_gradients."""
     builder = phipsi.SceneBuilder().link("ball", mass=0.5, inertia=0.002 * np.eye(3))
     scene = builder.contact("ground", "ball", friction=0.0, restitution=0.8).build(floating_base=True)
-    path = scene.simulate([0, 0, 0.1, 0, 0, 0, 1.0], np.zeros(6), dt=1e-3, steps=200)
+    path = scene.simulate([0, 0, 0.1, 0, 0, 0, 1.0], np.zeros(6), dt=1e-3, steps=200, method="contact")
     by_q = np.zeros((201, 6))
     by_q[-1, 2] = 1.0
     found = path.vjp(by_q)

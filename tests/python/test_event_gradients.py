@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from motion_scenes import GRAVITY, robot, slide, start
+from test_stops_in_loops import four_bar
 from tolerances import EVENT_STEP, assert_near, assert_same_bits, of_order, product, size, through_events
 
 import phipsi
@@ -124,6 +125,104 @@ def test_gradients_through_rebounds_are_those_of_the_motion(restitution: float) 
             slope = (value(change) - value(-change)) / 2e-5
             assert_near(np.sum(1e5 * change * [found.q, found.qd]), slope, 1e-4 * size(found.q, found.qd))
     assert impacts >= 4
+
+
+def dropped(friction: float = 0.0, restitution: float = 0.0) -> phipsi.Scene:
+    """A free body whose center is the contact point."""
+    builder = phipsi.SceneBuilder().link("ball", mass=0.5, inertia=0.002 * np.eye(3))
+    return builder.contact("ground", "ball", friction=friction, restitution=restitution).build(floating_base=True)
+
+
+def at_end(path: phipsi.Trajectory, weights: np.ndarray) -> phipsi.RolloutGradients:
+    """Gradients of weights @ (q, qd) of the last row."""
+    of_rows = np.zeros((2, len(path), path.scene.nv))
+    of_rows[:, -1] = weights
+    return path.vjp(*of_rows)
+
+
+def bounces(height: float, restitution: float, duration: float, plane: float = 0.0) -> np.ndarray:
+    """Height and velocity after bounces from rest, from parabola to parabola."""
+    z, v, left = height - plane, 0.0, duration
+    while (fall := (v + np.sqrt(v**2 + 2 * GRAVITY * z)) / GRAVITY) < left:
+        z, v, left = 0.0, restitution * (GRAVITY * fall - v), left - fall
+    return np.array([plane + z + v * left - 0.5 * GRAVITY * left**2, v - GRAVITY * left])
+
+
+@pytest.mark.parametrize("dt", [1e-3, 5e-3])
+@pytest.mark.parametrize(("restitution", "duration"), [(0.5, 0.35), (0.8, 0.35), (0.5, 0.6), (1.0, 0.9)])
+def test_a_ball_bounces_as_in_closed_form_with_its_gradients(restitution: float, duration: float, dt: float) -> None:
+    """Over one bounce and over two, exactly: d z / d z0 = -e and not +1 right after an impact."""
+    scene, step = dropped(restitution=restitution), 1e-6
+    path = scene.simulate([0, 0, 0.3, 0, 0, 0, 1.0], np.zeros(6), dt=dt, duration=duration)
+    expected = bounces(0.3, restitution, duration)
+    assert_near(np.array([path.q[-1, 2], path.qd[-1, 2]]), expected, 1e-11)
+    by = lambda of: (of(step) - of(-step)) / (2 * step)  # noqa: E731
+    slopes = by(lambda x: bounces(0.3 + x, restitution, duration)), by(lambda x: bounces(0.3, restitution + x, duration)), by(lambda x: bounces(0.3, restitution, duration, x))
+    for k, weights in enumerate(np.eye(2)):
+        found = at_end(path, np.outer(weights, np.eye(6)[2]))
+        ground = found.contacts["ground"]
+        assert_near(np.array([found.q[2], ground.restitution, ground.offset]), np.array([slope[k] for slope in slopes]), through_events(100.0))
+
+
+def test_the_gradient_right_after_a_bounce_has_the_sign_of_the_motion() -> None:
+    path = dropped(restitution=0.8).simulate([0, 0, 1e-4, 0, 0, 0, 1.0], [0, 0, -1.0, 0, 0, 0], dt=1e-3, steps=1)
+    assert_near(at_end(path, np.outer([1.0, 0.0], np.eye(6)[2])).q[2], -0.8, 1e-1)
+
+
+def test_a_landing_without_rebound_has_the_gradients_of_the_motion() -> None:
+    """The body stays on the plane, and slides there: x changes by the friction coefficient times the height."""
+    mu = 0.2
+    path = dropped(mu).simulate([0, 0, 0.3, 0, 0, 0, 1.0], [1.0, 0, 0, 0, 0, 0], dt=1e-3, duration=0.35)
+    assert path.qd[-1, 0] > 0.1 and abs(path.q[-1, 2]) < 1e-9
+    for kind, direction, expected in ((0, 2, 0.0), (1, 2, 0.0), (0, 0, mu), (1, 0, 0.0)):
+        found = at_end(path, np.outer(np.eye(2)[kind], np.eye(6)[direction])).q[2]
+        assert_near(found, expected, 1e-6), (kind, direction)
+
+
+def test_bounces_that_die_out_end_and_have_no_gradient() -> None:
+    path = dropped(restitution=0.5).simulate([0, 0, 0.3, 0, 0, 0, 1.0], np.zeros(6), dt=1e-3, duration=1.0)
+    assert abs(path.q[-1, 2]) < 1e-9 and abs(path.qd[-1, 2]) < 1e-9
+    assert np.diff(path.energy().total).max() < 1e-9
+    assert_near(at_end(path, np.outer([1.0, 1.0], np.eye(6)[2])).q[2], 0.0, 1e-6)
+
+
+def gradients_of_the_motion(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, dt: float, steps: int, **given: object) -> None:
+    """Compare gradients with differences of simulations with error control, along states that satisfy the connections."""
+    path, step = scene.simulate(q, qd, dt=dt, steps=steps, **given), 1e-5
+    weights = np.random.default_rng(3).normal(size=(2, scene.nv))
+    found = at_end(path, weights)
+
+    def value(state: tuple[np.ndarray, np.ndarray]) -> float:
+        end = scene.simulate(*state, dt=dt * steps, steps=1, accuracy=1e-10, **given)
+        return float(weights[0] @ scene.difference(path.q[-1], end.q[-1]) + weights[1] @ end.qd[-1])
+
+    for change in np.eye(2 * scene.nv).reshape(-1, 2, scene.nv):
+        states = [(scene.integrate(q, by * change[0]), qd + by * change[1]) for by in (step, -step)]
+        if scene.constraint_names:
+            states = [tuple(scene.project(*state)[:2]) for state in states]
+        along = np.array([scene.difference(states[1][0], states[0][0]), states[0][1] - states[1][1]])
+        slope = (value(states[0]) - value(states[1])) / (2 * step)
+        assert_near(float(np.sum(along * [found.q, found.qd])) / (2 * step), slope, 1e-2 * size(found.q, found.qd))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_gradients_of_a_double_pendulum_that_bounces_are_those_of_the_motion(friction: float) -> None:
+    builder = phipsi.SceneBuilder().link("base")
+    for name, parent, at in (("upper", "base", 0.0), ("lower", "upper", -0.5)):
+        builder.link(name, 1.0, (0, 0, -0.25), np.diag([0.02, 0.02, 0.001]))
+        builder.joint(f"hinge of {name}", "revolute", parent, name, xyz=(0, 0, at), axis=(0, 1, 0))
+    scene = builder.contact("tip", "lower", xyz=(0, 0, -0.5), friction=friction, restitution=0.6, offset=-0.9).build()
+    q, qd = np.array([0.5, 0.2]), np.array([0.5, -0.2])
+    assert (scene.simulate(q, qd, dt=1e-3, steps=300).contacts.impulse["tip"][:, 2] > 0).sum() == 1
+    gradients_of_the_motion(scene, q, qd, 2.5e-4, 1200)
+
+
+@pytest.mark.parametrize("restitution", [0.5, 1.0])
+def test_gradients_of_a_linkage_that_rebounds_from_its_stop_are_those_of_the_motion(restitution: float) -> None:
+    q, qd, _ = four_bar(-9.0, 9.0).project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
+    scene = four_bar(-9.0, q[2] + 0.05)
+    assert scene.simulate(q, qd, dt=1e-3, steps=150, restitution=restitution).stops
+    gradients_of_the_motion(scene, q, qd, 1e-3, 150, restitution=restitution)
 
 
 def test_gradients_of_a_floating_robot_that_sticks() -> None:

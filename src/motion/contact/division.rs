@@ -1,9 +1,10 @@
 //! Division of a step at the impacts in it, for contacts and joint stops that rebound.
 //!
 //! A part of the step passes the rows that rebound later in it without their impulses, and ends where the first of them
-//! is at its surface or stop. The next part begins with its impact. The length of a part is the root of the least gap at
-//! its end, to rounding, so that positions after an impact are exact to the order of the parts, and smooth in the start
-//! of the step. Its derivative is that of an implicit function, with the change of the time of the impact (saltation).
+//! is at its surface or stop. The next part, which is short, is the impact of the rows that touch, and the motion goes on
+//! with the velocities after it. The length of a part is the root of the least gap at its end, to rounding, so that it
+//! is smooth in the start of the step. Its derivative is that of an implicit function, with the change of the time of
+//! the impact (saltation).
 //!
 //! The rules for contacts that rest and for slow rebounds are those of the whole step, so that the rebounds of a body
 //! whose bounces die out end, and the number of parts is bounded: the last part is made as a whole, with all impacts at
@@ -19,7 +20,9 @@ use crate::scene::Scene;
 use std::ops::RangeInclusive;
 
 /// Largest number of parts of a step.
-const MOST_PARTS: usize = 16;
+const MOST_PARTS: usize = 32;
+/// Length of the part of an impact, relative to the step.
+const IMPACT: f64 = 1e-6;
 /// A row is at its surface up to this gap, m or rad; the least gap at the end of a part, relative to the coordinates.
 const AT_SURFACE: f64 = 1e-12;
 const LEAST: f64 = 1e-13;
@@ -46,6 +49,8 @@ pub(super) struct Division {
     /// Length of the whole step, s.
     pub whole: f64,
     divides: bool,
+    /// Steps without impulses are those of a flight: the displacement is that of the mean velocities.
+    pub flies: bool,
     /// The row whose impact begins this part.
     pub struck: Option<usize>,
     /// The rows that this part passes, and their gaps at its end.
@@ -64,7 +69,7 @@ impl Division {
         restitution: impl Fn(usize) -> f64,
     ) {
         near.retain(|&i| {
-            let rebounds = || self.divides && self.struck != Some(i) && gaps[i] > AT_SURFACE && restitution(i) > 0.0;
+            let rebounds = || self.divides && self.struck.is_none() && gaps[i] > AT_SURFACE && restitution(i) > 0.0;
             let known = passing.contains(&i);
             let passes = known || rebounds();
             if passes && !known {
@@ -97,7 +102,7 @@ impl ContactStep {
         kept: &mut [f64],
     ) -> Result<(), (String, Error)> {
         let divides = settings.free.is_some() && settings.accuracy.is_none() && settings.smoothing.is_none();
-        self.division = Division { whole: settings.step, divides, ..Division::default() };
+        self.division = Division { whole: settings.step, divides, flies: divides, ..Division::default() };
         let least = -LEAST * largest(&s.q, 1.0);
         if self.part((scene, settings), s, kept, &(least..=f64::INFINITY))? {
             return Ok(());
@@ -142,6 +147,12 @@ impl ContactStep {
             self.to_impact((scene, &mut *settings), s, kept, (left, least))?;
             let ended = self.division.lowest().0;
             self.end_part((settings, s), (kept, begun), (&mut sums, &mut impacts), (self.division.whole - left, ended));
+            left -= settings.step;
+            begun = kept.to_vec();
+            settings.adopt((IMPACT * self.division.whole).min(0.5 * left));
+            s.adopt(settings, &settings.scheme);
+            self.part((scene, settings), s, kept, &ANY)?;
+            self.end_part((settings, s), (kept, begun), (&mut sums, &mut impacts), (self.division.whole - left, None));
             left -= settings.step;
             settings.adopt(left);
             s.adopt(settings, &settings.scheme);

@@ -1,7 +1,7 @@
 //! Steps with contacts by the compiled kernels, for one state per lane of a scalar.
 //!
 //! Free velocities, gaps, G and the effect of impulses are vectorized; the contact law is solved for one state after
-//! another. A state needs the [checked step](super::step) if an error estimate exceeds the tolerance, if a contact
+//! another. A state needs the [checked step](super::step) if an error estimate exceeds the tolerance, if it flies, if a contact
 //! rebounds, if a joint reaches a stop, if a further contact closes because of the impulses, or if the law is not
 //! solved.
 
@@ -15,6 +15,7 @@ use super::super::works::add_work;
 use super::faults::REFUSED;
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::project::{TOUCHES, out_of_planes};
+use super::reach::touching_gap;
 use super::report::ContactReport;
 use super::step::{ContactStep, LATE, Outcome, keep, report, rest_speed};
 use crate::batch::factor;
@@ -140,6 +141,16 @@ impl<T: Vectorized> Touching<T> {
         near.extend((0..kernel.gaps.len()).filter(|&i| gap(i) <= 0.0 || ends(i) <= 0.0));
     }
 
+    /// True if one lane moves without contacts that rest, so that its step is that of a flight.
+    fn flies(&self, settings: &StepSettings, model: &Model<T>, lane: usize) -> bool {
+        let (h, least) = (settings.step, touching_gap(model, settings.step));
+        settings.free.is_some()
+            && (0..self.kernel.gaps.len()).all(|i| {
+                let (gap, speed) = (self.kernel.gaps[i].lanes()[lane], self.start[3 * i + 2].lanes()[lane]);
+                !(gap <= least && h * speed.abs() <= least)
+            })
+    }
+
     /// Solves the contact law of one lane; returns false if it needs the fallback.
     fn solve(
         &mut self,
@@ -243,6 +254,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
         for lane in 0..count {
             touching.find_near(settings, lane);
             touched |= u64::from(!touching.solved[lane].outcome.near.is_empty()) << lane;
+            fallback |= u64::from(touching.flies(settings, &s.model, lane)) << lane;
         }
         if touched != 0 {
             touching.kernel.multiply(constants, &s.sweeps);

@@ -3,8 +3,8 @@
 //!
 //! ```text
 //! v_free = v + h a,  a = M^-1 (tau - bias)    springs, damping, friction and control law as in the implicit Euler step
-//! impacts:   Poisson's hypothesis at v + h a/2 for contacts that rebound, limited so that the kinetic energy does not
-//!            increase;  v_free += M^-1 J* p
+//! impacts:   Poisson's hypothesis for contacts that rebound, limited so that the kinetic energy does not increase, at
+//!            the start of a part of the step ([`division`]), else at v + h a/2;  v_free += M^-1 J* p
 //! contact:   0 <= u_n + max(gap, 0)/h  perpendicular to  p_n >= 0,  Coulomb friction on u_t,
 //!            u = J (v_free + M^-1 J* p)
 //!            v' = v_free + M^-1 J* p,  q' = q exp(h v')

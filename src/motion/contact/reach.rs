@@ -37,6 +37,7 @@
 
 use crate::dynamics::contacts::ContactScratch;
 use crate::model::Model;
+use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
 use crate::spatial::{angular, linear};
@@ -47,8 +48,8 @@ const ROUNDING: f64 = 1e-9;
 
 /// A contact with at most this gap touches: the distance of a fall in a step of `h`, m, so that contacts at rest are
 /// not released by rounding.
-pub(super) fn touching_gap(model: &Model<f64>, h: f64) -> f64 {
-    model.gravity.norm() * h * h + ROUNDING
+pub(super) fn touching_gap<T: Real>(model: &Model<T>, h: f64) -> f64 {
+    model.gravity.map(|g| g.lane(0)).norm() * h * h + ROUNDING
 }
 
 /// Contacts of one state.

@@ -159,7 +159,12 @@ impl ContactReverse {
         let (made, mut parts): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
         through_substeps(self, settings, made, |one, made| {
             let Some(part) = parts.pop() else { return Ok(()) };
-            let (by_length, of_gap) = one.by_length((scene, &mut own), made.scheme.step, &part)?;
+            // The length of the part of an impact is constant.
+            let (by_length, of_gap) = if last.is_some() && part.ended.is_none() {
+                (0.0, 0.0)
+            } else {
+                one.by_length((scene, &mut own), made.scheme.step, &part)?
+            };
             own.adopt(made.scheme.step);
             one.step.repeat((scene, &own), &mut one.scratch, &part)?;
             let by_last = *last.get_or_insert(by_length);

@@ -39,6 +39,9 @@ pub(super) const LATE: f64 = 1e-12;
 /// to the largest: contradicting demands have unbounded impulses.
 const TAKES_PART: f64 = 1e-6;
 
+/// A contact up to this gap takes part in an impact, m.
+const TOUCHING: f64 = 1e-9;
+
 /// Scratch memory for one state.
 pub(super) struct ContactStep {
     pub solver: Checked,
@@ -239,12 +242,17 @@ impl ContactStep {
             None if rebounds(speed, speed + change(i), of_stops) => of_stops,
             _ => 0.0,
         };
-        let rests = |i: usize| gaps[i] <= least && division.whole * start[3 * i + 2].abs() <= least;
-        let is_free = settings.free.is_some() && !(0..n).any(rests);
+        let is_free = settings.free.is_some()
+            && !(0..n).any(|i| gaps[i] <= least && division.whole * start[3 * i + 2].abs() <= least);
         let mut passing = std::mem::take(&mut division.passing);
+        // The part of an impact has no other forces of contacts, and the velocities after it are those of the next part.
+        let is_impact = division.struck.is_some();
+        if is_impact {
+            near = (0..all_rows).filter(|&i| gaps[i] <= TOUCHING).collect();
+        }
         division.pass((&mut passing, &mut near), gaps, |i| restitution(i, start[3 * i + 2]));
         if near.is_empty() {
-            if is_free && !passing.is_empty() {
+            if is_free && division.flies {
                 let v_free = s.v_next.clone();
                 outcome.move_by_mean(s, &v_free);
             }
@@ -259,7 +267,7 @@ impl ContactStep {
         // Velocities at the end of a free step are those of the time of its end, those of contact steps lag by half a
         // step. With an impact at the start of this step, and a displacement with the mean of the velocities of the
         // free motion after it, an elastic impact after a flight keeps the sum of all energies.
-        let part = if is_free || division.struck.is_some() { 0.0 } else { 0.5 };
+        let part = if is_free || is_impact { 0.0 } else { 0.5 };
         let mut iterations = 0;
         let kept = from_fixed_axes(points, &before.axes, kept);
         // The stops whose joints do not return in this step, but only move no further outside.
@@ -290,6 +298,9 @@ impl ContactStep {
                 hit = Some(struck);
             }
             let mut c = to_least_velocities(&u, (&near, n), (before, &dropped), h);
+            if is_impact {
+                (0..near.len()).for_each(|at| c[3 * at + 2] = 1.0);
+            }
             let limits = Limits::of_step(&c, &free_here);
             let (held, mut solved) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
             // A joint that returns from outside of its limits gains energy.
@@ -308,7 +319,9 @@ impl ContactStep {
                 *v = v_free[i] + rows.response[i];
             }
             let after = rows.velocities(&s.model, points, &s.v_next);
-            let late = |i: &usize| gaps[*i].max(0.0) + h * after[3 * i + 2] < -LATE && near.binary_search(i).is_err();
+            let late = |i: &usize| {
+                gaps[*i].max(0.0) + h * after[3 * i + 2] < -LATE && near.binary_search(i).is_err() && !is_impact
+            };
             // Connections and contacts can prevent a joint from returning to its limits.
             let is_met = solved.residual <= REFUSED && !is_violent(&s.v_next, &v_free);
             let outside = |at: usize| returning(&near[at]) && gaps[near[at]] < -LATE;
@@ -355,7 +368,7 @@ impl ContactStep {
                     let turned = before.dot(&after) < 0.5 * before.norm() * after.norm();
                     state == ContactState::Sliding && friction[at] > 0.0 && turned
                 });
-                if (hit.is_some() || !passing.is_empty())
+                if (hit.is_some() || division.flies)
                     && is_free
                     && outcome.slowed.is_none()
                     && outcome.states.iter().all(|&state| state == ContactState::Open)
