@@ -1,10 +1,10 @@
 //! Division of a step at the impacts in it, for contacts and joint stops that rebound.
 //!
 //! A part of the step passes the rows that rebound later in it without their impulses, and ends where the first of them
-//! is at its surface or stop. The next part, which is short, is the impact of the rows that touch, and the motion goes on
-//! with the velocities after it. The length of a part is the root of the least gap at its end, to rounding, so that it
-//! is smooth in the start of the step. Its derivative is that of an implicit function, with the change of the time of
-//! the impact (saltation).
+//! is at its surface or stop. The impact of the rows that touch is a short part of its own, and the parts after it begin
+//! with the velocities after the impact. The length of a part is the root of the least gap at its end, to rounding, so
+//! that it is smooth in the start of the step. Its derivative is that of an implicit function, with the change of the
+//! time of the impact (saltation).
 //!
 //! The rules for contacts that rest and for slow rebounds are those of the whole step, so that the rebounds of a body
 //! whose bounces die out end, and the number of parts is bounded: the last part is made as a whole, with all impacts at
@@ -14,6 +14,7 @@ use super::super::events::{StopImpact, largest};
 use super::super::reversed_substeps::Substep;
 use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
+use super::parts::{Division, Part};
 use super::step::ContactStep;
 use crate::error::Error;
 use crate::scene::Scene;
@@ -23,8 +24,7 @@ use std::ops::RangeInclusive;
 const MOST_PARTS: usize = 32;
 /// Length of the part of an impact, relative to the step.
 const IMPACT: f64 = 1e-6;
-/// A row is at its surface up to this gap, m or rad; the least gap at the end of a part, relative to the coordinates.
-const AT_SURFACE: f64 = 1e-12;
+/// The least gap at the end of a part, m or rad, relative to the coordinates.
 const LEAST: f64 = 1e-13;
 /// Largest number of trials of a part.
 const MOST_TRIALS: usize = 40;
@@ -33,63 +33,6 @@ const MOST_TRIALS: usize = 40;
 const ANY: RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
 /// The stored state of a contact that does not act.
 const OPEN: f64 = 0.0;
-
-/// A part of a step, as its adjoint repeats it.
-pub(super) struct Part {
-    passing: Vec<usize>,
-    struck: Option<usize>,
-    kept: Vec<f64>,
-    /// The row whose impact follows.
-    pub ended: Option<usize>,
-}
-
-/// The division of the current step.
-#[derive(Default)]
-pub(super) struct Division {
-    /// Length of the whole step, s.
-    pub whole: f64,
-    divides: bool,
-    /// Steps without impulses are those of a flight: the displacement is that of the mean velocities.
-    pub flies: bool,
-    /// The row whose impact begins this part.
-    pub struck: Option<usize>,
-    /// The rows that this part passes, and their gaps at its end.
-    pub passing: Vec<usize>,
-    pub ends: Vec<f64>,
-    /// The parts of the last step; none if it is whole.
-    pub parts: Vec<(Substep, Part)>,
-}
-
-impl Division {
-    /// Moves the rows of `near` that this part passes, and those with a gap that rebound, to `passing`.
-    pub fn pass(
-        &self,
-        (passing, near): (&mut Vec<usize>, &mut Vec<usize>),
-        gaps: &[f64],
-        restitution: impl Fn(usize) -> f64,
-    ) {
-        near.retain(|&i| {
-            let rebounds = || self.divides && self.struck.is_none() && gaps[i] > AT_SURFACE && restitution(i) > 0.0;
-            let known = passing.contains(&i);
-            let passes = known || rebounds();
-            if passes && !known {
-                passing.push(i);
-            }
-            !passes
-        });
-    }
-
-    /// The gap of a row at the end of the part, if the part passes it.
-    pub fn end_of(&self, row: usize) -> f64 {
-        self.passing.iter().zip(&self.ends).find(|(i, _)| **i == row).map_or(f64::NAN, |(_, &gap)| gap)
-    }
-
-    /// The row with the least gap at the end of the part, and this gap.
-    pub fn lowest(&self) -> (Option<usize>, f64) {
-        let each = self.passing.iter().zip(&self.ends);
-        each.fold((None, f64::INFINITY), |low, (&i, &gap)| if gap < low.1 { (Some(i), gap) } else { low })
-    }
-}
 
 impl ContactStep {
     /// One step from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the joint and the

@@ -32,6 +32,7 @@ mod lanes;
 mod laws;
 mod moves;
 mod pairs;
+mod parts;
 mod project;
 mod reach;
 mod record;

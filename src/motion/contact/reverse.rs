@@ -10,7 +10,7 @@ use super::super::step_settings::StepSettings;
 use super::super::torque::StepFault;
 use super::at::Connections;
 use super::backward::{ContactAdjoint, ContactGradient};
-use super::division::Part;
+use super::parts::Part;
 use super::record::StepRecord;
 use super::report::{begin, width};
 use super::step::ContactStep;
