@@ -34,6 +34,11 @@ const ANY: RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
 /// The stored state of a contact that does not act.
 const OPEN: f64 = 0.0;
 
+/// True if a contact of the scene can rebound.
+pub(super) fn bounces(scene: &Scene) -> bool {
+    scene.contact_points().iter().any(|point| point.restitution > 0.0)
+}
+
 impl ContactStep {
     /// One step from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the joint and the
     /// error if it fails.
@@ -45,7 +50,8 @@ impl ContactStep {
         kept: &mut [f64],
     ) -> Result<(), (String, Error)> {
         let divides = settings.free.is_some() && settings.accuracy.is_none() && settings.smoothing.is_none();
-        self.division = Division { whole: settings.step, divides, flies: divides, ..Division::default() };
+        self.division =
+            Division { whole: settings.step, divides, flies: divides && bounces(scene), ..Division::default() };
         let least = -LEAST * largest(&s.q, 1.0);
         if self.part((scene, settings), s, kept, &(least..=f64::INFINITY))? {
             return Ok(());
