@@ -305,7 +305,7 @@ def test_a_stop_at_a_dead_center_adds_no_energy_while_a_contact_acts(crank: floa
 
 
 def test_a_stop_that_a_contact_contradicts_acts_as_soon_as_it_can() -> None:
-    """A puck beyond the limit of its joint slides along a wall that blocks its return, and returns past the end of the wall."""
+    """A wall blocks the return of a puck that is beyond the limit of its joint; the puck returns past the end of the wall."""
     builder = phipsi.SceneBuilder().link("world").link("rail", 1.0).link("puck", 1.0)
     builder.joint("along", "prismatic", "world", "rail", axis=(0, 1, 0)).joint("across", "prismatic", "rail", "puck", axis=(1, 0, 0), lower=-1.0, upper=-0.01)
     wall = {"other_xyz": (-0.15, 0.0, 0.0), "other_size": (0.2, 0.4, 1.0)}
