@@ -93,7 +93,7 @@ impl ContactStep {
         sums[6 * n..].fill(OPEN);
         loop {
             let mut begun = kept.to_vec();
-            self.to_impact((scene, &mut *settings), s, kept, (left, least))?;
+            self.until_impact((scene, &mut *settings), s, kept, (left, least))?;
             let ended = self.division.lowest().0;
             self.end_part((settings, s), (kept, begun), (&mut sums, &mut impacts), (self.division.whole - left, ended));
             left -= settings.step;
@@ -123,7 +123,7 @@ impl ContactStep {
     }
 
     /// Makes the part up to the first impact on a row that it passes; a part of length `left` does not end there.
-    fn to_impact(
+    fn until_impact(
         &mut self,
         (scene, settings): (&Scene, &mut StepSettings),
         s: &mut Scratch<f64>,

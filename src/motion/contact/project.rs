@@ -115,7 +115,9 @@ pub(super) fn out_of_planes(
     for k in 0..=STEPS {
         positions_onto_connections(scene, (model, workspace), rows, q, moves.as_deref_mut())?;
         rows.place(model, points, q);
-        passing.iter().for_each(|&i| rows.gaps[i] = f64::INFINITY);
+        for &i in passing {
+            rows.gaps[i] = f64::INFINITY;
+        }
         let lowest = rows.gaps[..points.len()].iter().fold(0.0_f64, |lowest, &gap| lowest.min(gap));
         if k == 0 {
             depth = -lowest;

@@ -299,7 +299,9 @@ impl ContactStep {
             }
             let mut c = to_least_velocities(&u, (&near, n), (before, &dropped), h);
             if is_impact {
-                (0..near.len()).for_each(|at| c[3 * at + 2] = 1.0);
+                for at in 0..near.len() {
+                    c[3 * at + 2] = 1.0;
+                }
             }
             let limits = Limits::of_step(&c, &free_here);
             let (held, mut solved) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
