@@ -64,7 +64,7 @@ fn gram<T: Real>(scene: &Scene, sweeps: &SweepModel<T>, q: &[f64]) -> DMatrix<f6
     let m = constraints.rows;
     DMatrix::from_fn(m, m, |i, j| {
         let entry = rows.whitened.gram[i.max(j) * m + i.min(j)];
-        assert!((0..T::LANES).all(|lane| entry.lane(lane) == entry.lane(0)));
+        assert!((0..T::LANES).all(|lane| entry.lane(lane).to_bits() == entry.lane(0).to_bits()));
         entry.lane(0)
     })
 }
