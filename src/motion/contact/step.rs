@@ -42,6 +42,9 @@ const TAKES_PART: f64 = 1e-6;
 /// A contact up to this gap takes part in an impact, m.
 const TOUCHING: f64 = 1e-9;
 
+/// Rounding errors of impulses relative to the largest, and of their work relative to impulse times velocity.
+const ROUNDING: f64 = 1e-9;
+
 /// Scratch memory for one state.
 pub(super) struct ContactStep {
     pub solver: Checked,
@@ -448,8 +451,6 @@ fn states_of_rebounds(
     (u, impulses): (&DVector<f64>, &DVector<f64>),
     states: &mut [ContactState],
 ) {
-    /// Rounding errors relative to the largest impulse.
-    const ROUNDING: f64 = 1e-9;
     let (largest, after, scale) = (impulses.amax(), u + cone.response(impulses), Limits::beside(u).scale);
     for (i, state) in states.iter_mut().enumerate().filter(|(_, state)| **state == ContactState::Open) {
         if impulses[3 * i + 2] > ROUNDING * largest {
@@ -474,7 +475,7 @@ pub(super) fn report(
     for at in 0..touching {
         let [p, start, u, after] = [held, start, u, after].map(|rows| rows.fixed_rows::<3>(3 * at));
         let rubbed = -0.5 * (p[0] * (start[0] + after[0]) + p[1] * (start[1] + after[1]));
-        if start[2] < -rest_speed || rubbed < 0.0 {
+        if start[2] < -rest_speed || rubbed < -ROUNDING * p.norm() * u.norm() {
             impacts -= 0.5 * p.dot(&(u + after));
         } else {
             friction += rubbed;
