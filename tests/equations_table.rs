@@ -112,7 +112,7 @@ fn every_row_names_functions_that_exist() {
         assert!(!functions.is_empty(), "{section}.{number} names no function");
         for path in functions {
             let last = path.rsplit("::").next().unwrap();
-            let variant = path.contains("Kind::") && code.contains(&format!("\n    {last},\n"));
+            let variant = path.contains("Kind::") && code.contains(&format!("\n        {last} = \""));
             let item = ["fn ", "struct "]
                 .iter()
                 .any(|kind| ["<", "("].iter().any(|after| code.contains(&format!("pub {kind}{last}{after}"))));

@@ -47,7 +47,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         ))
     }
 
-    /// Number of steps of all states in which connections or contacts prevented a stop from acting, since the states began.
+    /// Number of substeps of all states in which connections or contacts prevented a stop from acting, since the states
+    /// began.
     #[cfg(feature = "python")]
     pub(crate) fn dropped(&self) -> f64 {
         let (scene, states) = (self.scene(), self.states());
@@ -55,16 +56,16 @@ impl<S: Borrow<Scene>> Rollout<S> {
         (0..states).map(|state| self.totals(state).dropped).sum()
     }
 
-    /// Text of a warning for the steps that [`Rollout::dropped`] counts.
+    /// Text of a warning for the substeps that [`Rollout::dropped`] counts.
     #[cfg(feature = "python")]
     pub(crate) fn dropped_warning(&self) -> String {
         let of = (0..self.states()).map(|state| self.totals(state)).find(|of| of.dropped > 0.0);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // index of a joint
         let joint = joint_of_row(self.scene(), of.map_or(0, |of| of.dropped_row as usize));
         format!(
-            "limits: found joint {joint:?} at a stop that the connections or contacts prevent from acting in {} of {} \
-             steps, as at a dead center; expected limits that the mechanism can meet: the stop is omitted in such steps; \
-             {} lists the rows outside of limits",
+            "limits: found joint {joint:?} at a stop that the connections or contacts prevent from acting in {} \
+             substeps of {} steps, as at a dead center; expected limits that the mechanism can meet: the stop is \
+             omitted in such substeps; {} lists the rows outside of limits",
             of.map_or(0.0, |of| of.dropped),
             self.steps(),
             in_language("the motion", "path.violations()")

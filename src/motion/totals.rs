@@ -28,7 +28,7 @@ pub(super) const UNSETTLED: usize = 10;
 const DROPPED: usize = 11;
 const DROPPED_ROW: usize = 12;
 
-/// Counts a step in which the demand of a stop is dropped, with the row of its joint.
+/// Counts a substep in which the demand of a stop is dropped, with the row of its joint.
 pub(super) fn note_dropped(totals: &mut [f64], row: Option<usize>) {
     if let Some(row) = row {
         totals[DROPPED] += 1.0;
@@ -65,7 +65,7 @@ pub struct Totals {
     /// Number of events whose friction and stop torques contradict each other, because the mass matrix is indefinite; a
     /// joint was then treated as stuck.
     pub unsettled: f64,
-    /// Number of steps in which connections, at a dead center, or contacts prevent a joint from returning to its limits
+    /// Number of substeps in which connections, at a dead center, or contacts prevent a joint from returning to its limits
     /// or from stopping there.
     pub dropped: f64,
     /// The degree of freedom of the last of these joints.

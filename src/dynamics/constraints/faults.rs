@@ -62,6 +62,9 @@ impl Scene {
     /// `slack`, m/s or rad/s, or relative to the fastest joint velocity if that exceeds 1. Combinations of rows that
     /// count as dependent may have errors up to the tolerance of the scene.
     pub(crate) fn check_on_connections(&self, q: &[f64], qd: &[f64], slack: f64) -> Result<(), Error> {
+        if self.constraints().is_empty() {
+            return Ok(());
+        }
         let mut workspace = Workspace::new(self.model());
         let mut rows = ConnectionRows::new((self.model(), &workspace.sweeps), self.constraints());
         rows.place(self.model(), &mut workspace, (q, qd)).map_err(|at| self.row_fault(at))?;
