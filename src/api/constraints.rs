@@ -75,7 +75,7 @@ impl Scene {
         let placed = scratch.rows.place(system.0, workspace, (q, &rest));
         workspace.rest = rest;
         placed.map_err(|at| self.row_fault(at))?;
-        jacobian_of_rows(&scratch.rows, system, &workspace.store.shifts, out);
+        jacobian_of_rows(&scratch.rows, system, (&workspace.store.shifts, &mut scratch.state), out);
         self.check_result("constraint jacobian", out)
     }
 

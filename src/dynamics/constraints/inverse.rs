@@ -64,7 +64,8 @@ pub(crate) fn constrained_inverse_dynamics(
         scratch.inverse.apply(against.as_slice(), &mut scratch.forces);
     } else {
         let mut jacobian = vec![0.0; m * nv];
-        jacobian_of_rows(&scratch.rows, (model, constraints), &workspace.store.shifts, &mut jacobian);
+        let on_bodies = (&workspace.store.shifts[..], &mut scratch.state[..]);
+        jacobian_of_rows(&scratch.rows, (model, constraints), on_bodies, &mut jacobian);
         let free: Vec<usize> = (0..nv).filter(|&row| !actuated[row]).collect();
         // Rows are scaled by the inertia at each joint, columns by the innovations of the rows of the connections.
         let weight = |row: usize| workspace.store.measured[row].pivot_inverse.sqrt();

@@ -170,7 +170,8 @@ impl SizedRows {
             .collect();
         let translates = |v: usize| matches!(hinges[v], HingeMap::Axis(axis) if axis >= 3);
         let mut reach = 0.0_f64;
-        each_entry(rows, (model, constraints), shift, |(i, v), entry, at| {
+        let mut state = vec![SizedForce::none(); model.bodies.len()];
+        each_entry(rows, (model, constraints), (shift, &mut state), |(i, v), entry, at| {
             jacobian[(i, v)] += entry;
             let Some(SizedForce { force, moment }) = at else {
                 let size = if translates(v) { &mut pushing[i] } else { &mut turning[i] };
@@ -211,9 +212,15 @@ impl SizedRows {
 
 /// A force on a body with those that were propagated to it, and the size of the terms of its moment.
 #[derive(Debug, Clone, Copy)]
-struct SizedForce {
+pub(crate) struct SizedForce {
     force: Vector6<f64>,
     moment: f64,
+}
+
+impl SizedForce {
+    pub fn none() -> Self {
+        Self { force: zero(), moment: 0.0 }
+    }
 }
 
 impl Accumulates<f64> for SizedForce {
@@ -234,20 +241,19 @@ impl Accumulates<f64> for SizedForce {
 fn each_entry(
     rows: &ConnectionRows<f64>,
     (model, constraints): (&Model<f64>, &Constraints),
-    shift: &[RigidShift<f64>],
+    (shift, state): (&[RigidShift<f64>], &mut [SizedForce]),
     mut at: impl FnMut((usize, usize), f64, Option<&SizedForce>),
 ) {
-    let none = SizedForce { force: zero(), moment: 0.0 };
-    let (stages, mut state) = (&model.system.stages, vec![none; model.bodies.len()]);
+    let stages = &model.system.stages;
     for (index, constraint) in constraints.all.iter().enumerate() {
         for i in constraint.rows() {
             for &k in &constraint.path {
-                state[k] = none;
+                state[k] = SizedForce::none();
             }
             for (k, force, moment) in rows.on_bodies(index, i) {
                 state[k] = state[k].plus(&SizedForce { force, moment: moment.sqrt() });
             }
-            tip_to_base(stages, shift, constraint.branches.iter().copied(), &mut state, |k, z| {
+            tip_to_base(stages, shift, constraint.branches.iter().copied(), state, |k, z| {
                 for row in 0..stages[k].rows.count() {
                     at((i, stages[k].first_row + row), stages[k].rows.row(row).project(&z.force), Some(z));
                 }
@@ -259,16 +265,16 @@ fn each_entry(
     }
 }
 
-/// J, (m x nv) row by row, from the unit forces of the rows, with phi of every body in `shift`. O(m depth), plus the
-/// zeros.
+/// J, (m x nv) row by row, from the unit forces of the rows, with phi of every body and scratch for their forces. O(m
+/// depth), plus the zeros.
 pub(crate) fn jacobian_of_rows(
     rows: &ConnectionRows<f64>,
     system: (&Model<f64>, &Constraints),
-    shift: &[RigidShift<f64>],
+    shift_and_state: (&[RigidShift<f64>], &mut [SizedForce]),
     out: &mut [f64],
 ) {
     out.fill(0.0);
-    each_entry(rows, system, shift, |(i, v), entry, _| out[i * system.0.nv() + v] += entry);
+    each_entry(rows, system, shift_and_state, |(i, v), entry, _| out[i * system.0.nv() + v] += entry);
 }
 
 /// Rows that share joints, directly or through other rows, with these joints.

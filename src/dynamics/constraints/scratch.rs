@@ -1,6 +1,7 @@
 //! Scratch for closed loops.
 
 use super::gram_inverse::{GramInverse, Relaxed};
+use super::mobility::SizedForce;
 use super::rows::ConnectionRows;
 use crate::dynamics::sweeps::SweepModel;
 use crate::model::Model;
@@ -15,6 +16,8 @@ pub struct ConstraintScratch {
     /// Forces on bodies for one right-hand side, and torques.
     pub(super) wrenches: Vec<Vector6<f64>>,
     pub(super) torque: Vec<f64>,
+    /// Forces of one row during the inward pass.
+    pub(crate) state: Vec<SizedForce>,
     /// Innovations, then accelerations.
     pub(super) estimates: Vec<f64>,
     /// G^+.
@@ -46,6 +49,7 @@ impl ConstraintScratch {
             rows: ConnectionRows::new((model, &SweepModel::general(model)), constraints),
             wrenches: vec![Vector6::zeros(); bodies],
             torque: vec![0.0; nv],
+            state: vec![SizedForce::none(); bodies],
             estimates: vec![f64::NAN; nv],
             inverse: GramInverse::default(),
             relaxed: Relaxed::default(),
