@@ -4,6 +4,7 @@
 //! is one. Each check takes the name of the argument, so that the text of a message exists once.
 
 use std::borrow::Cow;
+use std::fmt::Display;
 
 use thiserror::Error as ThisError;
 
@@ -416,11 +417,11 @@ pub(crate) fn check_finite(argument: &str, values: &[f64]) -> Result<(), Error> 
 }
 
 /// Checks that a number is finite and above zero.
-pub(crate) fn check_positive(argument: impl Into<String>, value: f64) -> Result<(), Error> {
+pub(crate) fn check_positive(argument: impl Display, value: f64) -> Result<(), Error> {
     if value.is_finite() && value > 0.0 {
         return Ok(());
     }
-    Err(Error::argument(argument, number(value), "a finite number above zero"))
+    Err(Error::argument(argument.to_string(), number(value), "a finite number above zero"))
 }
 
 /// A short list of existing names for the message about an unknown one, the closest match first.

@@ -112,10 +112,7 @@ impl Task {
     /// Checks that the standard deviations are positive.
     pub(crate) fn check_deviations(&self, at: usize) -> Result<(), Error> {
         for (what, value) in [("position", self.position), ("rotation", self.rotation)] {
-            if check_positive(what, value).is_err() {
-                // The name needs memory.
-                return check_positive(format!("{what} deviation of task {at}"), value);
-            }
+            check_positive(format_args!("{what} deviation of task {at}"), value)?;
         }
         Ok(())
     }
