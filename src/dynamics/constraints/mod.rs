@@ -59,6 +59,8 @@ pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, projec
 #[cfg(feature = "motion")]
 pub(crate) use projection::{ProjectionStep, record_projection};
 pub(crate) use rows::errors_of_rows;
+#[cfg(test)]
+pub(super) use rows::tests::robot;
 pub use scratch::ConstraintScratch;
 pub(crate) use solution::{Outcome, constrained_dynamics};
 

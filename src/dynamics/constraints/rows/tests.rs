@@ -10,9 +10,8 @@ use crate::scenes::draw::Draw;
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{DMatrix, Vector3};
 
-/// A floating robot with every kind of joint, and connections of every kind between its branches and to the world.
-pub(in crate::dynamics::constraints) fn scene() -> Scene {
-    let mut random = Draw::new(3);
+/// A floating robot with every kind of joint, with origins and axes of this generator.
+pub(in crate::dynamics) fn robot(vector: &mut impl FnMut(f64) -> Vector3<f64>) -> SceneBuilder {
     let central = Symmetric3::new([0.04, 0.0, 0.0, 0.05, 0.0, 0.03]);
     let inertial = || Inertial { mass: 1.0, center: Vector3::zeros(), central };
     let kinds = [
@@ -23,7 +22,6 @@ pub(in crate::dynamics::constraints) fn scene() -> Scene {
         JointKind::Planar,
         JointKind::Revolute,
     ];
-    let mut vector = |size: f64| Vector3::from_fn(|_, _| size * random.uniform(-1.0, 1.0));
     let mut builder = SceneBuilder::new()
         .floating_base(true)
         .link(LinkDescription { name: "base".into(), inertial: Some(inertial()) });
@@ -34,6 +32,14 @@ pub(in crate::dynamics::constraints) fn scene() -> Scene {
         joint.axis = vector(1.0);
         builder = builder.link(LinkDescription { name: format!("l{k}"), inertial: Some(inertial()) }).joint(joint);
     }
+    builder
+}
+
+/// A floating robot with every kind of joint, and connections of every kind between its branches and to the world.
+pub(in crate::dynamics::constraints) fn scene() -> Scene {
+    let mut random = Draw::new(3);
+    let mut vector = |size: f64| Vector3::from_fn(|_, _| size * random.uniform(-1.0, 1.0));
+    let mut builder = robot(&mut vector);
     for (i, (kind, link, other)) in [
         (ConnectionKind::Point, "l5", Some("l4")),
         (ConnectionKind::Weld, "l4", None),

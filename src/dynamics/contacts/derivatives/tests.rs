@@ -2,41 +2,19 @@
 
 use super::super::{ContactScratch, LimitRow};
 use super::RowDerivatives;
+use crate::dynamics::constraints::robot;
 use crate::model::Model;
 use crate::scene::contact_point::ContactPoint;
-use crate::scene::{Contact, Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder, Surface};
+use crate::scene::{Contact, Scene, Surface};
 use crate::scenes::draw::Draw;
-use crate::spatial::Symmetric3;
 use nalgebra::{DVector, Matrix3, Rotation3, Vector3};
 
 /// A floating robot with every kind of joint, spheres on tilted planes at four of its links, and contacts with planes,
 /// spheres and boxes of other links and of the base.
 fn scene() -> Scene {
     let mut random = Draw::new(11);
-    let inertial = || Inertial {
-        mass: 1.0,
-        center: Vector3::zeros(),
-        central: Symmetric3::new([0.04, 0.0, 0.0, 0.05, 0.0, 0.03]),
-    };
-    let kinds = [
-        JointKind::Spherical,
-        JointKind::Revolute,
-        JointKind::Prismatic,
-        JointKind::Screw { pitch: 0.2 },
-        JointKind::Planar,
-        JointKind::Revolute,
-    ];
     let mut vector = |size: f64| Vector3::from_fn(|_, _| size * random.uniform(-1.0, 1.0));
-    let mut builder = SceneBuilder::new()
-        .floating_base(true)
-        .link(LinkDescription { name: "base".into(), inertial: Some(inertial()) });
-    for (k, kind) in kinds.into_iter().enumerate() {
-        let parent = if k < 2 { "base".to_owned() } else { format!("l{}", k - 2) };
-        let mut joint = JointDescription::new(format!("j{k}"), kind, parent, format!("l{k}"));
-        joint.origin.lever = vector(0.4);
-        joint.axis = vector(1.0);
-        builder = builder.link(LinkDescription { name: format!("l{k}"), inertial: Some(inertial()) }).joint(joint);
-    }
+    let mut builder = robot(&mut vector);
     for (link, radius) in [("l5", 0.3), ("l4", 0.1), ("base", 0.2), ("l1", 0.0)] {
         let mut contact = Contact::new(link, link);
         (contact.point, contact.normal, contact.radius) = (vector(0.3), vector(1.0), radius);
