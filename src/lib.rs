@@ -201,6 +201,7 @@
 //! | `motion` | simulation, contacts, gradients of rollouts: [`motion`]; includes `derivatives` |
 //! | `estimation` | observers, variances, parts of identification (the rest is in Python): [`estimation`]; includes `derivatives` |
 //! | `inverse-kinematics` | [`inverse_kinematics`] |
+//! | `collision` | shapes that touch, by parry3d: [`scene::Collider`] |
 //! | `operators` | the operators of the paper as objects: [`operators`] |
 //! | `codegen` | code for one robot in C, CUDA or Rust: [`codegen`]; includes `derivatives` |
 //! | `report` | counts of operations, [`Scene::plan`]: [`report`]; includes `codegen` and `operators` |
@@ -223,6 +224,7 @@ mod api;
 pub mod batch;
 #[cfg(feature = "codegen")]
 pub mod codegen;
+mod collision;
 #[cfg(feature = "motion")]
 mod contact;
 mod decompositions;

@@ -27,7 +27,7 @@ from .errors import ArgumentError, InertiaWarning
 if TYPE_CHECKING:
     from ._core import Scene
 
-__all__ = ["Box", "Capsule", "Color", "Cylinder", "Mesh", "Shape", "Sphere"]
+__all__ = ["Box", "Capsule", "ColliderShape", "Color", "Cylinder", "HalfSpace", "HeightField", "Hull", "Mesh", "Shape", "Sphere"]
 
 _Array = NDArray[np.float64]
 
@@ -260,7 +260,124 @@ class Mesh(NamedTuple):
     """Color, as in Box, if the file has no colors."""
 
 
+class Hull(NamedTuple):
+    """Convex hull of points, for colliders.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> len(phipsi.shapes.Hull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]).points)
+    4
+    """
+
+    points: ArrayLike
+    """Points, (n, 3), m; at least four, not in one plane."""
+    xyz: ArrayLike = ORIGIN
+    """Origin of the points in the link frame, (3,), m."""
+    rpy: ArrayLike = ORIGIN
+    """Orientation in the link frame, as in Box."""
+
+
+class HalfSpace(NamedTuple):
+    """Everything below the plane z = 0 of its frame, for colliders that cannot move.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> phipsi.shapes.HalfSpace(xyz=(0, 0, -0.5)).xyz
+    (0, 0, -0.5)
+    """
+
+    xyz: ArrayLike = ORIGIN
+    """A point of the plane in the link frame, (3,), m."""
+    rpy: ArrayLike = ORIGIN
+    """Orientation in the link frame, as in Box; z is the normal of the plane."""
+
+
+class HeightField(NamedTuple):
+    """Ground below the heights of a grid of points, in triangles, for colliders that cannot move.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> phipsi.shapes.HeightField([[0.0, 0.1], [0.0, 0.2]], size=(2.0, 2.0)).size
+    (2.0, 2.0)
+    """
+
+    heights: ArrayLike
+    """Heights along z, (rows, columns), m: x increases along a row, y from row to row."""
+    size: ArrayLike
+    """Lengths of the grid along x and y, (2,), m; its center is the origin."""
+    xyz: ArrayLike = ORIGIN
+    """Center of the grid in the link frame, (3,), m."""
+    rpy: ArrayLike = ORIGIN
+    """Orientation in the link frame, as in Box."""
+
+
 Shape: TypeAlias = "Box | Sphere | Cylinder | Capsule | Mesh"
+#: A shape that touches others.
+ColliderShape: TypeAlias = "Shape | Hull | HalfSpace | HeightField"
+
+
+def solid_of(subject: str, shape: ColliderShape) -> tuple[Any, tuple[str, list[float], list[list[float]]]]:
+    """Frame (rotation by rows, origin) and numbers (kind, lengths, points) of a shape, for SceneBuilder.collider."""
+    points: list[list[float]] = []
+    numbers: list[float] = []
+    try:
+        match shape:
+            case Box():
+                kind, numbers = "box", _positive(shape, "size", shape.size, 3).tolist()
+            case Sphere():
+                kind, numbers = "sphere", _positive(shape, "radius", shape.radius, 1).tolist()
+            case Cylinder() | Capsule():
+                kind, numbers = type(shape).__name__.lower(), list(_lengths(shape))
+            case HalfSpace():
+                kind = "half space"
+            case HeightField():
+                heights, (x, y) = np.asarray(shape.heights, float), np.asarray(shape.size, float)
+                if heights.ndim != 2:
+                    raise ArgumentError(f"heights of HeightField: found the shape {heights.shape}; expected (rows, columns)")
+                kind, numbers = "height field", [float(heights.shape[1]), float(x), float(y), *heights.ravel().tolist()]
+            case Hull():
+                kind, points = "hull", _points("points of Hull", shape.points)
+            case Mesh():
+                kind, points = "hull", _points("vertices of Mesh", _vertices(shape))
+            case _:
+                raise ArgumentError(f"found {type(shape).__name__}; {COLLIDERS}")
+        rpy = ORIGIN if isinstance(shape, Sphere) else shape.rpy
+        frame = from_rpy(_numbers(shape, "rpy", rpy, 3)), _numbers(shape, "xyz", shape.xyz, 3)
+    except (TypeError, ValueError) as error:
+        if not isinstance(error, ArgumentError):
+            error = ArgumentError(f"found {type(shape).__name__} with {error}; {COLLIDERS}")
+        raise ArgumentError(f"shape of {subject}: {error}") from None
+    return (frame[0].ravel().tolist(), frame[1].tolist()), (kind, numbers, points)
+
+
+def _points(name: str, value: ArrayLike) -> list[list[float]]:
+    """Points, (n, 3)."""
+    found = np.asarray(value, float)
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise ArgumentError(f"{name}: found the shape {found.shape}; expected (n, 3)")
+    return np.unique(found, axis=0).tolist() if len(found) else []
+
+
+def _vertices(shape: Mesh) -> _Array:
+    """Vertices of all triangles of a mesh, scaled, (n, 3)."""
+    import trimesh
+
+    file = Path(shape.file)
+    if not file.is_file():
+        raise ArgumentError(f"file of Mesh: found {str(shape.file)[:100]!r}, which is not a file; expected the path of a mesh")
+    try:
+        loaded = trimesh.load(file, force="mesh")
+    except Exception as error:  # trimesh raises many types
+        raise ArgumentError(f"file of Mesh: {file.name} cannot be read ({' '.join(str(error).split())[:200]})") from error
+    return np.asarray(loaded.vertices, float) * np.broadcast_to(_positive(shape, "scale", shape.scale, None), 3)
+
+
+def listed(shape: ColliderShape | Sequence[ColliderShape]) -> list[ColliderShape]:
+    """Shapes as a list."""
+    return [shape] if isinstance(shape, Box | Sphere | Cylinder | Capsule | Mesh | Hull | HalfSpace | HeightField) else list(shape)
 
 
 def to_urdf(link: str, shape: Shape | Sequence[Shape]) -> str:
@@ -334,6 +451,7 @@ def has_text(scene: Scene) -> bool:
 
 #: Begin of the texts of to_urdf.
 FROM_CODE = '<robot name="">'
+COLLIDERS = "expected a Box, Sphere, Cylinder, Capsule, Mesh, Hull, HalfSpace or HeightField of phipsi.shapes"
 EXPECTED = "expected a Box, Sphere, Cylinder, Capsule or Mesh of phipsi.shapes, or a sequence of them"
 
 

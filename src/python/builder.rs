@@ -1,6 +1,7 @@
 //! The class `SceneBuilder`: creates scenes from code.
 
 use super::choice::{choose, read_mimic, refuse_unknown};
+use super::colliders::colliders_of_link;
 use super::cost::WORTH_DETACHING;
 use super::description::{Description, counted, joint_kind, left_out};
 use super::interrupts::detached_checked;
@@ -54,6 +55,11 @@ impl PySceneBuilder {
     ///     of these shapes about its center; without shapes a point mass.
     /// shape : phipsi.shapes.Box, Sphere, Cylinder, Capsule or Mesh, or a sequence of them, optional
     ///     Shapes with which `show` draws the link. Volumes of several shapes are added, also where they overlap.
+    /// collide : bool, default False
+    ///     True: the shapes are colliders as well, as those of collider(). Their names are that of the link, followed by
+    ///     "/0", "/1", ... if there are several.
+    /// friction : float, default 1
+    ///     Coefficient of Coulomb friction of these colliders.
     #[doc = returns!(builder)]
     #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
@@ -67,8 +73,9 @@ impl PySceneBuilder {
     /// >>> builder = builder.link("ball", mass=2.0, shape=phipsi.shapes.Sphere(0.1))
     /// >>> builder.joint("free", "floating", "base", "ball").build().total_mass
     /// 2.0
-    #[pyo3(signature = (name, mass=0.0, com=None, inertia=None, *, shape=None, **unknown),
-           text_signature = "($self, name, mass=0.0, com=None, inertia=None, *, shape=None)")]
+    #[pyo3(signature = (name, mass=0.0, com=None, inertia=None, *, shape=None, collide=false, friction=1.0, **unknown),
+           text_signature = "($self, name, mass=0.0, com=None, inertia=None, *, shape=None, collide=False, \
+                             friction=1.0)")]
     fn link<'py>(
         mut slf: PyRefMut<'py, Self>,
         name: String,
@@ -76,9 +83,12 @@ impl PySceneBuilder {
         com: Option<&Object<'py>>,
         inertia: Option<&Object<'py>>,
         shape: Option<&Object<'py>>,
+        collide: bool,
+        friction: f64,
         unknown: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<PyRefMut<'py, Self>> {
         refuse_unknown(slf.py(), "SceneBuilder.link", unknown)?;
+        let colliders = if collide { colliders_of_link(&name, shape, friction)? } else { Vec::new() };
         let described = |shape| imported!(slf.py(), "phipsi.shapes", "to_urdf")?.call1((&name, shape))?.extract();
         let drawn: Option<String> = shape.map(described).transpose()?;
         let mut inertial = inertial(&|argument| format!("{argument} of link {name:?}"), mass, com, inertia)?;
@@ -90,7 +100,10 @@ impl PySceneBuilder {
             }
         }
         let inertial = (mass != 0.0 || inertia.is_some()).then_some(inertial);
-        slf.change(|builder| builder.link(LinkDescription { name, inertial }).with_shapes(drawn));
+        slf.change(|builder| {
+            let builder = builder.link(LinkDescription { name, inertial }).with_shapes(drawn);
+            colliders.into_iter().fold(builder, SceneBuilder::collider)
+        });
         Ok(slf)
     }
 

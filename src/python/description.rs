@@ -1,6 +1,7 @@
 //! A scene as plain tuples of numbers and names, for pickling, and as one line, for `repr`.
 
 use super::choice::{choose, name_of_mimic, names, read_mimic};
+use super::colliders::{CollisionTuple, collision_tuple, with_collisions};
 use super::connection_tuple::{ConnectionTuple, FrameTuple, connection_of, connection_tuple, frame_from, frame_tuple};
 use super::contact_tuple::{ContactTuple, contact_of, contact_tuple};
 use super::object::Object;
@@ -21,7 +22,7 @@ pub(super) fn body_names(scene: &Scene) -> impl ExactSizeIterator<Item = &str> {
 }
 
 /// Version of the tuples.
-const VERSION: u32 = 11;
+const VERSION: u32 = 12;
 
 /// Name, then mass, center of mass and inertia about it (xx, xy, xz, yy, yz, zz), if any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -65,8 +66,8 @@ pub(super) struct Description(
 );
 
 /// Parts beyond a kinematic tree: the treatment of mimic joints, connections, contacts, the tolerance of linkages,
-/// shapes.
-type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>, Vec<String>);
+/// shapes, colliders.
+type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>, Vec<String>, CollisionTuple);
 
 /// Index of the links in a description.
 const LINKS: usize = 4;
@@ -104,6 +105,7 @@ impl Description {
                 source.contacts().iter().map(contact_tuple).collect(),
                 source.tolerance_of_linkages(),
                 source.shapes().to_vec(),
+                collision_tuple(source),
             ),
         ))
     }
@@ -119,7 +121,7 @@ impl Description {
     /// The builder of the scene.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
         let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, beyond) = self;
-        let (mimic, connections, contacts, tolerance, shapes) = beyond;
+        let (mimic, connections, contacts, tolerance, shapes, collisions) = beyond;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -146,6 +148,7 @@ impl Description {
         for contact in contacts {
             builder = builder.contact(contact_of(contact));
         }
+        builder = with_collisions(builder, collisions)?;
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
         let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
         Ok(builder

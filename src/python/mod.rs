@@ -27,6 +27,7 @@ mod centroidal;
 mod changes;
 mod choice;
 mod codegen;
+mod colliders;
 mod configuration;
 mod connection_tuple;
 mod connections;

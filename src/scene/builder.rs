@@ -2,6 +2,7 @@
 
 use super::Scene;
 use super::assembly::{Tree, assemble};
+use super::collider::{Collider, ColliderPair, ColliderRules};
 use super::connection::Connection;
 use super::contact::Contact;
 use super::description::{JointDescription, LinkDescription, MimicJoints, SceneWarning};
@@ -59,6 +60,8 @@ pub struct SceneBuilder {
     pub(super) connections: Vec<Connection>,
     /// Contacts with planes, spheres and boxes of the world and of links.
     pub(super) contacts: Vec<Contact>,
+    /// Shapes that touch, and their rules.
+    pub(super) collisions: ColliderRules,
     pub(super) gravity: Vector3<f64>,
     pub(super) floating_base: bool,
     pub(super) strict: bool,
@@ -96,6 +99,7 @@ impl SceneBuilder {
             joints: Vec::new(),
             connections: Vec::new(),
             contacts: Vec::new(),
+            collisions: ColliderRules::default(),
             gravity: Vector3::new(0.0, 0.0, -9.81),
             floating_base: false,
             strict: false,
@@ -138,6 +142,47 @@ impl SceneBuilder {
     pub fn contact(mut self, contact: Contact) -> Self {
         self.contacts.push(contact);
         self
+    }
+
+    /// Adds a shape that touches others. The link that it names can be added later; [`SceneBuilder::build`] checks it.
+    #[must_use]
+    pub fn collider(mut self, collider: Collider) -> Self {
+        self.collisions.colliders.push(collider);
+        self
+    }
+
+    /// Two colliders that can touch in any case, with their own values.
+    #[must_use]
+    pub fn collider_pair(mut self, pair: ColliderPair) -> Self {
+        self.collisions.pairs.push(pair);
+        self
+    }
+
+    /// The colliders of two links do not touch each other; `None` for the base.
+    #[must_use]
+    pub fn exclude(mut self, links: [Option<String>; 2]) -> Self {
+        self.collisions.excluded.push(links);
+        self
+    }
+
+    /// Sets whether the colliders of parent and child can touch; false by default.
+    #[must_use]
+    pub fn collisions_with_parents(mut self, with_parents: bool) -> Self {
+        self.collisions.with_parents = with_parents;
+        self
+    }
+
+    /// The pairs of colliders with values of their own, the excluded pairs of links, and whether parent and child touch.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn collision_rules(&self) -> (&[ColliderPair], &[[Option<String>; 2]], bool) {
+        let ColliderRules { pairs, excluded, with_parents, .. } = &self.collisions;
+        (pairs, excluded, *with_parents)
+    }
+
+    /// The colliders added so far.
+    #[must_use]
+    pub fn colliders(&self) -> &[Collider] {
+        &self.collisions.colliders
     }
 
     /// Sets gravity in the base frame, m/s^2.
@@ -226,7 +271,7 @@ impl SceneBuilder {
         }
         let warnings = self.warnings(&tree)?;
         let mimic_joints = self.mimic_joints;
-        let scene = assemble(Scene::unfilled(self, warnings), &tree)?.connected()?.touching()?;
+        let scene = assemble(Scene::unfilled(self, warnings), &tree)?.connected()?.touching()?.colliding()?;
         if mimic_joints == MimicJoints::Coupled { Scene::coupled(scene) } else { Ok(scene) }
     }
 

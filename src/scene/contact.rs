@@ -239,7 +239,7 @@ impl Scene {
         });
         let normal = contact.other_frame.rotate(&contact.unit_normal());
         let point = ContactPoint {
-            name: contact.name.clone(),
+            name: contact.name.as_str().into(),
             body,
             center: link.placement.rotate(&contact.point) + link.placement.lever,
             radius: contact.radius,
@@ -248,7 +248,7 @@ impl Scene {
             other: other_surface,
             friction: contact.friction,
             restitution: contact.restitution,
-            path: self.inward_from([Some(body), other.and_then(|other| other.body)]),
+            path: self.inward_from([Some(body), other.and_then(|other| other.body)]).into(),
         };
         if !self.can_move(&point) {
             let found = format!("a point of link {:?} on the joint axis, which no joint moves", contact.link);

@@ -4,12 +4,13 @@ use crate::kinematics::{Frame, frame_motion, placement};
 use crate::model::Model;
 use crate::spatial::{RigidShift, angular, linear};
 use nalgebra::{Matrix3, Vector3};
+use std::sync::Arc;
 
 /// A sphere on a body, and the surface that it touches.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ContactPoint {
     /// Its name.
-    pub name: String,
+    pub name: Arc<str>,
     /// The body that carries the sphere.
     pub body: usize,
     /// Center of the sphere in the body frame, m.
@@ -29,7 +30,7 @@ pub(crate) struct ContactPoint {
     /// Coefficient of restitution.
     pub restitution: f64,
     /// The bodies from both bodies of the contact to the base, each once, outermost first.
-    pub path: Vec<usize>,
+    pub path: Arc<[usize]>,
 }
 
 /// A surface on a body or on the base.

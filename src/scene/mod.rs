@@ -32,6 +32,7 @@
 mod assembly;
 mod builder;
 mod checks;
+pub(crate) mod collider;
 mod configuration;
 mod connection;
 pub(crate) mod constraint;
@@ -53,6 +54,7 @@ mod spring;
 mod urdf;
 mod whole_check;
 
+pub use crate::collision::Solid;
 pub use crate::joints::JointKind;
 pub use crate::model::Model;
 #[doc(hidden)]
@@ -60,6 +62,7 @@ pub use crate::model::{Body, Motion, Simplifications};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub(crate) use checks::check_tolerance;
+pub use collider::{Collider, ColliderPair};
 pub use connection::{Connection, ConnectionKind};
 pub use contact::{Contact, Surface};
 pub use coupling::Coupling;
@@ -68,6 +71,7 @@ pub(crate) use joint_forces::JointForces;
 pub use properties::Property;
 pub use spring::Spring;
 
+use self::collider::Colliders;
 use self::constraint::Constraints;
 use self::contact_point::ContactPoint;
 use self::shared::Shared;
@@ -127,7 +131,9 @@ pub struct Scene {
     /// The connections, by index.
     constraints: Constraints,
     /// The contacts, by index.
-    contact_points: Vec<ContactPoint>,
+    pub(crate) contact_points: Vec<ContactPoint>,
+    /// The colliders, by index, if any can touch.
+    shapes: Option<Arc<Colliders>>,
     shared: Shared,
 }
 
@@ -148,6 +154,7 @@ impl Scene {
             coupling: None,
             constraints: Constraints::default(),
             contact_points: Vec::new(),
+            shapes: None,
             shared: Shared::default(),
         }
     }

@@ -38,7 +38,7 @@ pub(super) fn check_movable(
 /// Text that names some contacts and the joints of some limits, whose rows follow those of the contacts.
 pub(super) fn named((scene, limits): (&Scene, &[LimitRow]), which: &[usize]) -> String {
     let points = scene.contact_points();
-    let contacts = which.iter().filter_map(|&i| Some(points.get(i)?.name.as_str()));
+    let contacts = which.iter().filter_map(|&i| Some(&*points.get(i)?.name));
     let reached = which.iter().filter_map(|&i| limits.get(i.checked_sub(points.len())?));
     let joints = reached.filter_map(|limit| Some(scene.joint_of_body(limit.body)?.name.as_str()));
     let lists = [listed(["contact", "contacts"], contacts), listed(["limit of joint", "limits of joints"], joints)];

@@ -1,0 +1,81 @@
+//! Nearest points, penetration depths and convex hulls by parry3d.
+
+use super::geometry::{Geometry, Kind};
+use super::narrow::Nearest;
+use super::polyhedron::{Face, Polyhedron};
+use crate::spatial::RigidShift;
+use nalgebra::Vector3;
+use parry3d_f64::math::{Mat3, Pose, Rot3, Vector};
+use parry3d_f64::query::details::contact_support_map_support_map_with_params;
+use parry3d_f64::query::gjk::{GJKResult, VoronoiSimplex};
+use parry3d_f64::shape::{ConvexPolyhedron, SupportMap};
+use parry3d_f64::transformation::try_convex_hull;
+
+fn to_parry(x: &Vector3<f64>) -> Vector {
+    Vector::new(x[0], x[1], x[2])
+}
+
+fn from_parry(x: Vector) -> Vector3<f64> {
+    Vector3::new(x.x, x.y, x.z)
+}
+
+impl SupportMap for Geometry {
+    /// The farthest point of the shape without its rounding.
+    fn local_support_point(&self, direction: Vector) -> Vector {
+        match &self.kind {
+            Kind::Sphere | Kind::HalfSpace | Kind::Heights(_) => Vector::ZERO,
+            Kind::Capsule(half) => Vector::new(0.0, 0.0, half.copysign(direction.z)),
+            Kind::Box(half, _) => {
+                Vector::new(half[0].copysign(direction.x), half[1].copysign(direction.y), half[2].copysign(direction.z))
+            }
+            Kind::Cylinder(half, radius) => {
+                let across = direction.x.hypot(direction.y);
+                let out = if across > 0.0 { radius / across } else { 0.0 };
+                Vector::new(direction.x * out, direction.y * out, half.copysign(direction.z))
+            }
+            Kind::Hull(of) => to_parry(&of.farthest(&from_parry(direction))),
+        }
+    }
+}
+
+/// The nearest points of two shapes without their rounding, up to a distance; `b_in_a` is the pose of b in the frame of
+/// a. For shapes that overlap, the points of least penetration.
+pub(super) fn nearest(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, limit: f64) -> Option<Nearest> {
+    let r = &b_in_a.rotation;
+    let columns = [0, 1, 2].map(|i| to_parry(&r.column(i).into_owned()));
+    let turn = Rot3::from_mat3(&Mat3::from_cols(columns[0], columns[1], columns[2]));
+    let pose = Pose::from_parts(to_parry(&b_in_a.lever), turn);
+    let mut simplex = VoronoiSimplex::new();
+    match contact_support_map_support_map_with_params(&pose, a, b, limit, &mut simplex, None) {
+        GJKResult::ClosestPoints(on_a, on_b, normal) => {
+            let (on_a, on_b, normal) = (from_parry(on_a), from_parry(on_b), from_parry(normal));
+            let distance = (on_b - on_a).dot(&normal);
+            distance.is_finite().then_some(Nearest { on_a, on_b, normal, distance })
+        }
+        _ => None,
+    }
+}
+
+/// The convex hull of points.
+pub(super) fn hull(points: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
+    let expected = "at least four points that are not in one plane";
+    let flat = || ("whose points have no volume".to_owned(), expected);
+    let first = points.first().ok_or_else(flat)?;
+    let size = points.iter().fold(0.0_f64, |size, x| size.max((x - first).amax()));
+    if !(size > 0.0) {
+        return Err(flat());
+    }
+    // At a scale of one: tolerances of parry3d are absolute.
+    let scaled: Vec<Vector> = points.iter().map(|x| to_parry(&((x - first) / size))).collect();
+    let (corners, triangles) = try_convex_hull(&scaled).map_err(|_| flat())?;
+    let made = ConvexPolyhedron::from_convex_mesh(corners, &triangles).ok_or_else(flat)?;
+    let corners: Vec<Vector3<f64>> = made.points().iter().map(|&x| from_parry(x) * size + first).collect();
+    let faces = made.faces().iter().map(|face| {
+        let range =
+            face.first_vertex_or_edge as usize..(face.first_vertex_or_edge + face.num_vertices_or_edges) as usize;
+        let corners = made.vertices_adj_to_face()[range].iter().map(|&i| i as usize).collect();
+        Face { normal: from_parry(face.normal).normalize(), corners }
+    });
+    let faces: Vec<Face> = faces.filter(|face| face.normal.iter().all(|x| x.is_finite())).collect();
+    if faces.len() < 4 { Err(flat()) } else { Ok(Polyhedron::new(corners, faces)) }
+}

@@ -1,0 +1,20 @@
+//! Collision geometry: which points of two shapes can touch, and how far the shapes are apart.
+//!
+//! Nearest points, penetration depths and convex hulls are those of parry3d (feature `collision`). A pair of shapes has
+//! at most eight points of contact. Each is a sphere or point on one of them, and a plane, sphere or box on the other
+//! ([`Against`]): the contacts that the dynamics knows. Spheres, boxes, half spaces and the rims of cylinders are exact;
+//! elsewhere the features that touch are those of the moment.
+//!
+//! No robotics here: shapes and relative poses.
+
+#[cfg(feature = "collision")]
+mod convex;
+mod geometry;
+mod narrow;
+mod polygon;
+mod polyhedron;
+mod solid;
+
+pub(crate) use geometry::Geometry;
+pub(crate) use narrow::{Against, Near, Nearest, contacts, distance};
+pub use solid::Solid;

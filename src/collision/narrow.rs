@@ -1,0 +1,500 @@
+//! The points of contact of two shapes, and their distance.
+//!
+//! The nearest points of both shapes give the normal. If it is the normal of a face, the points of the other shape that
+//! can be reached are within the sides of this face, and touch its plane; else there is one point, or two for parallel
+//! lines.
+
+#[cfg(feature = "collision")]
+use super::convex;
+use super::geometry::{Geometry, Heights, Kind, rim};
+use super::polygon::{clip, spanning};
+use super::polyhedron::Polyhedron;
+use crate::spatial::RigidShift;
+use nalgebra::Vector3;
+
+/// The largest angle between the normal of the nearest points and that of a face that touches.
+const ALIGNED: f64 = 1e-4;
+
+/// The end of a cylinder lies flat at a smaller sine of its angle.
+const FLAT: f64 = 0.05;
+
+/// Lines at a smaller sine of their angle are parallel.
+const PARALLEL: f64 = 1e-3;
+
+/// A possible contact of a pair.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Near {
+    /// True if the point belongs to the first shape.
+    pub on_first: bool,
+    /// Center and radius of the sphere, or the point, in the frame of its shape.
+    pub center: Vector3<f64>,
+    pub radius: f64,
+    /// What it can touch, in the frame of the other shape.
+    pub against: Against,
+    /// Distance, m; negative for penetration.
+    pub gap: f64,
+}
+
+/// What a sphere can touch on the other shape.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Against {
+    /// A plane n . x = offset.
+    Plane {
+        normal: Vector3<f64>,
+        offset: f64,
+    },
+    Sphere {
+        center: Vector3<f64>,
+        radius: f64,
+    },
+    /// The box that the other shape is.
+    Box(Vector3<f64>),
+}
+
+/// The nearest points of two shapes, in the frame of the first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Nearest {
+    pub on_a: Vector3<f64>,
+    pub on_b: Vector3<f64>,
+    /// Unit normal from the first shape to the second.
+    pub normal: Vector3<f64>,
+    /// Distance, m; negative for penetration.
+    pub distance: f64,
+}
+
+impl Nearest {
+    /// The same with the shapes exchanged, for the pose of b in the frame of a.
+    fn exchanged(&self, b_in_a: &RigidShift<f64>) -> Self {
+        let into = |x: &Vector3<f64>| b_in_a.rotate_back(&(x - b_in_a.lever));
+        Self { on_a: into(&self.on_b), on_b: into(&self.on_a), normal: -b_in_a.rotate_back(&self.normal), ..*self }
+    }
+
+    /// The nearest points of the shapes with their roundings.
+    fn rounded(&self, a: f64, b: f64) -> Self {
+        Self {
+            on_a: self.on_a + self.normal * a,
+            on_b: self.on_b - self.normal * b,
+            distance: self.distance - a - b,
+            ..*self
+        }
+    }
+}
+
+#[cfg(feature = "collision")]
+fn nearest(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, limit: f64) -> Option<Nearest> {
+    convex::nearest(a, b, b_in_a, limit)
+}
+
+#[cfg(not(feature = "collision"))]
+fn nearest(_: &Geometry, _: &Geometry, _: &RigidShift<f64>, _: f64) -> Option<Nearest> {
+    None
+}
+
+/// The nearest points of two shapes up to a distance; `None` beyond it. `b_in_a` is the pose of b in the frame of a.
+pub(crate) fn distance(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, limit: f64) -> Option<Nearest> {
+    match (&a.kind, &b.kind) {
+        (Kind::HalfSpace, _) => {
+            let down = b_in_a.rotate_back(&-Vector3::z());
+            let low = b_in_a.rotate(&b.farthest(&down)) + b_in_a.lever;
+            let gap = low[2] - b.rounding;
+            let on_a = Vector3::new(low[0], low[1], 0.0);
+            let on_b = Vector3::new(low[0], low[1], gap);
+            (gap <= limit).then_some(Nearest { on_a, on_b, normal: Vector3::z(), distance: gap })
+        }
+        (_, Kind::HalfSpace) | (_, Kind::Heights(_)) if !matches!(a.kind, Kind::Heights(_)) => {
+            Some(distance(b, a, &b_in_a.inverse(), limit)?.exchanged(&b_in_a.inverse()))
+        }
+        (Kind::Heights(of), _) => {
+            let each = near_triangles(of, b, b_in_a, limit);
+            let each = each.into_iter().filter_map(|triangle| {
+                let ground = Geometry::of_triangle(&triangle);
+                distance(&ground, b, b_in_a, limit).map(|found| above(&ground, found, b, b_in_a))
+            });
+            each.min_by(|x, y| x.distance.total_cmp(&y.distance))
+        }
+        _ => {
+            let both = a.rounding + b.rounding;
+            nearest(a, b, b_in_a, limit + both).map(|found| found.rounded(a.rounding, b.rounding))
+        }
+    }
+    .filter(|found| found.distance <= limit)
+}
+
+/// A contact with a triangle of the ground is above it: below, its distance is that of the lowest point.
+fn above(ground: &Geometry, found: Nearest, b: &Geometry, b_in_a: &RigidShift<f64>) -> Nearest {
+    let Some(face) = ground.polyhedron().and_then(|of| of.faces.first().map(|face| (face.normal, of.corners[0])))
+    else {
+        return found;
+    };
+    let (normal, corner) = face;
+    if found.normal.dot(&normal) > 0.0 && found.distance >= 0.0 {
+        return found;
+    }
+    let low = b_in_a.rotate(&b.farthest(&b_in_a.rotate_back(&-normal))) + b_in_a.lever - normal * b.rounding;
+    let depth = normal.dot(&(low - corner));
+    Nearest { on_a: low - normal * depth, on_b: low, normal, distance: depth }
+}
+
+/// The possible contacts of two shapes whose gap is at most `reach`. `b_in_a` is the pose of b in the frame of a.
+pub(crate) fn contacts(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, out: &mut Vec<Near>) {
+    let first = out.len();
+    match (&a.kind, &b.kind) {
+        (Kind::HalfSpace, _) => {
+            let normal = b_in_a.rotate_back(&Vector3::z());
+            // n . x = offset in the frame of b.
+            let offset = -b_in_a.lever[2];
+            let plane = Plane { normal, offset, sides: &[] };
+            let against = Against::Plane { normal: Vector3::z(), offset: 0.0 };
+            on_plane(b, &plane, reach, (false, against), out);
+        }
+        (Kind::Heights(of), _) if !b.is_ground() => on_heights(of, b, b_in_a, reach, out),
+        (_, Kind::HalfSpace | Kind::Heights(_)) if !a.is_ground() => {
+            contacts(b, a, &b_in_a.inverse(), reach, out);
+            exchange(&mut out[first..]);
+        }
+        (Kind::Heights(_), _) => {}
+        (Kind::Sphere, Kind::Box(half, _)) => {
+            let center = b_in_a.rotate_back(&-b_in_a.lever);
+            let gap = from_box(half, &center) - a.rounding;
+            push(out, reach, true, (Vector3::zeros(), a.rounding), Against::Box(*half), gap);
+        }
+        (Kind::Box(..), Kind::Sphere) => {
+            contacts(b, a, &b_in_a.inverse(), reach, out);
+            exchange(&mut out[first..]);
+        }
+        _ => on_convex(a, b, b_in_a, reach, out),
+    }
+}
+
+/// The distance of a point from a box; negative inside.
+fn from_box(half: &Vector3<f64>, x: &Vector3<f64>) -> f64 {
+    let beyond = x.zip_map(half, |x, half| x.abs() - half);
+    let outside = beyond.map(|x| x.max(0.0)).norm();
+    if outside > 0.0 { outside } else { beyond.max() }
+}
+
+fn exchange(of: &mut [Near]) {
+    for near in of {
+        near.on_first = !near.on_first;
+    }
+}
+
+fn push(
+    out: &mut Vec<Near>,
+    reach: f64,
+    on_first: bool,
+    (center, radius): (Vector3<f64>, f64),
+    against: Against,
+    gap: f64,
+) {
+    if gap <= reach {
+        out.push(Near { on_first, center, radius, against, gap });
+    }
+}
+
+/// A plane in the frame of the shape that touches it, and the sides of its face there; without sides it has no end.
+struct Plane<'a> {
+    normal: Vector3<f64>,
+    offset: f64,
+    sides: &'a [Vector3<f64>],
+}
+
+impl Geometry {
+    pub fn is_ground(&self) -> bool {
+        matches!(self.kind, Kind::HalfSpace | Kind::Heights(_))
+    }
+
+    /// The farthest point in a direction, without rounding.
+    fn farthest(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+        let lines = |half: f64| Vector3::new(0.0, 0.0, half.copysign(direction[2]));
+        match &self.kind {
+            Kind::HalfSpace | Kind::Heights(_) | Kind::Sphere => Vector3::zeros(),
+            Kind::Capsule(half) => lines(*half),
+            Kind::Box(half, _) => half.zip_map(direction, f64::copysign),
+            Kind::Cylinder(half, radius) => {
+                let across = direction[0].hypot(direction[1]);
+                let out = if across > 0.0 { radius / across } else { 0.0 };
+                lines(*half) + Vector3::new(direction[0] * out, direction[1] * out, 0.0)
+            }
+            Kind::Hull(of) => of.farthest(direction),
+        }
+    }
+
+    fn of_triangle(corners: &[Vector3<f64>; 3]) -> Self {
+        let of = Polyhedron::of_triangle(corners);
+        let (low, high) = (corners[0].inf(&corners[1]).inf(&corners[2]), corners[0].sup(&corners[1]).sup(&corners[2]));
+        Self { kind: Kind::Hull(of.into()), center: (low + high) * 0.5, half: (high - low) * 0.5, rounding: 0.0 }
+    }
+
+    /// The face whose normal is nearest to a direction: its normal and its corners.
+    fn face_toward(&self, direction: &Vector3<f64>) -> Option<(Vector3<f64>, Vec<Vector3<f64>>)> {
+        if let Kind::Cylinder(half, radius) = self.kind {
+            let up = 1.0_f64.copysign(direction[2]);
+            let mut corners = rim(half * up, radius, &Vector3::x());
+            if up < 0.0 {
+                corners.reverse();
+            }
+            return Some((Vector3::z() * up, corners));
+        }
+        let of = self.polyhedron()?;
+        of.face_toward(direction).map(|face| (face.normal, of.polygon(face)))
+    }
+
+    /// The sphere that stands for the shape about one of its points without rounding: that of its side for a cylinder.
+    fn sphere_about(&self, x: &Vector3<f64>) -> (Vector3<f64>, f64) {
+        match self.kind {
+            Kind::Cylinder(half, radius)
+                if x[2].abs() < half * (1.0 - 1e-9) && x[0].hypot(x[1]) > radius * (1.0 - 1e-6) =>
+            {
+                (Vector3::new(0.0, 0.0, x[2]), radius)
+            }
+            _ => (*x, self.rounding),
+        }
+    }
+
+    /// Its line along z, for a capsule or the side of a cylinder: half of the length, and the radius about it.
+    fn line(&self) -> Option<(f64, f64)> {
+        match self.kind {
+            Kind::Capsule(half) => Some((half, self.rounding)),
+            Kind::Cylinder(half, radius) => Some((half, radius)),
+            _ => None,
+        }
+    }
+}
+
+/// The contacts of a shape with a plane, given in its frame.
+fn on_plane(
+    shape: &Geometry,
+    plane: &Plane<'_>,
+    reach: f64,
+    (on_first, against): (bool, Against),
+    out: &mut Vec<Near>,
+) {
+    let (n, sides) = (&plane.normal, plane.sides);
+    let height = |x: &Vector3<f64>| n.dot(x) - plane.offset;
+    let inside = |points: Vec<Vector3<f64>>| if sides.is_empty() { points } else { clip(points, sides, n) };
+    let mut add = |center: Vector3<f64>, radius: f64| {
+        let gap = height(&center) - radius;
+        push(out, reach, on_first, (center, radius), against, gap);
+    };
+    let points = match &shape.kind {
+        Kind::HalfSpace | Kind::Heights(_) => return,
+        Kind::Sphere => vec![Vector3::zeros()],
+        Kind::Capsule(half) => vec![Vector3::new(0.0, 0.0, -half), Vector3::new(0.0, 0.0, *half)],
+        Kind::Cylinder(half, radius) => {
+            let across = Vector3::new(n[0], n[1], 0.0);
+            let sine = across.norm();
+            if sine >= FLAT {
+                // The sphere through the rim that touches the plane at the lowest point of the rim rolls as the rim.
+                let lowest = across * (-radius / sine);
+                let ends = [-half, *half].map(|z| lowest + Vector3::new(0.0, 0.0, z)).to_vec();
+                for point in inside(ends) {
+                    add(point + n * (radius / sine), radius / sine);
+                }
+                return;
+            }
+            let lowest = if sine > 1e-9 { -across } else { Vector3::x() };
+            rim(-half.copysign(n[2]), *radius, &lowest)
+        }
+        Kind::Box(_, of) | Kind::Hull(of) => {
+            let mut low: Vec<Vector3<f64>> = of.corners.iter().filter(|x| height(x) <= reach).copied().collect();
+            if !sides.is_empty() {
+                low.retain(|x| !clip(vec![*x], sides, n).is_empty());
+                // Where the sides cut the lowest face.
+                if let Some(face) = of.face_toward(&-n) {
+                    let cut = clip(of.polygon(face), sides, n);
+                    let size = shape.half.norm();
+                    let is_new = |x: &Vector3<f64>| !low.iter().any(|known| (known - x).norm() <= 1e-9 * size);
+                    let cut: Vec<_> = cut.into_iter().filter(|x| height(x) <= reach && is_new(x)).collect();
+                    low.extend(cut);
+                }
+            }
+            low.retain(|x| height(x) <= reach);
+            let gaps: Vec<f64> = low.iter().map(height).collect();
+            for i in spanning(&low, &gaps, n) {
+                add(low[i], 0.0);
+            }
+            return;
+        }
+    };
+    let points: Vec<_> = inside(points).into_iter().filter(|x| height(x) - shape.rounding <= reach).collect();
+    let gaps: Vec<f64> = points.iter().map(height).collect();
+    for i in spanning(&points, &gaps, n) {
+        add(points[i], shape.rounding);
+    }
+}
+
+/// The contacts of two convex shapes.
+fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, out: &mut Vec<Near>) {
+    let first = out.len();
+    let core_reach = reach + a.rounding + b.rounding;
+    let Some(found) = separation(a, b, b_in_a, core_reach) else { return };
+    let (normal, into_b) = (found.normal, -b_in_a.rotate_back(&found.normal));
+    // A normal between points that almost touch has the rounding errors of their positions.
+    let size = a.half.norm().min(1e6) + b.half.norm().min(1e6);
+    let slack = ALIGNED + 1e-14 * size / found.distance.abs().max(1e-30);
+    let slack = slack.min(0.1);
+    let aligned = |shape: &Geometry, toward: &Vector3<f64>| {
+        let face = shape.face_toward(toward)?;
+        let sine = face.0.cross(toward).norm();
+        (face.0.dot(toward) > 0.0 && sine <= slack).then_some((sine, face))
+    };
+    let (on_a, on_b) = (aligned(a, &normal), aligned(b, &into_b));
+    let by_b = match (&on_a, &on_b) {
+        (Some(a), Some(b)) => b.0 <= a.0 + ALIGNED,
+        (None, Some(_)) => true,
+        _ => false,
+    };
+    let (point, face, pose, against_b) = match (on_a, on_b) {
+        (_, Some((_, face))) if by_b => (a, face, b_in_a.inverse(), true),
+        (Some((_, face)), _) => (b, face, *b_in_a, false),
+        _ => {
+            on_features(a, b, b_in_a, reach, &found, out);
+            return;
+        }
+    };
+    // `pose` is that of the shape with the point in the frame of the face.
+    let (face_normal, corners) = face;
+    let offset = face_normal.dot(&corners[0]);
+    let normal = pose.rotate_back(&face_normal);
+    let sides: Vec<Vector3<f64>> = corners.iter().map(|x| pose.rotate_back(&(x - pose.lever))).collect();
+    let plane = Plane { normal, offset: offset - face_normal.dot(&pose.lever), sides: &sides };
+    on_plane(point, &plane, reach, (against_b, Against::Plane { normal: face_normal, offset }), out);
+    if out.len() == first {
+        on_features(a, b, b_in_a, reach, &found, out);
+    }
+}
+
+/// The nearest points without roundings; for two boxes along the axis of the largest separation, if they overlap.
+fn separation(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, limit: f64) -> Option<Nearest> {
+    let found = nearest(a, b, b_in_a, limit)?;
+    let size = a.half.norm() + b.half.norm();
+    if found.distance > 1e-6 * size || a.rounding + b.rounding > 0.0 {
+        return Some(found);
+    }
+    // Of the faces near the normal, that of the least depth: rounding errors decide between the others.
+    let (Some(of_a), Some(of_b)) = (a.polyhedron(), b.polyhedron()) else { return Some(found) };
+    let back = b_in_a.inverse();
+    let depths = |one: &Polyhedron, other: &Geometry, pose: &RigidShift<f64>| {
+        let each = one.faces.iter().map(|face| {
+            let low = pose.rotate(&other.farthest(&pose.rotate_back(&-face.normal))) + pose.lever;
+            (face.normal.dot(&(low - one.corners[face.corners[0]])), face.normal)
+        });
+        each.max_by(|x, y| x.0.total_cmp(&y.0))
+    };
+    let few = of_a.faces.len() <= 64 && of_b.faces.len() <= 64;
+    if !few {
+        return Some(found);
+    }
+    let best = |x: Option<(f64, Vector3<f64>)>, turn: &dyn Fn(Vector3<f64>) -> Vector3<f64>| {
+        x.map(|(depth, normal)| (depth, turn(normal)))
+    };
+    let by_a = best(depths(of_a, b, b_in_a), &|n| n);
+    let by_b = best(depths(of_b, a, &back), &|n| -b_in_a.rotate(&n));
+    let (depth, normal) = match (by_a, by_b) {
+        (Some(a), Some(b)) => {
+            if a.0 > b.0 + 1e-9 * size {
+                a
+            } else {
+                b
+            }
+        }
+        (Some(a), None) | (None, Some(a)) => a,
+        _ => return Some(found),
+    };
+    // An edge against an edge is less deep than every face.
+    if depth < found.distance - 1e-9 * size { Some(found) } else { Some(Nearest { normal, distance: depth, ..found }) }
+}
+
+/// The contact of edges, corners and round sides: one point, or two of parallel lines.
+fn on_features(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, found: &Nearest, out: &mut Vec<Near>) {
+    if let (Some(own), Some(other)) = (a.line(), b.line())
+        && on_lines(own, other, b_in_a, reach, found, out)
+    {
+        return;
+    }
+    let on_b = b_in_a.rotate_back(&(found.on_b - b_in_a.lever));
+    let ((center, radius), (other, other_radius)) = (a.sphere_about(&found.on_a), b.sphere_about(&on_b));
+    let apart = b_in_a.rotate(&other) + b_in_a.lever - center;
+    let gap = apart.norm() - radius - other_radius;
+    let is_outside = found.distance > 0.0 || (radius + other_radius > 0.0 && apart.dot(&found.normal) > 0.0);
+    if is_outside && radius + other_radius > 0.0 {
+        let against = Against::Sphere { center: other, radius: other_radius };
+        push(out, reach, true, (center, radius), against, gap);
+        return;
+    }
+    // The normal stays on b.
+    let normal = -b_in_a.rotate_back(&found.normal);
+    let against = Against::Plane { normal, offset: normal.dot(&on_b) + b.rounding };
+    push(out, reach, true, (found.on_a, a.rounding), against, found.distance - a.rounding - b.rounding);
+}
+
+/// The contacts of two lines with radii about them, if they are parallel and beside each other.
+fn on_lines(
+    (half, radius): (f64, f64),
+    (other_half, other_radius): (f64, f64),
+    b_in_a: &RigidShift<f64>,
+    reach: f64,
+    found: &Nearest,
+    out: &mut Vec<Near>,
+) -> bool {
+    let along = b_in_a.rotate(&Vector3::z());
+    if along[0].hypot(along[1]) > PARALLEL || found.normal[2].abs() > PARALLEL {
+        return false;
+    }
+    let middle = b_in_a.lever[2];
+    let (low, high) = ((-half).max(middle - other_half), half.min(middle + other_half));
+    if !(low < high) {
+        return false;
+    }
+    for z in [low, high] {
+        let center = Vector3::new(0.0, 0.0, z);
+        let at = Vector3::new(0.0, 0.0, (z - middle) * 1.0_f64.copysign(along[2]));
+        let gap = (b_in_a.rotate(&at) + b_in_a.lever - center).norm() - radius - other_radius;
+        push(out, reach, true, (center, radius), Against::Sphere { center: at, radius: other_radius }, gap);
+    }
+    true
+}
+
+/// The triangles of the ground near a shape.
+fn near_triangles(of: &Heights, shape: &Geometry, pose: &RigidShift<f64>, reach: f64) -> Vec<[Vector3<f64>; 3]> {
+    let (center, half) = shape.bounds(pose);
+    let low = [center[0] - half[0] - reach, center[1] - half[1] - reach];
+    let high = [center[0] + half[0] + reach, center[1] + half[1] + reach];
+    let bottom = center[2] - half[2] - reach;
+    of.triangles(low, high).filter(|t| t.iter().any(|x| x[2] >= bottom)).collect()
+}
+
+/// The contacts of a shape with a height field.
+fn on_heights(of: &Heights, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, out: &mut Vec<Near>) {
+    let first = out.len();
+    for corners in near_triangles(of, b, b_in_a, reach) {
+        let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).normalize();
+        let sides = corners.map(|x| b_in_a.rotate_back(&(x - b_in_a.lever)));
+        let offset = normal.dot(&corners[0]);
+        let plane =
+            Plane { normal: b_in_a.rotate_back(&normal), offset: offset - normal.dot(&b_in_a.lever), sides: &sides };
+        let from = out.len();
+        on_plane(b, &plane, reach, (false, Against::Plane { normal, offset }), out);
+        if out.len() > from {
+            continue;
+        }
+        // A ridge or a peak.
+        let ground = Geometry::of_triangle(&corners);
+        let Some(found) = nearest(&ground, b, b_in_a, reach + b.rounding) else { continue };
+        if found.distance > 0.0 && found.normal.dot(&normal) > 0.0 {
+            on_features(&ground, b, b_in_a, reach, &found, out);
+        }
+    }
+    // Neighbors share corners.
+    let mut kept: Vec<Near> = Vec::new();
+    for near in out.drain(first..) {
+        let same = |known: &Near| {
+            known.on_first == near.on_first && (known.center - near.center).norm() <= 1e-9 * (1.0 + near.radius)
+        };
+        if !kept.iter().any(same) {
+            kept.push(near);
+        }
+    }
+    out.extend(kept);
+}

@@ -1,0 +1,93 @@
+//! Convex polyhedra by their faces.
+
+use nalgebra::Vector3;
+
+/// A polyhedron with more corners than this is searched along its edges.
+const MANY: usize = 32;
+
+/// A convex polyhedron.
+#[derive(Debug, Clone)]
+pub(crate) struct Polyhedron {
+    pub corners: Vec<Vector3<f64>>,
+    pub faces: Vec<Face>,
+    /// The corners at the other ends of the edges of each corner, for a polyhedron with many.
+    next: Vec<Vec<usize>>,
+}
+
+/// A face, with its corners counterclockwise seen from outside.
+#[derive(Debug, Clone)]
+pub(crate) struct Face {
+    pub normal: Vector3<f64>,
+    pub corners: Vec<usize>,
+}
+
+impl Polyhedron {
+    pub fn new(corners: Vec<Vector3<f64>>, faces: Vec<Face>) -> Self {
+        let mut next = Vec::new();
+        if corners.len() > MANY {
+            next.resize(corners.len(), Vec::new());
+            for face in &faces {
+                for (at, &i) in face.corners.iter().enumerate() {
+                    next[i].push(face.corners[(at + 1) % face.corners.len()]);
+                    next[face.corners[(at + 1) % face.corners.len()]].push(i);
+                }
+            }
+            for list in &mut next {
+                list.sort_unstable();
+                list.dedup();
+            }
+        }
+        Self { corners, faces, next }
+    }
+
+    pub fn of_box(half: &Vector3<f64>) -> Self {
+        let sign = |bit: usize, i: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+        let corners =
+            (0..8).map(|i| Vector3::new(sign(0, i) * half[0], sign(1, i) * half[1], sign(2, i) * half[2])).collect();
+        let faces = [
+            (-Vector3::x(), [0, 4, 6, 2]),
+            (Vector3::x(), [1, 3, 7, 5]),
+            (-Vector3::y(), [0, 1, 5, 4]),
+            (Vector3::y(), [2, 6, 7, 3]),
+            (-Vector3::z(), [0, 2, 3, 1]),
+            (Vector3::z(), [4, 5, 7, 6]),
+        ];
+        let faces = faces.into_iter().map(|(normal, corners)| Face { normal, corners: corners.to_vec() }).collect();
+        Self::new(corners, faces)
+    }
+
+    /// A triangle with both of its sides.
+    pub fn of_triangle(corners: &[Vector3<f64>; 3]) -> Self {
+        let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).normalize();
+        let faces =
+            [(normal, vec![0, 1, 2]), (-normal, vec![0, 2, 1])].map(|(normal, corners)| Face { normal, corners });
+        Self::new(corners.to_vec(), faces.into())
+    }
+
+    /// The corner farthest in a direction.
+    pub fn farthest(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+        let height = |i: usize| self.corners[i].dot(direction);
+        if self.next.is_empty() {
+            let best = (0..self.corners.len()).max_by(|&i, &j| height(i).total_cmp(&height(j)));
+            return self.corners[best.unwrap_or_default()];
+        }
+        let mut at = 0;
+        loop {
+            let best = self.next[at].iter().copied().max_by(|&i, &j| height(i).total_cmp(&height(j)));
+            match best {
+                Some(best) if height(best) > height(at) => at = best,
+                _ => return self.corners[at],
+            }
+        }
+    }
+
+    /// The face whose normal is nearest to a direction.
+    pub fn face_toward(&self, direction: &Vector3<f64>) -> Option<&Face> {
+        self.faces.iter().max_by(|a, b| a.normal.dot(direction).total_cmp(&b.normal.dot(direction)))
+    }
+
+    /// The corners of a face.
+    pub fn polygon(&self, face: &Face) -> Vec<Vector3<f64>> {
+        face.corners.iter().map(|&i| self.corners[i]).collect()
+    }
+}

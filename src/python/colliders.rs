@@ -1,0 +1,240 @@
+//! Colliders: the methods of `SceneBuilder` that add them, and their tuples for pickling.
+
+use super::builder::PySceneBuilder;
+use super::connection_tuple::{FrameTuple, frame_from, frame_tuple};
+use super::object::{Object, imported};
+use super::scene::PyScene;
+use crate::error::Error;
+use crate::scene::{Collider, ColliderPair, Solid};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+/// A shape as numbers: its kind, its lengths, and the points of a hull or the heights of a field.
+type SolidTuple = (String, Vec<f64>, Vec<[f64; 3]>);
+
+/// A collider as numbers and names: name, link, frame, shape, friction, restitution, groups and mask.
+pub(super) type ColliderTuple = (String, Option<String>, FrameTuple, SolidTuple, f64, f64, u32, u32);
+
+/// The colliders, the pairs with their values, the excluded pairs of links, and whether parents touch children.
+pub(super) type CollisionTuple =
+    (Vec<ColliderTuple>, Vec<([String; 2], Option<f64>, Option<f64>, f64)>, Vec<[Option<String>; 2]>, bool);
+
+fn solid_tuple(solid: &Solid) -> SolidTuple {
+    let (numbers, points) = match solid {
+        Solid::Sphere { radius } => (vec![*radius], Vec::new()),
+        Solid::Capsule { radius, length } | Solid::Cylinder { radius, length } => (vec![*radius, *length], Vec::new()),
+        Solid::Box { size } => (size.as_slice().to_vec(), Vec::new()),
+        Solid::Hull { points } => (Vec::new(), points.iter().map(|&x| x.into()).collect()),
+        Solid::Heights { heights, columns, size } => {
+            #[allow(clippy::cast_precision_loss)] // number of columns of a grid
+            let numbers = [*columns as f64, size[0], size[1]].into_iter().chain(heights.iter().copied());
+            (numbers.collect(), Vec::new())
+        }
+        _ => (Vec::new(), Vec::new()),
+    };
+    (solid.name().to_owned(), numbers, points)
+}
+
+fn solid_of((kind, numbers, points): SolidTuple) -> Result<Solid, Error> {
+    Ok(match (kind.as_str(), &numbers[..]) {
+        ("half space", _) => Solid::HalfSpace,
+        ("sphere", &[radius]) => Solid::Sphere { radius },
+        ("capsule", &[radius, length]) => Solid::Capsule { radius, length },
+        ("cylinder", &[radius, length]) => Solid::Cylinder { radius, length },
+        ("box", &[x, y, z]) => Solid::Box { size: [x, y, z].into() },
+        ("hull", _) => Solid::Hull { points: points.into_iter().map(Into::into).collect() },
+        ("height field", [columns, x, y, heights @ ..]) => {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count
+            let columns = *columns as usize;
+            Solid::Heights { heights: heights.into(), columns, size: [*x, *y] }
+        }
+        _ => return Err(Error::argument("shape", format!("{kind:?} with {} numbers", numbers.len()), "a shape")),
+    })
+}
+
+/// The complete description of the colliders of a builder.
+pub(super) fn collision_tuple(source: &crate::scene::SceneBuilder) -> CollisionTuple {
+    let of = |of: &Collider| {
+        let Collider { name, link, frame, solid, friction, restitution, groups, mask } = of;
+        (name.clone(), link.clone(), frame_tuple(frame), solid_tuple(solid), *friction, *restitution, *groups, *mask)
+    };
+    let (pairs, excluded, with_parents) = source.collision_rules();
+    let pairs = pairs.iter().map(|of| (of.colliders.clone(), of.friction, of.restitution, of.margin)).collect();
+    (source.colliders().iter().map(of).collect(), pairs, excluded.to_vec(), with_parents)
+}
+
+fn collider_of(tuple: ColliderTuple) -> Result<Collider, Error> {
+    let (name, link, frame, solid, friction, restitution, groups, mask) = tuple;
+    let made = Collider::new(name, solid_of(solid)?).with_link(link).with_frame(frame_from(frame));
+    Ok(made.with_friction(friction).with_restitution(restitution).with_groups(groups).with_mask(mask))
+}
+
+/// Adds the colliders of a tuple.
+pub(super) fn with_collisions(
+    mut builder: crate::scene::SceneBuilder,
+    (colliders, pairs, excluded, with_parents): CollisionTuple,
+) -> Result<crate::scene::SceneBuilder, Error> {
+    for collider in colliders {
+        builder = builder.collider(collider_of(collider)?);
+    }
+    for ([first, second], friction, restitution, margin) in pairs {
+        let pair = ColliderPair::new(first, second).with_friction(friction).with_restitution(restitution);
+        builder = builder.collider_pair(pair.with_margin(margin));
+    }
+    for links in excluded {
+        builder = builder.exclude(links);
+    }
+    Ok(builder.collisions_with_parents(with_parents))
+}
+
+/// Reads a shape of phipsi.shapes: its frame and its numbers.
+fn read_shape(subject: &str, shape: &Object<'_>) -> PyResult<(FrameTuple, Solid)> {
+    let read = imported!(shape.py(), "phipsi.shapes", "solid_of")?.call1((subject, shape))?;
+    let (frame, solid): (FrameTuple, SolidTuple) = read.extract()?;
+    Ok((frame, solid_of(solid)?))
+}
+
+/// The colliders of the shapes of a link.
+pub(super) fn colliders_of_link(link: &str, shape: Option<&Object<'_>>, friction: f64) -> PyResult<Vec<Collider>> {
+    let Some(shape) = shape else {
+        let expected = "a shape: collide says that it touches others";
+        return Err(Error::argument(format!("collide of link {link:?}"), "no shape", expected).into());
+    };
+    let all: Vec<Object<'_>> = imported!(shape.py(), "phipsi.shapes", "listed")?.call1((shape,))?.extract()?;
+    let several = all.len() > 1;
+    let named = |at: usize| if several { format!("{link}/{at}") } else { link.to_owned() };
+    let made = all.iter().enumerate().map(|(at, shape)| {
+        let (frame, solid) = read_shape(&format!("link {link:?}"), shape)?;
+        let made = Collider::new(named(at), solid).with_link(Some(link.to_owned())).with_frame(frame_from(frame));
+        Ok(made.with_friction(friction))
+    });
+    made.collect()
+}
+
+#[pymethods]
+impl PySceneBuilder {
+    /// Add a shape that touches the other colliders in simulations.
+    #[doc = section!(Parameters)]
+    /// name : str
+    ///     Name of the collider.
+    /// shape : phipsi.shapes.Box, Sphere, Cylinder, Capsule, Mesh, Hull, HalfSpace or HeightField
+    ///     The shape. A mesh stands for its convex hull.
+    /// link : str, optional
+    ///     Name of the link that carries it. It may be added later. None: the base.
+    /// friction : float, default 1
+    ///     Coefficient of Coulomb friction, not negative. Of two shapes that touch, the larger one counts.
+    /// restitution : float, default 0
+    ///     Coefficient of restitution, from 0 (no rebound) to 1 (elastic). Of two shapes, the larger one counts.
+    /// groups : int, default 1
+    ///     Groups that the shape belongs to, as bits.
+    /// mask : int, default 1
+    ///     Groups that it can touch, as bits: two shapes can touch if `groups` of one and `mask` of the other have a bit
+    ///     in common.
+    #[doc = returns!(builder)]
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     An invalid shape. The message names the collider.
+    #[doc = section!(Notes)]
+    /// Shapes on links that cannot move against each other do not touch, nor do those of parent and child, unless the
+    /// parent cannot move, or collisions_with_parents allows it. build() raises SceneError for duplicate names, unknown
+    /// links, a half space or a height field on a link that moves, points without volume, and values out of range.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
+    /// >>> builder.collider("ground", phipsi.shapes.HalfSpace()).build(floating_base=True).collider_names
+    /// ('ball', 'ground')
+    #[pyo3(signature = (name, shape, *, link=None, friction=1.0, restitution=0.0, groups=1, mask=1))]
+    fn collider<'py>(
+        mut slf: PyRefMut<'py, Self>,
+        name: String,
+        shape: &Object<'py>,
+        link: Option<String>,
+        friction: f64,
+        restitution: f64,
+        groups: u32,
+        mask: u32,
+    ) -> PyResult<PyRefMut<'py, Self>> {
+        let (frame, solid) = read_shape(&format!("collider {name:?}"), shape)?;
+        let made = Collider::new(name, solid).with_link(link).with_frame(frame_from(frame)).with_friction(friction);
+        slf.change(|builder| builder.collider(made.with_restitution(restitution).with_groups(groups).with_mask(mask)));
+        Ok(slf)
+    }
+
+    /// Let two colliders touch in any case, with values of their own.
+    #[doc = section!(Parameters)]
+    /// first, second : str
+    ///     Names of the colliders. They may be added later.
+    /// friction : float, optional
+    ///     Coefficient of Coulomb friction. None: the larger one of both.
+    /// restitution : float, optional
+    ///     Coefficient of restitution. None: the larger one of both.
+    /// margin : float, default 0
+    ///     Distance at which the contact begins to act, m.
+    #[doc = returns!(builder)]
+    #[doc = section!(Notes)]
+    /// build() raises SceneError for names that do not exist, for shapes that cannot move against each other, and for
+    /// values out of range.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
+    /// >>> builder = builder.collider("ground", phipsi.shapes.HalfSpace()).collider_pair("ball", "ground", friction=0.3)
+    #[pyo3(signature = (first, second, *, friction=None, restitution=None, margin=0.0))]
+    fn collider_pair(
+        mut slf: PyRefMut<'_, Self>,
+        first: String,
+        second: String,
+        friction: Option<f64>,
+        restitution: Option<f64>,
+        margin: f64,
+    ) -> PyRefMut<'_, Self> {
+        let pair = ColliderPair::new(first, second).with_friction(friction).with_restitution(restitution);
+        slf.change(|builder| builder.collider_pair(pair.with_margin(margin)));
+        slf
+    }
+
+    /// Exclude the colliders of two links from touching each other.
+    #[doc = section!(Parameters)]
+    /// first, second : str or None
+    ///     Names of the links; None: the base.
+    #[doc = returns!(builder)]
+    #[doc = section!(Notes)]
+    /// collider_pair prevails. build() raises SceneError for an unknown link.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("a").link("b", mass=1.0).joint("hinge", "revolute", "a", "b")
+    /// >>> builder.exclude("a", "b").build().nv
+    /// 1
+    #[pyo3(signature = (first, second))]
+    fn exclude(mut slf: PyRefMut<'_, Self>, first: Option<String>, second: Option<String>) -> PyRefMut<'_, Self> {
+        slf.change(|builder| builder.exclude([first, second]));
+        slf
+    }
+
+    /// Set whether the colliders of a link touch those of its parent.
+    #[doc = section!(Parameters)]
+    /// allowed : bool
+    ///     True: they touch. By default they do not, unless the parent cannot move.
+    #[doc = returns!(builder)]
+    #[doc = section!(Examples)]
+    /// >>> phipsi.SceneBuilder().link("a").collisions_with_parents(True).build().nv
+    /// 0
+    #[pyo3(signature = (allowed))]
+    fn collisions_with_parents(mut slf: PyRefMut<'_, Self>, allowed: bool) -> PyRefMut<'_, Self> {
+        slf.change(|builder| builder.collisions_with_parents(allowed));
+        slf
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// Names of the colliders in the order of their creation.
+    #[getter]
+    fn collider_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.scene.colliders().iter().map(|collider| &collider.name).collect::<Vec<_>>())
+    }
+
+    /// The colliders, their pairs and rules, as plain tuples.
+    #[pyo3(name = "_collisions")]
+    fn collisions_as_given(&self) -> CollisionTuple {
+        collision_tuple(self.scene.source())
+    }
+}

@@ -1,0 +1,358 @@
+//! Colliders: shapes on links that touch each other in simulations, and the rules that say which pairs can.
+
+use super::Scene;
+use super::connection::frame_fault;
+use crate::collision::{Geometry, Solid};
+use crate::error::{Error, known_names, number};
+use crate::setters::setters;
+use crate::spatial::RigidShift;
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
+/// A shape on a link, or on the base, that touches others in simulations.
+///
+/// Two colliders can touch if the links that carry them can move against each other, if a bit of the groups of one is a
+/// bit of the mask of the other, if their links are not parent and child (a child of the base touches the base), and if
+/// [`SceneBuilder::exclude`](super::SceneBuilder::exclude) does not name their links; or if a [`ColliderPair`] names
+/// them. The friction and the restitution of a pair are the larger ones of both.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Collider {
+    /// Name, unique among the colliders.
+    pub name: String,
+    /// Name of the link that carries it; `None` for the base.
+    pub link: Option<String>,
+    /// Pose of its frame in the frame of that link, or in the base frame.
+    pub frame: RigidShift<f64>,
+    /// The shape.
+    pub solid: Solid,
+    /// Coefficient of friction, zero or positive.
+    pub friction: f64,
+    /// Coefficient of restitution, from 0 (perfectly inelastic) to 1 (elastic).
+    pub restitution: f64,
+    /// The groups that it belongs to, as bits.
+    pub groups: u32,
+    /// The groups that it can touch, as bits.
+    pub mask: u32,
+}
+
+setters!(Collider {
+    with_name: name => String,
+    with_link: link => Option<String>,
+    with_frame: frame: RigidShift<f64>,
+    with_solid: solid: Solid,
+    with_friction: friction: f64,
+    with_restitution: restitution: f64,
+    with_groups: groups: u32,
+    with_mask: mask: u32,
+});
+
+impl Collider {
+    /// A collider about the origin of the base frame, with a friction of 1, without restitution, in group 1.
+    pub fn new(name: impl Into<String>, solid: Solid) -> Self {
+        Self {
+            name: name.into(),
+            link: None,
+            frame: RigidShift::identity(),
+            solid,
+            friction: 1.0,
+            restitution: 0.0,
+            groups: 1,
+            mask: 1,
+        }
+    }
+}
+
+/// Two colliders that can touch in any case, with their own values.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct ColliderPair {
+    /// Names of the colliders.
+    pub colliders: [String; 2],
+    /// Coefficient of friction; `None` for the larger one of both.
+    pub friction: Option<f64>,
+    /// Coefficient of restitution; `None` for the larger one of both.
+    pub restitution: Option<f64>,
+    /// Distance at which the contact begins to act, m.
+    pub margin: f64,
+}
+
+setters!(ColliderPair {
+    with_friction: friction: Option<f64>,
+    with_restitution: restitution: Option<f64>,
+    with_margin: margin: f64,
+});
+
+impl ColliderPair {
+    /// A pair with the values of its colliders.
+    pub fn new(first: impl Into<String>, second: impl Into<String>) -> Self {
+        Self { colliders: [first.into(), second.into()], friction: None, restitution: None, margin: 0.0 }
+    }
+}
+
+/// The colliders of a builder, and their rules.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct ColliderRules {
+    pub colliders: Vec<Collider>,
+    pub pairs: Vec<ColliderPair>,
+    /// Pairs of links whose colliders do not touch; `None` for the base.
+    pub excluded: Vec<[Option<String>; 2]>,
+    /// True if parent and child can touch too.
+    pub with_parents: bool,
+}
+
+/// A collider of a scene.
+#[derive(Debug, Clone)]
+pub(crate) struct Placed {
+    pub name: Arc<str>,
+    /// The body that carries it; `None` for the base or for a link that cannot move.
+    pub body: Option<usize>,
+    /// Pose in the frame of that body.
+    pub frame: RigidShift<f64>,
+    pub geometry: Geometry,
+    pub friction: f64,
+    pub restitution: f64,
+}
+
+/// What a pair has of its own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct PairValues {
+    pub friction: f64,
+    pub restitution: f64,
+    pub margin: f64,
+}
+
+/// The colliders of a scene by index, and the pairs that can touch.
+#[derive(Debug, Clone)]
+pub(crate) struct Colliders {
+    pub all: Vec<Placed>,
+    /// Whether i touches j, at i n + j.
+    touch: Vec<bool>,
+    given: HashMap<(usize, usize), PairValues>,
+    /// The largest margin, m.
+    pub margin: f64,
+}
+
+impl Colliders {
+    /// True if these can touch.
+    pub fn can_touch(&self, i: usize, j: usize) -> bool {
+        self.touch[i * self.all.len() + j]
+    }
+
+    /// The values of a pair.
+    pub fn values(&self, i: usize, j: usize) -> PairValues {
+        let (a, b) = (&self.all[i], &self.all[j]);
+        let mixed = || PairValues {
+            friction: a.friction.max(b.friction),
+            restitution: a.restitution.max(b.restitution),
+            margin: 0.0,
+        };
+        if self.given.is_empty() {
+            mixed()
+        } else {
+            self.given.get(&(i.min(j), i.max(j))).copied().unwrap_or_else(mixed)
+        }
+    }
+}
+
+fn fault(name: &str, found: impl Into<String>, expected: impl Into<String>) -> Error {
+    Error::scene(format!("collider {name:?}"), found, expected)
+}
+
+impl Collider {
+    fn check_numbers(&self) -> Result<(), Error> {
+        if let Some((found, expected)) = self.solid.fault() {
+            return Err(fault(&self.name, format!("a {} with {found}", self.solid.name()), expected));
+        }
+        check_values(&format!("collider {:?}", self.name), Some(self.friction), Some(self.restitution))?;
+        let Some((found, expected)) = frame_fault(&self.frame) else { return Ok(()) };
+        Err(fault(&self.name, format!("a frame {found}"), expected))
+    }
+}
+
+fn check_values(subject: &str, friction: Option<f64>, restitution: Option<f64>) -> Result<(), Error> {
+    if let Some(friction) = friction.filter(|value| !(value.is_finite() && *value >= 0.0)) {
+        let expected = "a finite number, zero or positive";
+        return Err(Error::scene(subject, format!("friction {}", number(friction)), expected));
+    }
+    if let Some(restitution) = restitution.filter(|value| !(0.0..=1.0).contains(value)) {
+        return Err(Error::scene(subject, format!("restitution {}", number(restitution)), "a number from 0 to 1"));
+    }
+    Ok(())
+}
+
+impl Scene {
+    /// The colliders, in order of creation.
+    #[must_use]
+    pub fn colliders(&self) -> &[Collider] {
+        self.source().colliders()
+    }
+
+    /// The colliders by index, if any of them can touch another.
+    pub(crate) fn shapes(&self) -> Option<&Arc<Colliders>> {
+        self.shapes.as_ref()
+    }
+
+    /// True if it has contacts, or colliders that can touch.
+    pub(crate) fn touches(&self) -> bool {
+        !self.contacts().is_empty() || self.shapes.is_some()
+    }
+
+    /// Adds the colliders to the scene of an assembled tree, after checking them.
+    pub(super) fn colliding(mut self) -> Result<Self, Error> {
+        let rules = &self.source.collisions;
+        if rules.colliders.is_empty() {
+            return self.check_rules().map(|()| self);
+        }
+        let mut all = Vec::with_capacity(rules.colliders.len());
+        let mut names = HashSet::new();
+        for collider in &rules.colliders {
+            if !names.insert(collider.name.as_str()) {
+                return Err(fault(&collider.name, "a duplicate name", "unique names of colliders"));
+            }
+            collider.check_numbers()?;
+            all.push(self.placed(collider)?);
+        }
+        self.check_rules()?;
+        let n = all.len();
+        let index: HashMap<&str, usize> =
+            rules.colliders.iter().enumerate().map(|(i, of)| (of.name.as_str(), i)).collect();
+        let mut touch = vec![false; n * n];
+        let excluded = self.excluded();
+        for i in 0..n {
+            for j in i + 1..n {
+                let may = self.may_touch((i, j), &all, &excluded);
+                (touch[i * n + j], touch[j * n + i]) = (may, may);
+            }
+        }
+        let (mut given, mut margin) = (HashMap::new(), 0.0_f64);
+        let free = Colliders { all, touch, given: HashMap::new(), margin };
+        for pair in &rules.pairs {
+            let [i, j] = [0, 1].map(|end| index.get(pair.colliders[end].as_str()).copied().unwrap_or_default());
+            let mixed = free.values(i, j);
+            let values = PairValues {
+                friction: pair.friction.unwrap_or(mixed.friction),
+                restitution: pair.restitution.unwrap_or(mixed.restitution),
+                margin: pair.margin,
+            };
+            if self.carrier(free.all[i].body) == self.carrier(free.all[j].body) {
+                continue;
+            }
+            given.insert((i.min(j), i.max(j)), values);
+            margin = margin.max(pair.margin);
+        }
+        let Colliders { all, mut touch, .. } = free;
+        for &(i, j) in given.keys() {
+            (touch[i * n + j], touch[j * n + i]) = (true, true);
+        }
+        if touch.iter().any(|&may| may) {
+            self.shapes = Some(Arc::new(Colliders { all, touch, given, margin }));
+        }
+        Ok(self)
+    }
+
+    /// A collider on its body.
+    fn placed(&self, collider: &Collider) -> Result<Placed, Error> {
+        let link = collider.link.as_ref().map(|name| self.link_of_collider(&collider.name, name)).transpose()?;
+        let body = self.carrier(link.and_then(|link| link.body)).and_then(|_| link.and_then(|link| link.body));
+        if collider.solid.is_ground() && body.is_some() {
+            let found = format!("a {} on a link that moves", collider.solid.name());
+            return Err(fault(&collider.name, found, "a link that no joint moves, or the base"));
+        }
+        let (mut frame, link_body) = (collider.frame, link.and_then(|link| link.body));
+        if let Some(link) = link {
+            frame = link.placement.compose(&frame);
+        }
+        if body.is_none() && link_body.is_some() {
+            // A body without joints, which was not merged: its pose on the base is constant.
+            let model = self.model();
+            let place = crate::kinematics::placement(
+                model,
+                &self.neutral(),
+                &crate::kinematics::Frame { body: link_body, placement: RigidShift::identity() },
+            );
+            frame = place.compose(&frame);
+        }
+        let geometry = Geometry::new(&collider.solid).map_err(|(found, expected)| {
+            fault(&collider.name, format!("a {} {found}", collider.solid.name()), expected)
+        })?;
+        Ok(Placed {
+            name: collider.name.as_str().into(),
+            body,
+            frame,
+            geometry,
+            friction: collider.friction,
+            restitution: collider.restitution,
+        })
+    }
+
+    fn link_of_collider(&self, collider: &str, name: &str) -> Result<&super::Link, Error> {
+        self.link_index.get(name).map(|&at| &self.links()[at]).ok_or_else(|| {
+            fault(collider, format!("link {name:?}, which does not exist"), self.source.known_links(name))
+        })
+    }
+
+    fn check_rules(&self) -> Result<(), Error> {
+        let rules = &self.source.collisions;
+        let names = || rules.colliders.iter().map(|of| of.name.as_str());
+        for pair in &rules.pairs {
+            let subject = || format!("pair of colliders {:?}, {:?}", pair.colliders[0], pair.colliders[1]);
+            for name in &pair.colliders {
+                if !names().any(|known| known == name) {
+                    let found = format!("{name:?}, which does not exist");
+                    return Err(Error::scene(subject(), found, format!("one of {}", known_names(name, names(), 8))));
+                }
+            }
+            check_values(&subject(), pair.friction, pair.restitution)?;
+            if !(pair.margin.is_finite() && pair.margin >= 0.0) {
+                let expected = "a finite length, zero or positive, m";
+                return Err(Error::scene(subject(), format!("margin {}", number(pair.margin)), expected));
+            }
+            let carriers = pair.colliders.each_ref().map(|name| {
+                let of = rules.colliders.iter().find(|of| of.name == *name);
+                let link = of.and_then(|of| of.link.as_ref()).and_then(|link| self.link(link).ok());
+                self.carrier(link.and_then(|link| link.body))
+            });
+            // Locked joints attach links that could move before.
+            if carriers[0] == carriers[1] && self.source.locked.is_empty() {
+                let expected = "colliders of two links that can move against each other";
+                return Err(Error::scene(subject(), "links that are rigidly attached to each other", expected));
+            }
+        }
+        for name in rules.excluded.iter().flatten().flatten() {
+            if !self.link_index.contains_key(name) {
+                let found = format!("link {name:?}, which does not exist");
+                return Err(Error::scene("exclude", found, self.source.known_links(name)));
+            }
+        }
+        Ok(())
+    }
+
+    /// The pairs of links that are excluded.
+    fn excluded(&self) -> HashSet<[Option<&str>; 2]> {
+        let both = |[a, b]: &[Option<String>; 2]| [[a.clone(), b.clone()], [b.clone(), a.clone()]];
+        let rules = &self.source.collisions;
+        let names: HashMap<&str, &str> =
+            self.links().iter().map(|link| (link.name.as_str(), link.name.as_str())).collect();
+        let known = |name: &Option<String>| name.as_ref().and_then(|name| names.get(name.as_str()).copied());
+        rules.excluded.iter().flat_map(both).map(|[a, b]| [known(&a), known(&b)]).collect()
+    }
+
+    /// True if two colliders can touch by the rules.
+    fn may_touch(&self, (i, j): (usize, usize), all: &[Placed], excluded: &HashSet<[Option<&str>; 2]>) -> bool {
+        let rules = &self.source.collisions;
+        let (a, b) = (&rules.colliders[i], &rules.colliders[j]);
+        let carriers = [&all[i], &all[j]].map(|of| self.carrier(of.body));
+        if carriers[0] == carriers[1] || (a.groups & b.mask) | (b.groups & a.mask) == 0 {
+            return false;
+        }
+        if excluded.contains(&[a.link.as_deref(), b.link.as_deref()]) {
+            return false;
+        }
+        let parent = |k: usize| self.carrier(self.model().system.stages[k].parent);
+        let is_child = |child: Option<usize>, other: Option<usize>| {
+            child.is_some_and(|child| other.is_some() && parent(child) == other)
+        };
+        rules.with_parents || !(is_child(carriers[0], carriers[1]) || is_child(carriers[1], carriers[0]))
+    }
+}
