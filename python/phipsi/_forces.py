@@ -45,8 +45,16 @@ def of_motion(path: Trajectory, rows: NDArray[np.int_]) -> Forces | None:
     """
     scene = path.scene
     if path.contacts is not None:
-        force = np.stack([path.contacts.force[name][rows] for name in scene.contact_names], axis=1)
-        return Forces("contact", scene._contact_points(path.q[rows]), force, scene.contact_names)
+        at, force = scene._contact_points(path.q[rows]), np.zeros((len(rows), 0, 3))
+        if scene.contact_names:
+            force = np.stack([path.contacts.force[name][rows] for name in scene.contact_names], axis=1)
+        shapes = path.contacts.shapes
+        per_row = [np.flatnonzero(shapes.row == row) for row in rows]
+        most = max((len(which) for which in per_row), default=0)
+        there, push = np.zeros((len(rows), most, 3)), np.zeros((len(rows), most, 3))
+        for k, which in enumerate(per_row):
+            there[k, : len(which)], push[k, : len(which)] = shapes.point[which], shapes.force[which]
+        return Forces("contact", np.concatenate([at, there], axis=1), np.concatenate([force, push], axis=1), scene.contact_names)
     if not scene.constraint_names:
         return None
     try:

@@ -20,6 +20,7 @@ from ._motion_parts import (
     EnergyAudit,
     ModeChange,
     MotionEnergy,
+    ShapeContacts,
     StopImpact,
     Violation,
     contact_wrenches,
@@ -43,6 +44,7 @@ __all__ = [
     "EnergyAudit",
     "ModeChange",
     "MotionEnergy",
+    "ShapeContacts",
     "StopImpact",
     "Trajectory",
     "Violation",
@@ -550,15 +552,21 @@ def _outcome(about: dict[str, Any]) -> dict[str, Any]:
     return about | dict(zip(("substeps", "events"), counts)) | {"estimated_error": np.asarray(error)}
 
 
-def contacts_of(names: tuple[str, ...], rows: _Array, totals: _Array) -> ContactMotion:
-    """Recorded values by name: rows (..., contacts * 11), and the values of the steps, (..., 11)."""
+def contacts_of(given: tuple[tuple[str, ...], tuple[str, ...]], rows: _Array, totals: _Array, shapes: _Array) -> ContactMotion:
+    """Recorded values by name: rows (..., contacts * 11), the values of the steps, (..., 11), and the contacts of shapes,
+    (k, 17). given: names of the contacts and of the colliders.
+    """
+    names, colliders = given
     each = rows.reshape(*rows.shape[:-1], len(names), 11)
     by_name = [{name: each[..., i, part] for i, name in enumerate(names)} for part in _PARTS]
     residual, converged, iterations, *rest = np.moveaxis(totals, -1, 0)
     gap, slip, force, impulse = by_name
     state = {name: each[..., i, 10].astype(np.int8) for i, name in enumerate(names)}
     solved = residual, converged > 0, iterations.astype(np.int_)
-    return ContactMotion(gap, slip, force, impulse, state, *solved, *rest)
+    state_of, row, pair = shapes[:, 0].astype(np.int_), shapes[:, 1].astype(np.int_), shapes[:, 2:4].astype(np.int_)
+    at, normal, push, struck = (shapes[:, first : first + 3] for first in (5, 8, 11, 14))
+    touching = ShapeContacts(colliders, state_of, row, pair, at, normal, shapes[:, 4], push, struck)
+    return ContactMotion(gap, slip, force, impulse, state, *solved, *rest, touching)
 
 
 #: Indices of the gap, slip velocity, force and impulse in the values of a contact.

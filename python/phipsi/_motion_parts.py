@@ -164,6 +164,61 @@ class ContactMotion(NamedTuple):
     """With smoothing, the largest slip speed at the end of a step of a contact whose state is STICKING, (...), m/s; 0
     without.
     """
+    shapes: ShapeContacts
+    """Points at which shapes touch in the recorded rows."""
+
+
+class ShapeContacts(NamedTuple):
+    """Points at which colliders touch, one entry per point, sorted by state and row.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball").collider("ground", phipsi.shapes.HalfSpace())
+    >>> ball = builder.build(floating_base=True)
+    >>> path = ball.simulate([0, 0, 0.1, 0, 0, 0, 1], [0] * 6, dt=1e-3, steps=10)
+    >>> path.contacts.shapes.pairs(), path.contacts.shapes.force[-1].round(6)
+    ([('ball', 'ground')], array([0.  , 0.  , 9.81]))
+    """
+
+    names: tuple[str, ...]
+    """Names of the colliders of the scene."""
+    state: NDArray[np.int_]
+    """Index of the state in the batch, (k,); 0 for one state."""
+    row: NDArray[np.int_]
+    """Index of the row; forces are those of the step that ends there, (k,)."""
+    pair: NDArray[np.int_]
+    """Indices of the two colliders in `names`, the smaller one first, (k, 2)."""
+    point: _Array
+    """Where the force acts at the end of the step, in the base frame, (k, 3), m."""
+    normal: _Array
+    """Unit normal toward the first collider, in the base frame, (k, 3)."""
+    gap: _Array
+    """Distance of the shapes at the end of the step, (k,), m; negative for penetration."""
+    force: _Array
+    """Force on the first collider in the step, in the base frame, (k, 3), N; the opposite force acts on the second."""
+    impulse: _Array
+    """Impulse on the first collider of a rebound in the step, in the base frame, (k, 3), N s."""
+
+    def pairs(self) -> list[tuple[str, str]]:
+        """Names of the pairs that touched, each once, in the order of their first contact.
+
+        Returns
+        -------
+        pairs : list of (str, str)
+            Names of both colliders.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+        >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
+        >>> path = builder.build(floating_base=True).simulate([0, 0, 0.1, 0, 0, 0, 1], [0] * 6, dt=1e-3, steps=10)
+        >>> path.contacts is None
+        True
+        """
+        return list(dict.fromkeys((self.names[i], self.names[j]) for i, j in self.pair.tolist()))
 
 
 class EnergyAudit(NamedTuple):
@@ -340,6 +395,19 @@ def contact_wrenches(scene: Scene, q: _Array, contacts: ContactMotion) -> dict[s
             moment = np.cross(points[..., at, :] - origin, force)
             local = [np.einsum("...ji,...j->...i", turn, vector) for vector in (moment, force)]
             wrenches[body] = wrenches.get(body, 0.0) + np.concatenate(local, axis=-1)
+    shapes, links = contacts.shapes, [link for _, link, *_ in scene._collisions()[0]]
+    batch, rows = q.shape[:-2], q.shape[-2]
+    for end, sign in ((0, 1.0), (1, -1.0)):
+        of = np.array([links[i] if links[i] in places else "" for i in shapes.pair[:, end]], dtype=object)
+        for body in set(of.tolist()) - {""}:
+            which = of == body
+            at = shapes.state[which], shapes.row[which]
+            place = places[body].reshape(-1, rows, 4, 4)[at]
+            force, moment = sign * shapes.force[which], sign * np.cross(shapes.point[which] - place[:, :3, 3], shapes.force[which])
+            local = np.concatenate([np.einsum("kji,kj->ki", place[:, :3, :3], vector) for vector in (moment, force)], axis=-1)
+            total = np.zeros((int(np.prod(batch)), rows, 6))
+            np.add.at(total, at, local)
+            wrenches[body] = wrenches.get(body, 0.0) + total.reshape(*batch, rows, 6)
     return wrenches
 
 

@@ -80,6 +80,9 @@ impl Geometry {
     /// Half of the edges of the box about it along the axes of the base, for its pose there, and the center.
     pub fn bounds(&self, place: &RigidShift<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let center = place.rotate(&self.center) + place.lever;
+        if matches!(self.kind, Kind::HalfSpace) {
+            return (center, self.half);
+        }
         (center, place.rotation.abs() * self.half)
     }
 

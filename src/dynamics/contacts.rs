@@ -85,6 +85,8 @@ pub(crate) struct ContactScratch {
     roots: Vec<usize>,
     /// The blocks of the last G, and W on the connections, one column per row.
     blocks: Vec<Block>,
+    /// The bodies of the contacts of the blocks, if they are not those of the scene.
+    bodies: Vec<[Option<usize>; 2]>,
     projected: DMatrix<f64>,
     /// The result of [`ContactScratch::respond`], (nv).
     pub response: Vec<f64>,
@@ -160,8 +162,24 @@ impl ContactScratch {
             torque: vec![0.0; nv],
             roots,
             blocks: Vec::new(),
+            bodies: Vec::new(),
             projected: DMatrix::zeros(0, 0),
             response: vec![0.0; nv],
+        }
+    }
+
+    /// Makes room for other contacts; the next use is [`ContactScratch::place`].
+    pub fn resize(&mut self, points: &[ContactPoint]) {
+        let rows = points.len() + self.limits.len();
+        self.gaps.resize(rows, f64::NAN);
+        self.units.resize(rows, UnitForces::zero());
+        // Units of limits are zero, and those of contacts are set anew.
+        self.units.fill(UnitForces::zero());
+        self.axes.resize(points.len(), Matrix3::identity());
+        let bodies = || points.iter().map(|point| [Some(point.body), point.other_body()]);
+        if !self.bodies.iter().copied().eq(bodies()) {
+            self.bodies = bodies().collect();
+            self.blocks.clear();
         }
     }
 

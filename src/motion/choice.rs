@@ -142,7 +142,7 @@ fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>
 
 /// Checks that the method is valid for the contacts of the scene.
 pub(super) fn check_method(scene: &Scene, settings: &Settings) -> Result<(), Error> {
-    let (touches, method) = (!scene.contacts().is_empty(), settings.method);
+    let (touches, method) = (scene.touches(), settings.method);
     if !touches && method == Method::Contact {
         let expected = "another method, because the scene has no contacts";
         return Err(Error::argument("method", format!("{:?}", method.name()), expected));
@@ -157,7 +157,7 @@ pub(super) fn check_method(scene: &Scene, settings: &Settings) -> Result<(), Err
 
 /// Checks that the connections of a scene with contacts are rigid: the only treatment in its steps.
 pub(super) fn check_connections_of_contacts(scene: &Scene, compliance: &[f64]) -> Result<(), Error> {
-    if scene.contacts().is_empty() || scene.constraints().is_empty() {
+    if !scene.touches() || scene.constraints().is_empty() {
         return Ok(());
     }
     if compliance.iter().any(|&c| c != 0.0) {

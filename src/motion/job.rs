@@ -1,5 +1,6 @@
 //! A range of steps of adjacent states, and the destination of their rows.
 
+use super::touches::Touches;
 use super::contact::RECORD;
 use super::events::StopImpact;
 use super::step_settings::StepSettings;
@@ -106,6 +107,8 @@ pub(super) struct Job<'a, 'r> {
     pub rows: Option<&'a mut Rows<'r>>,
     /// Destination of the impacts on stops.
     pub impacts: Option<&'a Impacts>,
+    /// Destination of the contacts of shapes.
+    pub touches: Option<&'a Touches>,
     /// Destination of the substeps of a step without contacts.
     pub divisions: Option<&'a mut Divisions>,
 }

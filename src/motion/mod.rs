@@ -83,6 +83,7 @@ mod stepper;
 mod stops;
 mod torque;
 mod totals;
+mod touches;
 mod works;
 
 pub use contact::{ContactReport, ContactState, ModeChange};
@@ -97,3 +98,4 @@ pub use settings::{Limits, Settings};
 pub use simulator::Simulator;
 pub use torque::{StepFault, Torque};
 pub use totals::Totals;
+pub use touches::ShapeContact;

@@ -174,6 +174,7 @@ fn through(
         torque: job.torque,
         rows: Some(&mut kept),
         impacts: None,
+        touches: None,
         divisions: None,
     })?;
     let mut current = start.to_vec();
@@ -555,6 +556,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
                 torque: job.torque,
                 rows: None,
                 impacts: None,
+                touches: None,
                 divisions: None,
             };
             if touching.is_free(&mut step, n, recorded, changed)? {

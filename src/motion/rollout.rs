@@ -8,6 +8,7 @@ use super::method::Method;
 use super::settings::{Limits, Settings};
 use super::step_settings::StepSettings;
 use super::stepper::Stepper;
+use super::touches::{ShapeContact, Touches};
 use super::torque::{StepFault, Torque};
 use super::totals::{TOTALS, Totals};
 use crate::algorithm::Algorithm;
@@ -53,6 +54,7 @@ pub struct Rollout<S> {
     done: usize,
     pool: Pool<Stepper>,
     impacts: Impacts,
+    touches: Touches,
 }
 
 impl std::fmt::Debug for Stepper {
@@ -100,6 +102,13 @@ impl<S: Borrow<Scene>> Rollout<S> {
         {
             return Err(Error::argument("accuracy", format!("{accuracy}"), "an error bound of at least 1e-12"));
         }
+        if holds.shapes().is_some() {
+            let given = [("accuracy", accuracy.is_some()), ("smoothing", settings.smoothing > 0.0)];
+            if let Some((name, _)) = given.into_iter().find(|(_, given)| *given) {
+                let expected = format!("no {name} for shapes that touch, or contacts of named points");
+                return Err(Error::argument(name, "a value for a scene with colliders", expected));
+            }
+        }
         if accuracy.is_some() && method != Method::Auto {
             let found = "error control with a fixed method";
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
@@ -119,8 +128,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let stops = settings.limits == Limits::Stop;
         let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
         let of_steps = |touches: bool| step_settings(holds, &settings, coupling.clone(), (q, touches));
-        let mut step_settings = of_steps(!holds.contacts().is_empty());
-        if !holds.contacts().is_empty() && method != Method::Contact && smoothing.is_none() {
+        let mut step_settings = of_steps(holds.touches());
+        if holds.touches() && method != Method::Contact && smoothing.is_none() {
             step_settings.free = Some(Box::new(of_steps(false)));
         }
         step_settings.smoothing = smoothing;
@@ -140,6 +149,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             done: 0,
             pool,
             impacts: Impacts::default(),
+            touches: Touches::default(),
         };
         for state in 0..states {
             interrupt::check_at(state, 1_024)?;
@@ -242,6 +252,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// step that failed.
     pub fn take_impacts(&mut self) -> Vec<StopImpact> {
         self.impacts.take()
+    }
+
+    /// Where shapes touched in the recorded steps of the last call, and in its last step, sorted by state and step.
+    #[must_use]
+    pub fn shape_contacts(&self) -> Vec<ShapeContact> {
+        self.touches.sorted()
     }
 
     /// Number of steps made.
@@ -381,13 +397,16 @@ impl<S: Borrow<Scene>> Rollout<S> {
             )));
         };
         self.check_torque(torque, steps).map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
+        let every = records.as_ref().map_or(0, |records| records.every);
         let pieces = self.pieces(records, first, last).map_err(refuse)?;
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let cost = self.cost().saturating_mul(steps);
         let slice = (SLICE / self.cost().max(1)).max(1);
-        let Self { scene, settings, form, arm, current, begun, pool, impacts, .. } = self;
-        let impacts = &*impacts;
+        self.touches.begin((0, every, last));
+        let Self { scene, settings, form, arm, current, begun, pool, impacts, touches, .. } = self;
+        let (impacts, touches) = (&*impacts, &*touches);
         let scene: &Scene = (*scene).borrow().tree();
+        let has_shapes = scene.shapes().is_some();
         let make = || Stepper::new(*form, *arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
@@ -417,6 +436,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
                         torque,
                         rows: rows.as_deref_mut(),
                         impacts: Some(impacts),
+                        touches: has_shapes.then_some(touches),
                         divisions: None,
                     };
                     if let Err(found) = stepper.run(job) {

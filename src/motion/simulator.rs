@@ -5,6 +5,7 @@ use super::events::StopImpact;
 use super::method::Method;
 use super::rollout::Rollout;
 use super::settings::Settings;
+use super::touches::ShapeContact;
 use super::torque::{StepFault, Torque};
 use super::totals::Totals;
 use crate::batch::{Broadcast, Fault};
@@ -181,6 +182,13 @@ impl<S: Borrow<Scene>> Simulator<S> {
     #[must_use]
     pub fn contacts_now(&self, index: usize) -> Vec<f64> {
         self.rollout.contacts_now(index)
+    }
+
+    /// Where shapes touched in the last step.
+    #[must_use]
+    pub fn shape_contacts(&self) -> Vec<ShapeContact> {
+        let last = self.steps();
+        self.rollout.shape_contacts().into_iter().filter(|of| of.step == last).collect()
     }
 
     /// The scene of the states.

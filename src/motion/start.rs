@@ -52,7 +52,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     #[cfg(feature = "python")]
     pub(crate) fn dropped(&self) -> f64 {
         let (scene, states) = (self.scene(), self.states());
-        let states = if scene.constraints().is_empty() && scene.contacts().is_empty() { 0 } else { states };
+        let states = if scene.constraints().is_empty() && !scene.touches() { 0 } else { states };
         (0..states).map(|state| self.totals(state).dropped).sum()
     }
 

@@ -123,6 +123,7 @@ impl StepSettings {
     /// control.
     pub fn touches_in_lanes(&self, scene: &Scene) -> bool {
         self.method == Method::Contact
+            && scene.shapes().is_none()
             && scene.contacts_have_planes()
             && scene.contacts_are_coupled()
             && self.coupling.is_none()

@@ -213,7 +213,7 @@ impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
     #[inline(always)]
     fn call(self) -> Result<(), StepFault> {
         let Self { scratch: s, connected, mut touching, target, form, checked, job } = self;
-        let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts, mut divisions } = job;
+        let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts, mut divisions, .. } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = settings.width(scene);
         let kept = nq + nv + TOTALS;

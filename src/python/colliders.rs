@@ -228,7 +228,7 @@ impl PySceneBuilder {
 impl PyScene {
     /// Names of the colliders in the order of their creation.
     #[getter]
-    fn collider_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+    pub(super) fn collider_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.colliders().iter().map(|collider| &collider.name).collect::<Vec<_>>())
     }
 

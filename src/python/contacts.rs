@@ -10,13 +10,16 @@ use super::scene::PyScene;
 use crate::algorithm::Algorithm;
 use crate::error::Error;
 use crate::memory;
-use crate::motion::ContactReport;
+use crate::motion::{ContactReport, ShapeContact};
 use crate::scene::{Contact, Surface};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 /// Number of values per contact in a recorded row.
 pub(super) const OF_CONTACT: usize = 11;
+
+/// Number of values per contact of shapes.
+const OF_SHAPE: usize = 17;
 
 /// Approximate time per contact, state and body on its path to the base, ns.
 const CONTACT: usize = 20;
@@ -265,13 +268,23 @@ pub(super) fn reports<'py>(
     from_numbers(py, &all, &[batch, &[11]].concat())
 }
 
-/// Creates a `ContactMotion` from the recorded rows of contacts, (..., rows, contacts * 11), and the reports of the
-/// steps.
+/// Creates a `ContactMotion` from the recorded rows of contacts, (..., rows, contacts * 11), the reports of the steps,
+/// and the contacts of shapes in every `every`th step.
 pub(super) fn contact_motion<'py>(
     scene: &Bound<'py, PyScene>,
-    rows: Object<'py>,
-    reports: Object<'py>,
+    (rows, reports): (Object<'py>, Object<'py>),
+    (shapes, every): (&[ShapeContact], usize),
 ) -> PyResult<Object<'py>> {
-    let names = scene.get().contact_names(scene.py())?;
-    imported!(scene.py(), "phipsi._motion", "contacts_of")?.call1((names, rows, reports))
+    let (py, of) = (scene.py(), scene.get());
+    let names = (of.contact_names(py)?, of.collider_names(py)?);
+    let recorded: Vec<&ShapeContact> = shapes.iter().filter(|of| of.step % every == 0).collect();
+    #[allow(clippy::cast_precision_loss)] // indices
+    let numbers = recorded.iter().flat_map(|of| {
+        let indices = [of.state, of.step / every, of.colliders[0], of.colliders[1]].map(|i| i as f64);
+        let vectors = [of.point, of.normal, of.force, of.impulse].map(<[f64; 3]>::from);
+        indices.into_iter().chain([of.gap]).chain(vectors.into_iter().flatten())
+    });
+    let numbers: Vec<f64> = numbers.collect();
+    let shapes = from_numbers(py, &numbers, &[recorded.len(), OF_SHAPE])?;
+    imported!(py, "phipsi._motion", "contacts_of")?.call1((names, rows, reports, shapes))
 }

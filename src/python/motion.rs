@@ -208,12 +208,14 @@ impl PyScene {
             (rollout.chosen_method(), rollout.friction_speed(), [rollout.has_stops(), keywords.accuracy.is_some()]),
         );
         set_outcome(&fields, &batch, own, made, |state| rollout.totals(state), &impacts)?;
-        if of_contacts > 0 {
+        if scene.touches() {
             if stopped.is_none() {
                 scene.check_result("contacts", out_contacts.numbers()?)?;
             }
             let told = reports(py, &batch, |state| rollout.contact_report(state))?;
-            fields.set_item("contacts", contact_motion(slf, out_contacts.finish().into_any(), told)?)?;
+            let rows = (out_contacts.finish().into_any(), told);
+            let shapes = rollout.shape_contacts();
+            fields.set_item("contacts", contact_motion(slf, rows, (&shapes, every))?)?;
         }
         let last = |of: &dyn Fn(usize) -> Vec<f64>, width: usize, rates: bool| -> PyResult<Object<'py>> {
             let values: Vec<f64> = (0..states).flat_map(of).collect();

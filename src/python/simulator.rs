@@ -208,15 +208,17 @@ impl PySimulator {
         moving: &Simulator<Held>,
         between: &[usize],
     ) -> PyResult<Option<Object<'py>>> {
-        let width = OF_CONTACT * moving.scene().contacts().len();
-        if width == 0 {
+        if !moving.scene().touches() {
             return Ok(None);
         }
+        let width = OF_CONTACT * moving.scene().contacts().len();
         let all: Vec<f64> = (0..moving.states()).flat_map(|state| moving.contacts_now(state)).collect();
         moving.scene().check_result("contacts", &all)?;
         let rows = from_numbers(py, &all, &[&self.batch[..], between, &[width]].concat())?;
         let told = reports(py, &self.batch, |state| moving.contact_report(state))?;
-        contact_motion(self.scene.bind(py), rows, told).map(Some)
+        let shapes: Vec<ShapeContact> =
+            moving.shape_contacts().into_iter().map(|of| ShapeContact { step: 0, ..of }).collect();
+        contact_motion(self.scene.bind(py), (rows, told), (&shapes, 1)).map(Some)
     }
 
     /// Current states as a trajectory of one row.

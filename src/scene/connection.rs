@@ -331,7 +331,7 @@ impl Scene {
     }
 
     /// The bodies on the paths from both ends to the base, each once, outermost first.
-    pub(super) fn inward_from(&self, ends: [Option<usize>; 2]) -> Vec<usize> {
+    pub(crate) fn inward_from(&self, ends: [Option<usize>; 2]) -> Vec<usize> {
         let mut path: Vec<usize> = ends.into_iter().flat_map(|end| self.way(end)).collect();
         path.sort_unstable_by(|a, b| b.cmp(a));
         path.dedup();

@@ -249,6 +249,7 @@ impl Scene {
             friction: contact.friction,
             restitution: contact.restitution,
             path: self.inward_from([Some(body), other.and_then(|other| other.body)]).into(),
+            found: false,
         };
         if !self.can_move(&point) {
             let found = format!("a point of link {:?} on the joint axis, which no joint moves", contact.link);

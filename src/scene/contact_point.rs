@@ -31,6 +31,8 @@ pub(crate) struct ContactPoint {
     pub restitution: f64,
     /// The bodies from both bodies of the contact to the base, each once, outermost first.
     pub path: Arc<[usize]>,
+    /// True for a contact of shapes, which exists for one step.
+    pub found: bool,
 }
 
 /// A surface on a body or on the base.

@@ -124,6 +124,7 @@ impl Divided<'_> {
             torque: self.torque,
             rows: None,
             impacts: Some(impacts),
+            touches: None,
             divisions: None,
         }
     }

@@ -35,6 +35,7 @@
 //! The velocity of a joint within a step is known at its ends only; twice the largest difference of the three
 //! velocities bounds its change for motion that the step resolves.
 
+use super::shapes::{Range, Shapes};
 use crate::dynamics::contacts::ContactScratch;
 use crate::model::Model;
 use crate::scalar::Real;
@@ -113,13 +114,14 @@ pub(super) struct Reach {
     start: Placed,
     end: Placed,
     bounds: Vec<Bounds>,
+    shapes: Option<Box<Shapes>>,
 }
 
 impl Reach {
     pub fn new(scene: &Scene) -> Self {
         let (model, points) = (scene.model(), scene.contact_points());
         let placed = || Placed::new(model, points);
-        Self { start: placed(), end: placed(), bounds: vec![Bounds::default(); model.bodies.len()] }
+        Self { start: placed(), end: placed(), bounds: vec![Bounds::default(); model.bodies.len()], shapes: Shapes::new(scene).map(Box::new) }
     }
 
     /// True if a contact touches at this state, for steps of `h`. `last` is a contact that acted in the step before,
@@ -133,7 +135,12 @@ impl Reach {
             return true;
         }
         self.start.set(model, points, (q, v));
-        self.start.rows.gaps.iter().any(|&gap| is_near(gap))
+        if self.start.rows.gaps.iter().any(|&gap| is_near(gap)) {
+            return true;
+        }
+        let Some(shapes) = &mut self.shapes else { return false };
+        shapes.find(scene, h, (q, v));
+        is_near(shapes.least)
     }
 
     /// True if a contact touches at this state and does not leave its surface faster than `speed`.
@@ -172,9 +179,20 @@ impl Reach {
 
     fn stays_open(&mut self, scene: &Scene, h: f64) -> bool {
         self.bound(scene.model(), h);
+        if let Some(shapes) = &mut self.shapes {
+            let bounds = &self.bounds;
+            let range = |body: usize, radius: f64| {
+                let of: Bounds = bounds[body].of_point(radius, h);
+                Range { displacement: of.displacement, change: of.moving_change }
+            };
+            shapes.find_within(scene, h, (&self.start.q, &self.start.v), range);
+            if !shapes.points.is_empty() {
+                return false;
+            }
+        }
         let each = scene.contact_points().iter().enumerate();
         each.into_iter().all(|(i, point)| {
-            let Self { start, end, bounds } = &*self;
+            let Self { start, end, bounds, .. } = &*self;
             let radius = point.center.norm();
             let own = bounds[point.body].of_point(radius, h);
             let (mut speed, mut change, mut moved) = (own.moving, own.moving_change, own.displacement);
@@ -199,7 +217,7 @@ impl Reach {
 
     /// The bounds of all bodies in a step of `h`.
     fn bound(&mut self, model: &Model<f64>, h: f64) {
-        let Self { start, end, bounds } = self;
+        let Self { start, end, bounds, .. } = self;
         for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
             let (row, count, coordinates) = (stage.first_row, stage.rows.count(), body.q..body.q + body.motion.nq());
             let mut mean = [0.0; 6];

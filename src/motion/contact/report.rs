@@ -22,6 +22,31 @@ pub(in crate::motion) fn begin(kept: &mut [f64]) {
     }
 }
 
+/// The first blocks of the values of a state.
+const BLOCKS: [usize; 3] = [3, 3, 1];
+
+/// Copies the values of a state with `named` contacts into those with `all`.
+pub(super) fn widen(kept: &[f64], named: usize, all: usize, to: &mut Vec<f64>) {
+    to.clear();
+    let mut from = 0;
+    for block in BLOCKS {
+        to.extend_from_slice(&kept[from..from + block * named]);
+        to.resize(to.len() + block * (all - named), ContactState::Open.number());
+        from += block * named;
+    }
+    to.extend_from_slice(&kept[from..]);
+}
+
+/// Copies the values of a state with `all` contacts into those with `named`.
+pub(super) fn narrow(kept: &[f64], all: usize, named: usize, to: &mut [f64]) {
+    let (mut from, mut at) = (0, 0);
+    for block in BLOCKS {
+        to[at..at + block * named].copy_from_slice(&kept[from..from + block * named]);
+        (from, at) = (from + block * all, at + block * named);
+    }
+    to[at..].copy_from_slice(&kept[from..]);
+}
+
 /// True if a contact acted in the last step.
 pub(super) fn acts(kept: &[f64], contacts: usize, contact: usize) -> bool {
     kept[6 * contacts + contact].to_bits() != ContactState::Open.number().to_bits()

@@ -69,6 +69,7 @@ impl Part {
             torque: job.torque,
             rows: None,
             impacts: job.impacts,
+            touches: job.touches,
             divisions: None,
         }
     }

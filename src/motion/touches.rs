@@ -1,0 +1,67 @@
+//! Shapes that touched in the steps of a simulation.
+
+use nalgebra::Vector3;
+use std::sync::{Mutex, PoisonError};
+
+/// A point at which two colliders touched in a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct ShapeContact {
+    /// Index of the state.
+    pub state: usize,
+    /// The step, counted from the start of the run, from one.
+    pub step: usize,
+    /// The colliders, the first with the lower index.
+    pub colliders: [usize; 2],
+    /// Where the force acts at the end of the step, in the base frame, m.
+    pub point: Vector3<f64>,
+    /// Unit normal toward the first collider, in the base frame.
+    pub normal: Vector3<f64>,
+    /// Distance at the end of the step, m.
+    pub gap: f64,
+    /// Force on the first collider in the step, in the base frame, N.
+    pub force: Vector3<f64>,
+    /// Impulse on the first collider in an impact of the step, in the base frame, N s.
+    pub impulse: Vector3<f64>,
+}
+
+/// The contacts of shapes in every `every`th step since `from`, and in the last one.
+#[derive(Debug, Default)]
+pub(super) struct Touches {
+    pub from: usize,
+    pub every: usize,
+    pub last: usize,
+    list: Mutex<Vec<ShapeContact>>,
+}
+
+impl Clone for Touches {
+    fn clone(&self) -> Self {
+        let list = self.list.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        Self { from: self.from, every: self.every, last: self.last, list: Mutex::new(list) }
+    }
+}
+
+impl Touches {
+    /// True if the contacts of step `n` are stored.
+    pub fn counts(&self, n: usize) -> bool {
+        n + 1 == self.last || (self.every > 0 && (n + 1 - self.from.min(n)) % self.every == 0)
+    }
+
+    pub fn add(&self, contacts: impl Iterator<Item = ShapeContact>, state: usize, n: usize) {
+        let mut list = self.list.lock().unwrap_or_else(PoisonError::into_inner);
+        list.extend(contacts.map(|of| ShapeContact { state, step: n + 1, ..of }));
+    }
+
+    /// Prepares for steps up to `last`, which are recorded every `every` steps since `from`, and forgets those before.
+    pub fn begin(&mut self, (from, every, last): (usize, usize, usize)) {
+        (self.from, self.every, self.last) = (from, every, last);
+        self.list.get_mut().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
+    /// The contacts, sorted by state and step.
+    pub fn sorted(&self) -> Vec<ShapeContact> {
+        let mut list = self.list.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        list.sort_by_key(|of| (of.state, of.step));
+        list
+    }
+}
