@@ -25,6 +25,7 @@ from ._motion_parts import (
     Violation,
     contact_wrenches,
     first_rows,
+    shape_contacts,
 )
 from ._recorded import Recorded
 from ._signals import by_handler
@@ -563,10 +564,7 @@ def contacts_of(given: tuple[tuple[str, ...], tuple[str, ...]], rows: _Array, to
     gap, slip, force, impulse = by_name
     state = {name: each[..., i, 10].astype(np.int8) for i, name in enumerate(names)}
     solved = residual, converged > 0, iterations.astype(np.int_)
-    state_of, row, pair = shapes[:, 0].astype(np.int_), shapes[:, 1].astype(np.int_), shapes[:, 2:4].astype(np.int_)
-    at, normal, push, struck = (shapes[:, first : first + 3] for first in (5, 8, 11, 14))
-    touching = ShapeContacts(colliders, state_of, row, pair, at, normal, shapes[:, 4], push, struck)
-    return ContactMotion(gap, slip, force, impulse, state, *solved, *rest, touching)
+    return ContactMotion(gap, slip, force, impulse, state, *solved, *rest, shape_contacts(colliders, shapes))
 
 
 #: Indices of the gap, slip velocity, force and impulse in the values of a contact.

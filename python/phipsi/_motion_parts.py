@@ -381,6 +381,18 @@ class Violation(NamedTuple):
     """Number of rows beyond the limit, over all states."""
 
 
+def no_shapes(scene: Scene) -> ShapeContacts:
+    """No contacts of shapes."""
+    return shape_contacts(scene.collider_names, np.zeros((0, 17)))
+
+
+def shape_contacts(names: tuple[str, ...], values: _Array) -> ShapeContacts:
+    """Contacts of shapes from their values, (k, 17)."""
+    state, row, pair = values[:, 0].astype(np.int_), values[:, 1].astype(np.int_), values[:, 2:4].astype(np.int_)
+    point, normal, force, impulse = (values[:, first : first + 3] for first in (5, 8, 11, 14))
+    return ShapeContacts(names, state, row, pair, point, normal, values[:, 4], force, impulse)
+
+
 def contact_wrenches(scene: Scene, q: _Array, contacts: ContactMotion) -> dict[str, _Array]:
     """Contact forces as wrenches (moment, force) on links, in their frames, by name of the link, (..., rows, 6)."""
     wrenches = dict[str, _Array]()

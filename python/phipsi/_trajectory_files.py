@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
-from ._motion_parts import PD, ContactMotion, StopImpact
+from ._motion_parts import PD, ContactMotion, ShapeContacts, StopImpact, no_shapes
 from .errors import ArgumentError, of_argument
 
 if TYPE_CHECKING:
@@ -192,10 +192,12 @@ class TrajectoryFiles:
     def _of_contacts(self, contacts: ContactMotion, compact: bool) -> dict[str, Any]:
         """Arrays of the contacts by their keys in the archive."""
         fields = contacts._asdict()
+        of_shapes = {f"shapes/{name}": value for name, value in fields.pop("shapes")._asdict().items() if name != "names"}
         if not compact:
+            fields = {name: value for name, value in fields.items() if not isinstance(value, Mapping) or value} | of_shapes
             return {f"contacts/{name}": np.stack(list(value.values())) if isinstance(value, Mapping) else value for name, value in fields.items()}
         touching = [at for at, name in enumerate(self.scene.contact_names) if any(np.any(fields[part][name]) for part in ("state", "force", "impulse"))]
-        arrays: dict[str, Any] = {"contacts/touching": np.array(touching, int)}
+        arrays: dict[str, Any] = {"contacts/touching": np.array(touching, int)} | {f"contacts/{name}": value for name, value in of_shapes.items()}
         for name, value in fields.items():
             if not isinstance(value, Mapping):
                 arrays[f"contacts/{name}"] = value
@@ -268,12 +270,16 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
     contacts, end = None, several("end")
     if "contacts/touching" in arrays:
         arrays |= _all_contacts(arrays, scene)
-    if "contacts/gap" in arrays:
+    if "contacts/residual" in arrays:
         # Archives of versions without smoothing have no bias.
         exact = {f"contacts/{name}": np.zeros_like(arrays["contacts/depth"]) for name in ("bias", "hover", "creep")}
-        parts: dict[str, Any] = {name: (exact | arrays)[f"contacts/{name}"] for name in ContactMotion._fields}
         named = ("gap", "slip", "force", "impulse", "state")
-        contacts = ContactMotion(**parts | {name: dict(zip(scene.contact_names, parts[name], strict=True)) for name in named})
+        parts: dict[str, Any] = {name: (exact | arrays)[f"contacts/{name}"] for name in ContactMotion._fields if name not in ("shapes", *named)}
+        for name in named:
+            parts[name] = dict(zip(scene.contact_names, arrays.get(f"contacts/{name}", ()), strict=True))
+        of_shapes = {name: arrays.get(f"contacts/shapes/{name}") for name in ShapeContacts._fields if name != "names"}
+        parts["shapes"] = ShapeContacts(scene.collider_names, **of_shapes) if "contacts/shapes/row" in arrays else no_shapes(scene)  # type: ignore[arg-type]
+        contacts = ContactMotion(**parts)
     given = about["given"]
     if given is not None:
         given |= {name: arrays[f"given/{name}"] for name in GIVEN if f"given/{name}" in arrays}

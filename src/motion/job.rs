@@ -1,10 +1,10 @@
 //! A range of steps of adjacent states, and the destination of their rows.
 
-use super::touches::Touches;
 use super::contact::RECORD;
 use super::events::StopImpact;
 use super::step_settings::StepSettings;
 use super::torque::Torque;
+use super::touches::Touches;
 use crate::scene::Scene;
 use crate::setters::setters;
 use std::ops::Range;

@@ -17,7 +17,7 @@ use super::threads::free;
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
-use crate::motion::{Method, Simulator, Torque};
+use crate::motion::{Method, ShapeContact, Simulator, Torque};
 use crate::scene::{Coupling, Scene};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;

@@ -121,7 +121,12 @@ impl Reach {
     pub fn new(scene: &Scene) -> Self {
         let (model, points) = (scene.model(), scene.contact_points());
         let placed = || Placed::new(model, points);
-        Self { start: placed(), end: placed(), bounds: vec![Bounds::default(); model.bodies.len()], shapes: Shapes::new(scene).map(Box::new) }
+        Self {
+            start: placed(),
+            end: placed(),
+            bounds: vec![Bounds::default(); model.bodies.len()],
+            shapes: Shapes::new(scene).map(Box::new),
+        }
     }
 
     /// True if a contact touches at this state, for steps of `h`. `last` is a contact that acted in the step before,

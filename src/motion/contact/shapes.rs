@@ -241,9 +241,8 @@ impl Shapes {
                 self.bodies[k].compose(&step).compose(&all[at].frame)
             }
         };
-        let speed = [i, j].map(|at| {
-            twist(at).map_or(0.0, |(u, _)| linear(&u).norm() + angular(&u).norm() * self.radii[at])
-        });
+        let speed =
+            [i, j].map(|at| twist(at).map_or(0.0, |(u, _)| linear(&u).norm() + angular(&u).norm() * self.radii[at]));
         let speed: f64 = speed.iter().sum();
         let mut t = 0.0;
         for _ in 0..MOST_LOOKS {

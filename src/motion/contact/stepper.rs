@@ -1,12 +1,12 @@
 //! Steps of states with contacts, one after another, and records of their contacts.
 
 use super::super::job::Job;
-use super::super::touches::ShapeContact;
 use super::super::properties::of_state;
 use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
 use super::super::torque::{StepFault, Torque};
 use super::super::totals::TOTALS;
+use super::super::touches::ShapeContact;
 use super::closed::{onto_connections, positions_onto_connections};
 use super::project::{along_surfaces, onto_surfaces, out_of_planes};
 use super::report::{self, RECORD};
@@ -88,7 +88,16 @@ impl Shaped {
             let touch = point.touch_at(model, &q);
             let normal = touch.axes.row(2).transpose() * if pair.on_second { -1.0 } else { 1.0 };
             let (colliders, gap) = (pair.colliders, touch.gap);
-            Some(ShapeContact { state: 0, step: 0, colliders, point: touch.at, normal, gap, force: held, impulse: struck })
+            Some(ShapeContact {
+                state: 0,
+                step: 0,
+                colliders,
+                point: touch.at,
+                normal,
+                gap,
+                force: held,
+                impulse: struck,
+            })
         })
     }
 }
