@@ -254,7 +254,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         self.impacts.take()
     }
 
-    /// Where shapes touched in the recorded steps of the last call, and in its last step, sorted by state and step.
+    /// Where shapes touched in the recorded steps, or in the last step of a call without records, sorted by state and
+    /// step.
     #[must_use]
     pub fn shape_contacts(&self) -> Vec<ShapeContact> {
         self.touches.sorted()
@@ -402,7 +403,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let cost = self.cost().saturating_mul(steps);
         let slice = (SLICE / self.cost().max(1)).max(1);
-        self.touches.begin((0, every, last));
+        self.touches.begin(every, last);
         let Self { scene, settings, form, arm, current, begun, pool, impacts, touches, .. } = self;
         let (impacts, touches) = (&*impacts, &*touches);
         let scene: &Scene = (*scene).borrow().tree();

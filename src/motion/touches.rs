@@ -25,26 +25,25 @@ pub struct ShapeContact {
     pub impulse: Vector3<f64>,
 }
 
-/// The contacts of shapes in every `every`th step since `from`, and in the last one.
+/// The contacts of shapes in every `every`th step, or in the last one of a call without records.
 #[derive(Debug, Default)]
 pub(super) struct Touches {
-    pub from: usize,
-    pub every: usize,
-    pub last: usize,
+    every: usize,
+    last: usize,
     list: Mutex<Vec<ShapeContact>>,
 }
 
 impl Clone for Touches {
     fn clone(&self) -> Self {
         let list = self.list.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        Self { from: self.from, every: self.every, last: self.last, list: Mutex::new(list) }
+        Self { every: self.every, last: self.last, list: Mutex::new(list) }
     }
 }
 
 impl Touches {
     /// True if the contacts of step `n` are stored.
     pub fn counts(&self, n: usize) -> bool {
-        n + 1 == self.last || (self.every > 0 && (n + 1 - self.from.min(n)) % self.every == 0)
+        (n + 1).checked_rem(self.every).map_or(n + 1 == self.last, |rest| rest == 0)
     }
 
     pub fn add(&self, contacts: impl Iterator<Item = ShapeContact>, state: usize, n: usize) {
@@ -52,10 +51,13 @@ impl Touches {
         list.extend(contacts.map(|of| ShapeContact { state, step: n + 1, ..of }));
     }
 
-    /// Prepares for steps up to `last`, which are recorded every `every` steps since `from`, and forgets those before.
-    pub fn begin(&mut self, (from, every, last): (usize, usize, usize)) {
-        (self.from, self.every, self.last) = (from, every, last);
-        self.list.get_mut().unwrap_or_else(PoisonError::into_inner).clear();
+    /// Prepares for steps up to `last`, of which every `every`th is recorded, or none; forgets those that were not
+    /// recorded.
+    pub fn begin(&mut self, every: usize, last: usize) {
+        let recorded = self.every;
+        (self.every, self.last) = (every, last);
+        let list = self.list.get_mut().unwrap_or_else(PoisonError::into_inner);
+        list.retain(|of| of.step.checked_rem(recorded) == Some(0));
     }
 
     /// The contacts, sorted by state and step.

@@ -7,6 +7,7 @@ use crate::error::Error;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scene::Scene;
+use crate::scene::contact_point::ContactPoint;
 use crate::workspace::Workspace;
 
 /// A residual above this is an error; a residual between the tolerance and this value is accepted.
@@ -33,6 +34,11 @@ pub(super) fn check_movable(
     let found = "a point that the joints and connections cannot move in this configuration";
     let error = Error::argument(named(rows, &near[at..=at]), found, "contacts that joints can move");
     Err((String::new(), error))
+}
+
+/// The first contact of shapes that joints and connections cannot move: it is left out.
+pub(super) fn held_still(points: &[ContactPoint], near: &[usize], lengths: &[f64]) -> Option<usize> {
+    (0..near.len()).find(|&at| !lengths[at].is_finite() && points.get(near[at]).is_some_and(|point| point.found))
 }
 
 /// Text that names some contacts and the joints of some limits, whose rows follow those of the contacts.

@@ -112,10 +112,12 @@ pub(super) fn out_of_planes(
 ) -> Result<(f64, usize), (String, Error)> {
     let points = scene.contact_points();
     let (mut depth, mut iterations) = (0.0, 0);
+    // No displacement corrects contacts that no joint moves along their normal.
+    let mut held_still: Vec<usize> = Vec::new();
     for k in 0..=STEPS {
         positions_onto_connections(scene, (model, workspace), rows, q, moves.as_deref_mut())?;
         rows.place(model, points, q);
-        for &i in passing {
+        for &i in passing.iter().chain(&held_still) {
             rows.gaps[i] = f64::INFINITY;
         }
         let lowest = rows.gaps[..points.len()].iter().fold(0.0_f64, |lowest, &gap| lowest.min(gap));
@@ -131,10 +133,15 @@ pub(super) fn out_of_planes(
         if let Some(closed) = &mut rows.closed {
             closed.factorize(model, workspace, q).map_err(|at| (String::new(), scene.row_fault(at)))?;
         }
-        let blocks = rows.gram(model, points, workspace, &mut near);
+        let cone = loop {
+            let blocks = rows.gram(model, points, workspace, &mut near);
+            let held = held_along_normals(&blocks, near.len());
+            let cone = Cones::new(blocks, &vec![0.0; near.len()]);
+            let Some(at) = held.filter(|&at| near[at] < points.len()) else { break cone };
+            held_still.push(near.remove(at));
+        };
         let gap = |i: usize| if i < points.len() { rows.gaps[i] } else { rows.gaps[i].max(0.0) };
         let c = DVector::from_fn(3 * near.len(), |i, _| if i % 3 == 2 { gap(near[i / 3]) } else { 0.0 });
-        let cone = Cones::new(blocks, &vec![0.0; near.len()]);
         if cone.lengths().iter().any(|r| !r.is_finite()) {
             break;
         }
@@ -149,4 +156,16 @@ pub(super) fn out_of_planes(
         q.copy_from_slice(next);
     }
     Ok((depth, iterations))
+}
+
+/// The first row whose normal no joint moves, in blocks of G.
+fn held_along_normals(blocks: &[(Vec<usize>, DMatrix<f64>)], rows: usize) -> Option<usize> {
+    /// An entry of G below this, relative to those of the tangents, is the square of rounding.
+    const STILL: f64 = 1e-24;
+    let held = |g: &DMatrix<f64>, i: usize| {
+        let [x, y, n] = [0, 1, 2].map(|row| g[(3 * i + row, 3 * i + row)]);
+        n <= STILL * (x + y)
+    };
+    let each = blocks.iter().flat_map(|(members, g)| members.iter().enumerate().map(move |(i, &at)| (at, g, i)));
+    each.filter(|&(at, g, i)| at < rows && held(g, i)).map(|(at, ..)| at).min()
 }

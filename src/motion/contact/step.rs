@@ -10,7 +10,7 @@ use super::super::step_settings::StepSettings;
 use super::super::totals::{STOPS, note_dropped};
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
-use super::faults::{REFUSED, check, check_movable, check_normals, factorised};
+use super::faults::{REFUSED, check, check_movable, check_normals, factorised, held_still};
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::moves::Pulled;
 use super::pairs::{from_fixed_axes, into_fixed_axes};
@@ -281,7 +281,12 @@ impl ContactStep {
                 |all: &dyn Fn(usize) -> f64| DVector::from_fn(3 * near.len(), |i, _| all(3 * near[i / 3] + i % 3));
             let friction: Vec<f64> = near.iter().map(|&i| points.get(i).map_or(0.0, |of| of.friction)).collect();
             let cone = Cones::new(blocks, &friction);
-            check_movable((scene, &rows.limits), &near, &cone.lengths())?;
+            let lengths = cone.lengths();
+            if let Some(at) = held_still(points, &near, &lengths) {
+                near.remove(at);
+                continue;
+            }
+            check_movable((scene, &rows.limits), &near, &lengths)?;
             let free_here = pick(&|i| free[i]);
             let rebound: Vec<f64> = near.iter().map(|&i| restitution(i, start[3 * i + 2])).collect();
             let mut u = free_here.clone();
