@@ -99,13 +99,14 @@ impl Scene {
     /// Returns an error if the scene has contacts, for functions that do not support them.
     #[cfg(feature = "python")]
     pub(crate) fn check_no_contacts(&self, what: &str) -> Result<(), Error> {
-        if self.contacts().is_empty() {
+        if !self.touches() {
             return Ok(());
         }
-        let names: Vec<String> = self.contacts().iter().take(8).map(|of| format!("{:?}", of.name)).collect();
+        let names = self.contacts().iter().map(|of| &of.name).chain(self.colliders().iter().map(|of| &of.name));
+        let names: Vec<String> = names.take(8).map(|name| format!("{name:?}")).collect();
         Err(Error::argument(
             what,
-            format!("a scene with contacts ({})", names.join(", ")),
+            format!("a scene with contacts or colliders ({})", names.join(", ")),
             "a scene without contacts: scene.without_contacts() returns one",
         ))
     }

@@ -1,6 +1,7 @@
 //! Contacts of points and spheres on links with planes, spheres and boxes: user description and checks.
 
 use super::Scene;
+use super::collider::ColliderRules;
 use super::connection::frame_fault;
 use super::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes};
 use crate::error::{Error, number};
@@ -185,7 +186,7 @@ impl Scene {
         self.source().contacts()
     }
 
-    /// The same scene without contacts.
+    /// The same scene without contacts and colliders.
     ///
     /// # Errors
     ///
@@ -193,6 +194,7 @@ impl Scene {
     pub fn without_contacts(&self) -> Result<Self, Error> {
         let mut source = self.source().clone();
         source.contacts.clear();
+        source.collisions = ColliderRules::default();
         source.build()
     }
 

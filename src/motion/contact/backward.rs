@@ -63,15 +63,15 @@ pub(super) struct ContactAdjoint {
 }
 
 impl ContactAdjoint {
-    pub fn new(scene: &Scene, model: &Model<f64>) -> Self {
+    pub fn new(model: &Model<f64>) -> Self {
         let zeros = || vec![0.0; model.nv()];
         Self {
             rows: RowDerivatives::new(model),
             products: ProductScratch::new(model),
             q: zeros(),
             v: zeros(),
-            contacts: vec![ContactGradient::default(); scene.contacts().len()],
-            normals: vec![Vector3::zeros(); scene.contacts().len()],
+            contacts: Vec::new(),
+            normals: Vec::new(),
         }
     }
 
@@ -90,8 +90,11 @@ impl ContactAdjoint {
         let nv = s.v.len();
         clear(&mut self.q);
         clear(&mut self.v);
-        self.contacts.fill(ContactGradient::default());
-        self.normals.fill(Vector3::zeros());
+        let contacts = scene.contact_points().len();
+        self.contacts.clear();
+        self.contacts.resize(contacts, ContactGradient::default());
+        self.normals.clear();
+        self.normals.resize(contacts, Vector3::zeros());
         connections.adjoint.begin();
         let ContactStep { solver, rows, record, .. } = step;
         let Some(record) = record else { return Ok(()) };

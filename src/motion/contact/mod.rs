@@ -38,6 +38,7 @@ mod reach;
 mod record;
 mod report;
 mod reverse;
+mod shaped;
 mod shapes;
 mod smoothing;
 mod step;

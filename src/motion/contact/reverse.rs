@@ -13,6 +13,7 @@ use super::backward::{ContactAdjoint, ContactGradient};
 use super::parts::Part;
 use super::record::StepRecord;
 use super::report::{begin, width};
+use super::shaped::Shaped;
 use super::step::ContactStep;
 use super::switching::Switching;
 use crate::batch::instruction_set::InstructionSet;
@@ -63,6 +64,7 @@ pub(in crate::motion) struct ContactReverse {
     margins: Vec<(f64, usize)>,
     /// States of the contacts in the last recomputed step.
     states: Option<Vec<ContactState>>,
+    shaped: Option<Box<Shaped>>,
 }
 
 impl ContactReverse {
@@ -80,7 +82,7 @@ impl ContactReverse {
         Self {
             switching,
             gradients: StepGradients::new(&scratch.model, parameters),
-            adjoint: ContactAdjoint::new(scene, &scratch.model),
+            adjoint: ContactAdjoint::new(&scratch.model),
             connections: Connections::new(scene, settings, &scratch.model, parameters),
             step,
             scratch,
@@ -88,6 +90,7 @@ impl ContactReverse {
             sums: vec![ContactGradient::default(); contacts],
             margins: vec![(f64::INFINITY, 0); contacts],
             states: None,
+            shaped: Shaped::new(scene).map(Box::new),
         }
     }
 
@@ -99,6 +102,15 @@ impl ContactReverse {
         self.states = None;
     }
 
+    /// Makes a step, with the contacts of shapes that it can reach.
+    fn make(&mut self, scene: &Scene, settings: &StepSettings) -> Result<(), (String, Error)> {
+        let Self { scratch, step, kept, shaped, .. } = self;
+        match shaped {
+            Some(shaped) => shaped.step(step, settings, scratch, kept),
+            None => step.step(scene, settings, scratch, kept),
+        }
+    }
+
     /// Repeats step `n` until it ends at the recorded row. With friction the law can have several solutions, of which the
     /// one near the impulses of the step before is found: they are recomputed from more and more of the rows before.
     fn reproduce(
@@ -108,22 +120,21 @@ impl ContactReverse {
         recorded: (&[f64], &[f64]),
         row_before: impl Fn(usize) -> Option<Vec<f64>>,
     ) -> Result<(), (String, Error)> {
-        let Self { scratch: s, step, kept, .. } = self;
-        let start = (s.q.clone(), s.v.clone());
+        let start = (self.scratch.q.clone(), self.scratch.v.clone());
         for back in 0.. {
-            let missed = check_reproduced(n, recorded, (&s.q_next, &s.v_next));
+            let missed = check_reproduced(n, recorded, (&self.scratch.q_next, &self.scratch.v_next));
             let rows: Option<Vec<_>> = (1..=back).rev().map(&row_before).collect();
             let (Err(_), Some(rows)) = (&missed, rows.filter(|_| back <= BACK)) else {
                 return missed.map_err(|error| (String::new(), error));
             };
-            begin(kept);
+            begin(&mut self.kept);
             for row in rows {
-                let (q, v) = row.split_at(s.q.len());
-                (s.q, s.v) = (q.to_vec(), v.to_vec());
-                step.step(scene, settings, s, kept)?;
+                let (q, v) = row.split_at(start.0.len());
+                (self.scratch.q, self.scratch.v) = (q.to_vec(), v.to_vec());
+                self.make(scene, settings)?;
             }
-            (s.q, s.v) = start.clone();
-            step.step(scene, settings, s, kept)?;
+            (self.scratch.q, self.scratch.v) = start.clone();
+            self.make(scene, settings)?;
         }
         Ok(())
     }
@@ -139,9 +150,14 @@ impl ContactReverse {
         row_before: impl Fn(usize) -> Option<Vec<f64>>,
         mut changed: impl FnMut(usize, ContactState, ContactState),
     ) -> Result<(), (String, Error)> {
-        self.step.step(scene, settings, &mut self.scratch, &mut self.kept)?;
+        self.make(scene, settings)?;
         self.reproduce((scene, settings), n, recorded, row_before)?;
-        let now = self.through_parts((scene, settings))?;
+        let shaped = self.shaped.take();
+        let of_step = shaped.as_ref().map_or(scene, |shaped| &shaped.scene);
+        let through = self.through_parts((of_step, settings));
+        self.shaped = shaped;
+        let mut now = through?;
+        now.truncate(self.sums.len());
         note((&mut self.margins, &mut self.states), n, now, &mut changed);
         let mut results = self.gradients.results();
         results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
