@@ -4568,6 +4568,7 @@ class Scene:
         host: str = "127.0.0.1",
         title: str | None = None,
         browser: bool | None = None,
+        collision: bool = False,
     ) -> Viewer:
         """Show a configuration or a motion of the robot in a browser; needs the extra phipsi[view].
 
@@ -4597,6 +4598,8 @@ class Scene:
             True: open a browser with a server. None: that at a prompt; in a notebook, the viewer is displayed below the
             cell; in a script, a temporary self-contained page opens, which outlives the script, and its address is
             printed.
+        collision : bool, default False
+            True: the colliders are drawn instead of the shapes of the links.
 
         Returns
         -------
@@ -4635,6 +4638,7 @@ class Scene:
         host: str = "127.0.0.1",
         title: str | None = None,
         browser: bool | None = None,
+        collision: bool = False,
     ) -> Path: ...
     def __copy__(self) -> Scene: ...
     def __deepcopy__(self, memo: Any, /) -> Scene: ...

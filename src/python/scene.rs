@@ -485,6 +485,8 @@ methods_in_python! {
     ///     True: open a browser with a server. None: that at a prompt; in a notebook, the viewer is displayed below the
     ///     cell; in a script, a temporary self-contained page opens, which outlives the script, and its address is
     ///     printed.
+    /// collision : bool, default False
+    ///     True: the colliders are drawn instead of the shapes of the links.
     #[doc = section!(Returns)]
     /// viewer : phipsi.view.Viewer or pathlib.Path
     ///     update(q) moves the robot, wait() serves it until Ctrl-C, close() ends it. With `to`, the path of the page.
@@ -500,7 +502,7 @@ methods_in_python! {
     /// >>> viewer = scene.show(scene.neutral(), browser=False)
     /// >>> viewer.close()
     #[pyo3(text_signature = "($self, motion=None, *, t=None, forces=None, urdf=None, to=None, port=0, \
-                  host=\"127.0.0.1\", title=None, browser=None)")]
+                  host=\"127.0.0.1\", title=None, browser=None, collision=False)")]
     fn show(motion = None) = "phipsi.view", "show";
 }
 

@@ -16,7 +16,7 @@ from PIL import Image, ImageFilter
 from .._core import Scene
 from .._forces import Forces
 from .arrows import COLOR, HEAD, LEAST, LENGTH, SHAFT, TIP, usual_force
-from .shapes import AXES, FIELD, Shape, extent, robot_size
+from .shapes import AXES, FIELD, Shape, extent, poses, robot_size
 
 _Array = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ def frames(scene: Scene, motion: Any, shapes: Sequence[Shape], rows: Iterable[in
     surfaces = [(shape, _surface(shape.mesh)) for shape in shapes]
     forces, reach = motion.forces(), robot_size(scene)
     for row in rows:
-        placements = scene.placements(configurations[row])
+        placements = poses(scene, configurations[row])
         moved = [_moved(surface, placements[shape.link] @ shape.place) for shape, surface in surfaces]
         moved += _arrows(forces, row, reach)
         yield _drawn(camera, _Surface(*(np.concatenate(parts) for parts in zip(*moved, strict=True))), space.low, reach)

@@ -32,7 +32,7 @@ from .._motion import Trajectory
 from ..errors import ArgumentError, ShapeError
 from . import picture
 from .arrows import Arrows, below
-from .shapes import FIELD, Shape, extent, name_of, robot_size, shapes_of, translucent
+from .shapes import FIELD, Shape, extent, name_of, poses, robot_size, shapes_of, translucent
 
 _Array = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ class _Stage:
 
     def update(self, q: _Array) -> None:
         """Move all links and the center of mass to the configuration q, (nq,)."""
-        placements = self.scene.placements(q)
+        placements = poses(self.scene, q)
         with self.server.atomic():
             for link, frame in self.links.items():
                 self._move(frame, placements[link])
@@ -174,7 +174,7 @@ class _Stage:
     def html(self, motion: Motion, title: str) -> str:
         """The motion as one page that needs no server."""
         times, rows = motion.frames()
-        placements = self.scene.placements(rows)
+        placements = poses(self.scene, rows)
         if len(rows) > 1 and self.scene.total_mass > 0.0:
             self.center.visible, centers = True, self.scene.center_of_mass(rows)
             self.server.scene.add_line_segments(
@@ -217,9 +217,9 @@ class Viewer:
     """Address of the viewer: of a page that needs no server in a script, otherwise of the server."""
 
     def __init__(
-        self, scene: Scene, motion: Motion, urdf: str | os.PathLike[str] | None, port: int, title: str | None, host: str = HOST, page: bool = False
+        self, scene: Scene, motion: Motion, shapes: Sequence[Shape], port: int, title: str | None, host: str = HOST, page: bool = False
     ) -> None:
-        self._scene, self._shapes, self._title = scene, shapes_of(scene, urdf), title or name_of(scene)
+        self._scene, self._shapes, self._title = scene, shapes, title or name_of(scene)
         self._motion, self._q = motion, motion.q[0].copy()
         self._at, self._served, self._closed = (port, host), False, threading.Event()
         if page:
@@ -487,20 +487,22 @@ def show(
     host: str = HOST,
     title: str | None = None,
     browser: bool | None = None,
+    collision: bool = False,
 ) -> Viewer | Path:
     """Implementation of Scene.show."""
+    shapes = shapes_of(scene, urdf, collision)
     if to is not None:
         file, kind = Path(to), Path(to).suffix.lower()
         if kind in PAGES:
-            file.write_text(page(scene, motion, t=t, forces=forces, urdf=urdf, title=title), encoding="utf-8")
+            file.write_text(page(scene, motion, t=t, forces=forces, shapes=shapes, title=title), encoding="utf-8")
         elif kind in PICTURES:
-            picture.write(scene, Motion(scene, motion, t, forces), shapes_of(scene, urdf), file)
+            picture.write(scene, Motion(scene, motion, t, forces), shapes, file)
         else:
             raise ArgumentError(f"to: found {str(to)!r}; expected a path that ends in {', '.join((*PAGES, *PICTURES))}")
         return file
     # A server ends with its script, before the browser has shown the robot. A port or a host asks for the server.
     as_page = browser is None and not port and host == HOST and not _in_notebook() and not _at_prompt()
-    viewer = Viewer(scene, Motion(scene, motion, t, forces), urdf, _free(port, host), title, host, as_page)
+    viewer = Viewer(scene, Motion(scene, motion, t, forces), shapes, _free(port, host), title, host, as_page)
     if as_page:
         _open(viewer)
     elif browser or (browser is None and not _in_notebook()):

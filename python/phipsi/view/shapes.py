@@ -33,6 +33,10 @@ _Array = NDArray[np.float64]
 
 #: Red, green, blue, opacity of shapes without color, of capsules, and of rods.
 GRAY, MASS, BONE = (0.72, 0.75, 0.78, 1.0), (0.93, 0.65, 0.13, 0.7), (0.25, 0.38, 0.55, 1.0)
+#: The same of colliders.
+COLLIDER = (0.35, 0.6, 0.45, 1.0)
+#: Name of the base among the links.
+BASE = ""
 #: Name of a robot in URDF or MJCF.
 NAME = re.compile(r"""<\s*(robot|mujoco)\b[^>]*?\s(?:name|model)\s*=\s*["']([^"']*)["']""")
 #: Opacity of a robot with force arrows, which are usually inside it.
@@ -68,12 +72,50 @@ class Shape(NamedTuple):
     """Pose of the mesh in the link frame, homogeneous matrix (4, 4)."""
 
 
-def shapes_of(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
+def shapes_of(scene: Scene, urdf: str | os.PathLike[str] | None, collision: bool = False) -> list[Shape]:
     """Shapes of all links: those of the file; if there are none, or no file, capsules of the inertias and rods between
-    the joints.
+    the joints. collision: the colliders instead. Colliders of the base that the file does not draw are always shown.
     """
     # If any link has a shape, links without shapes are frames, or motors inside other links.
-    return of_file(scene, urdf) or stand_ins(scene)
+    drawn = [] if collision else of_file(scene, urdf) or stand_ins(scene)
+    return [*drawn, *of_colliders(scene, fixed_only=not collision and scene.file is None) if collision or scene.file is None else ()]
+
+
+def poses(scene: Scene, q: _Array) -> dict[str, _Array]:
+    """Poses of all links, and that of the base under the name BASE."""
+    return {**scene.placements(q), BASE: np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))}
+
+
+def of_colliders(scene: Scene, fixed_only: bool) -> list[Shape]:
+    """Shapes of the colliders, without half spaces; fixed_only: of those on the base."""
+    made = []
+    for _, link, (turn, origin), (kind, numbers, points), *_ in scene._collisions()[0]:
+        place = np.eye(4)
+        place[:3, :3], place[:3, 3] = np.reshape(turn, (3, 3)), origin
+        if kind != "half space" and not (fixed_only and link is not None):
+            made.append(Shape(BASE if link is None else link, color_mesh(_collider_mesh(kind, numbers, points), COLLIDER), place))
+    return made
+
+
+def _collider_mesh(kind: str, numbers: Sequence[float], points: Sequence[Sequence[float]]) -> trimesh.Trimesh:
+    """Mesh of a collider."""
+    match kind:
+        case "sphere":
+            return trimesh.creation.icosphere(subdivisions=3, radius=numbers[0])
+        case "capsule":
+            return trimesh.creation.capsule(radius=numbers[0], height=numbers[1], transform=trimesh.transformations.translation_matrix([0, 0, -0.5 * numbers[1]]))
+        case "cylinder":
+            return trimesh.creation.cylinder(radius=numbers[0], height=numbers[1])
+        case "box":
+            return trimesh.creation.box(extents=numbers)
+        case "hull":
+            return trimesh.convex.convex_hull(np.asarray(points, float))
+    columns, (x, y), heights = int(numbers[0]), numbers[1:3], np.asarray(numbers[3:])
+    rows = len(heights) // columns
+    grid = np.stack([*np.meshgrid(np.linspace(-x / 2, x / 2, columns), np.linspace(-y / 2, y / 2, rows))], axis=-1).reshape(-1, 2)
+    at = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    faces = np.concatenate([np.stack([at, at + 1, at + columns], axis=1), np.stack([at + 1, at + columns + 1, at + columns], axis=1)])
+    return trimesh.Trimesh(np.column_stack([grid, heights]), faces, process=False)
 
 
 def of_file(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
@@ -150,7 +192,7 @@ def extent(scene: Scene, shapes: Sequence[Shape], rows: _Array) -> Extent:
     """Extent over some of the rows, (k, nq), or for the first row if the robot moves far."""
     size = robot_size(scene)
     some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
-    placements = scene.placements(some)
+    placements = poses(scene, some)
     corners = [place[:, None, :3, 3] for place in placements.values()]
     for shape in shapes:
         place, vertices = placements[shape.link] @ shape.place, np.asarray(shape.mesh.vertices)
