@@ -43,7 +43,7 @@ from .estimation import (
 )
 from .estimation._identification import Identification
 from .operators import Factor
-from .shapes import Shape
+from .shapes import ColliderShape, Shape
 from .tasks import InverseKinematics, Task, _InverseKinematicsWithCovariance
 from .view import Viewer
 
@@ -258,7 +258,7 @@ class Scene:
         strict: bool = False,
         leave_out: Collection[_Switch] | None = None,
         ignore: Collection[_Ignored] = (),
-        contacts: Literal["plane"] | None = None,
+        contacts: Literal["all", "plane"] | None = None,
     ) -> Scene:
         """Create the scene of a MuJoCo model; needs the extra phipsi[mujoco].
 
@@ -278,9 +278,9 @@ class Scene:
             a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
             "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
             "softness" (of equality constraints and contacts) and "tendons".
-        contacts : {"plane"}, optional
-            "plane": geoms that can touch a fixed plane become contacts with it, and each <pair> of a sphere with a
-            sphere or box becomes a contact. None: contacts are not read.
+        contacts : {"all", "plane"}, optional
+            "all": geoms that can collide become colliders, by MuJoCo's rules. "plane": only the pairs of a fixed plane and
+            another geom touch, and those of <pair>. None: contacts are not read.
 
         Returns
         -------
@@ -303,8 +303,9 @@ class Scene:
         -----
         ModelWarning
             Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted. With
-            contacts="plane": other geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft
-            contacts.
+            `contacts`: geoms without a shape (ellipsoids, signed distance fields, planes and height fields that move,
+            meshes without volume), friction of condim 4 and 6, two coefficients of a <pair>, gaps above the margin, soft
+            contacts; with "plane", other pairs that can collide.
         MeshWarning
             Missing files on which no inertia depends.
         MimicWarning
@@ -322,9 +323,9 @@ class Scene:
         joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
         inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls.
 
-        With contacts="plane", the contacts of a geom are those of its convex hull with a plane: the center of a sphere,
-        the ends of a capsule, the corners of a box, eight points of each rim of a cylinder, the hull vertices of a
-        mesh. Their friction is that of MuJoCo for the two geoms; margin raises the plane.
+        With `contacts`, a collider has the name of its geom, or "geom3" and so on, and a mesh stands for its convex hull.
+        contype, conaffinity, filterparent, <exclude>, <pair>, priority, condim, margin, gap and the flag override have
+        their effects; friction is the sliding one. Contacts begin at the distance margin - gap.
 
         Examples
         --------
@@ -2414,6 +2415,8 @@ class Scene:
     def contact_names(self) -> tuple[str, ...]:
         """Names of the contacts in the order of their creation, that of contact_gaps and of Trajectory.contacts."""
 
+    @property
+    def collider_names(self) -> tuple[str, ...]: ...
     def contact_gaps(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """Distance of each contact from its surface; negative below the surface.
 
@@ -3362,6 +3365,9 @@ class Scene:
 
     def _connections(self) -> list[tuple[Any, ...]]: ...
     def _contacts(self) -> list[tuple[Any, ...]]: ...
+    def _collisions(self) -> tuple[Any, ...]: ...
+    def _touching(self) -> list[tuple[list[str], float, float, float]]: ...
+    def _overlapping(self) -> list[tuple[list[str], float]]: ...
     def _contact_points(self, q: ArrayLike) -> _Array: ...
     def to_builder(self) -> SceneBuilder:
         """Create a builder that has the links, joints, gravity, base and simplifications of the scene.
@@ -4665,6 +4671,8 @@ class SceneBuilder:
         inertia: ArrayLike | None = None,
         *,
         shape: Shape | Sequence[Shape] | None = None,
+        collide: bool = False,
+        friction: float = 1.0,
     ) -> SceneBuilder:
         """Add a link.
 
@@ -4871,6 +4879,28 @@ class SceneBuilder:
         (('pin',), (3, 3))
         """
 
+    def collider(
+        self,
+        name: str,
+        shape: ColliderShape,
+        *,
+        link: str | None = None,
+        friction: float = 1.0,
+        restitution: float = 0.0,
+        groups: int = 1,
+        mask: int = 1,
+    ) -> SceneBuilder: ...
+    def collider_pair(
+        self,
+        first: str,
+        second: str,
+        *,
+        friction: float | None = None,
+        restitution: float | None = None,
+        margin: float = 0.0,
+    ) -> SceneBuilder: ...
+    def exclude(self, first: str | None, second: str | None) -> SceneBuilder: ...
+    def collisions_with_parents(self, allowed: bool) -> SceneBuilder: ...
     def contact(
         self,
         name: str,

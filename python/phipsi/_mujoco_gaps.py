@@ -60,7 +60,7 @@ class Gap(NamedTuple):
     """Whether omitting the part changes the motion: an error; otherwise a warning."""
 
 
-def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: bool, contacts: bool = False) -> None:
+def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: bool, contacts: str | None = None) -> None:
     """Raise SceneError, or warn, for active parts of a model that cannot be represented, except those in `ignore`."""
     for name in ignore:
         if name not in IGNORED:
@@ -87,8 +87,8 @@ def _text(of: list[Gap]) -> str:
     return f"{first.found}{more}: {first.consequence}"
 
 
-def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str], contacts: bool = False) -> Iterator[Gap]:
-    """All parts that cannot be represented; contacts: those with planes are read."""
+def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str], contacts: str | None = None) -> Iterator[Gap]:
+    """All parts that cannot be represented; contacts: which ones are read."""
     if "equality" not in ignore:
         yield from _of_equalities(model, names)
     yield from _of_tendons(model)
