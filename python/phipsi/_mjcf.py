@@ -97,7 +97,7 @@ def _report_lost_files(lost: list[str], strict: bool) -> None:
     text = f"source: found no file {lost[0]}{more}; expected the meshes and textures in the folders that the model names"
     if strict:
         raise SceneError(text)
-    warn(f"{text}; they are not drawn; no inertia depends on them", MeshWarning)
+    warn(f"{text}; they are not drawn and touch nothing; no inertia depends on them", MeshWarning)
 
 
 def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
@@ -115,6 +115,7 @@ def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
         if not all(has_file("texturedir", file) for file in (texture.file, *texture.cubefiles))
     }
     skins = [skin for skin in specification.skins if not has_file("meshdir", skin.file)]
+    shapeless = set[str]()
     for geom in specification.geoms:
         lost = meshes.get(geom.meshname) or fields.get(geom.hfieldname)
         if lost is None:
@@ -127,9 +128,12 @@ def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
             )
         geom.type, geom.size, geom.mass, geom.group = mujoco.mjtGeom.mjGEOM_SPHERE, [0.001, 0.0, 0.0], 0.0, HIDDEN
         geom.meshname = geom.hfieldname = ""
+        geom.contype = geom.conaffinity = 0
+        shapeless.add(geom.name)
     for material in specification.materials:
         material.textures = ["" if name in textures else name for name in material.textures]
-    for lost in (*meshes.values(), *fields.values(), *textures.values(), *skins):
+    pairs = [pair for pair in specification.pairs if shapeless & {pair.geomname1, pair.geomname2} - {""}]
+    for lost in (*meshes.values(), *fields.values(), *textures.values(), *skins, *pairs):
         # In older versions the elements have the method.
         specification.delete(lost) if hasattr(specification, "delete") else lost.delete()
     return [

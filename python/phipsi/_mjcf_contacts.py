@@ -24,10 +24,8 @@ _Array = NDArray[np.float64]
 
 #: Values of mjtGeom.
 PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, SDF = range(9)
-#: Geoms that have no shape here, whether they move or not.
+#: Geoms that have no shape here.
 WITHOUT_SHAPE = {ELLIPSOID: "an ellipsoid", SDF: "a signed distance field"}
-#: Geoms that have a shape if no joint moves them.
-GROUND = {PLANE: "a plane on a body that moves", HFIELD: "a height field on a body that moves"}
 #: Number of groups of colliders.
 GROUPS = 32
 
@@ -41,14 +39,14 @@ class Pairs(NamedTuple):
     condim: Any
     friction: _Array
     """Sliding friction in both directions, (n, 2)."""
-    solref: _Array
-    solimp: _Array
+    soft: Any
+    """Whether the contact is softer than MuJoCo's default, (n,)."""
     margin: _Array
     """Distance at which the contact begins to act, m, (n,)."""
 
     def where(self, condition: Any) -> Pairs:
         """Those that satisfy a condition, (n,)."""
-        return Pairs(*(values[condition] for values in self))
+        return self if condition.all() else Pairs(*(values[condition] for values in self))
 
     @property
     def sliding(self) -> _Array:
@@ -63,13 +61,33 @@ class Collisions:
 
     def __init__(self, model: mujoco.MjModel, contacts: str | None) -> None:
         self.model, self.contacts = model, contacts
-        self.welded = model.body_weldid[model.geom_bodyid]
+        self._welded = model.body_weldid[model.geom_bodyid]
         moves = np.zeros(model.nbody, bool)
         for body in range(1, model.nbody):
             moves[body] = model.body_jntnum[body] or moves[model.body_parentid[body]]
-        self.is_moved = moves[model.geom_bodyid]
-        self.contype, self.conaffinity = (bits.astype(np.int64) & 0xFFFFFFFF for bits in (model.geom_contype, model.geom_conaffinity))
+        self._is_moved = moves[model.geom_bodyid]
+        self._is_plane = (model.geom_type == PLANE) & ~self._is_moved
+        self._contype, self._conaffinity = (bits.astype(np.int64) & 0xFFFFFFFF for bits in (model.geom_contype, model.geom_conaffinity))
         self._hulls: dict[int, _Array | None] = {}
+        #: Pairs that the scene represents, those of <pair> first.
+        self.read: list[Pairs] = []
+        #: Geoms without a shape that can collide with others.
+        self.lost = set[int]()
+        #: A pair of geoms that can collide, and that the scene does not represent for another reason.
+        self.other: tuple[int, int] | None = None
+        for pairs in self._all():
+            shaped = self._has_shape[pairs.first] & self._has_shape[pairs.second]
+            if contacts is not None and not shaped.all():
+                left = pairs.where(~shaped)
+                self.lost.update(self.missing.keys() & {*left.first.tolist(), *left.second.tolist()})
+            planes = self._is_plane[pairs.first] | self._is_plane[pairs.second]
+            wanted = planes if contacts == "plane" and self.read else np.full(len(planes), contacts is not None)
+            if self.other is None and not np.all(wanted | ~shaped):
+                other = pairs.where(shaped & ~wanted)
+                self.other = int(other.first[0]), int(other.second[0])
+                if contacts is None:
+                    break
+            self.read.append(pairs.where(shaped & wanted))
 
     @cached_property
     def geoms(self) -> Any:
@@ -77,7 +95,7 @@ class Collisions:
         model = self.model
         if not has_constraints(model, "CONTACT"):
             return np.empty(0, int)
-        collide = (self.contype | self.conaffinity) != 0
+        collide = (self._contype | self._conaffinity) != 0
         collide[model.pair_geom1[: model.npair]] = collide[model.pair_geom2[: model.npair]] = True
         return np.flatnonzero(collide)
 
@@ -86,9 +104,11 @@ class Collisions:
         """Geoms that can collide and have no shape here, and what they are."""
         found = {}
         for geom in self.geoms.tolist() if self.contacts else ():
-            kind, moves = int(self.model.geom_type[geom]), self.is_moved[geom]
-            if kind in WITHOUT_SHAPE or (kind in GROUND and moves):
-                found[geom] = WITHOUT_SHAPE.get(kind) or GROUND[kind]
+            kind, moves = int(self.model.geom_type[geom]), self._is_moved[geom]
+            if kind in WITHOUT_SHAPE:
+                found[geom] = WITHOUT_SHAPE[kind]
+            elif kind in (PLANE, HFIELD) and moves:
+                found[geom] = f"a {'plane' if kind == PLANE else 'height field'} on a body that moves"
             elif kind == MESH and self._hull(geom) is None:
                 found[geom] = "a mesh whose vertices have no convex hull with a volume"
         return found
@@ -100,104 +120,85 @@ class Collisions:
         has[list(self.missing)] = False
         return has
 
-    @cached_property
-    def _is_plane(self) -> Any:
-        return (self.model.geom_type == PLANE) & ~self.is_moved
-
-    def all(self) -> Iterator[tuple[Pairs, Any]]:
-        """Pairs that can collide, those of <pair> first, and which of them the scene represents, (n,)."""
+    def _all(self) -> Iterator[Pairs]:
+        """Pairs that can collide, those of <pair> first."""
         if not len(self.geoms):
             return
         explicit = self._explicit()
         keys = self._key(explicit.first, explicit.second)
-        explicit = explicit.where(self.is_moved[explicit.first] | self.is_moved[explicit.second])
-        explicit = explicit.where(self.welded[explicit.first] != self.welded[explicit.second])
-        yield explicit, self._are_shapes(explicit)
+        yield explicit.where((self._welded[explicit.first] != self._welded[explicit.second]) & (self._is_moved[explicit.first] | self._is_moved[explicit.second]))
+        model = self.model
+        rules = [getattr(model, f"geom_{name}").reshape(model.ngeom, -1) for name in ("condim", "friction", "priority", "margin", "gap", "solmix", "solref", "solimp")]
+        _, kinds, of = np.unique(np.concatenate(rules, axis=1), axis=0, return_index=True, return_inverse=True)
+        of, combined = of.ravel(), cache(lambda kind: self._combined(kinds[kind], kinds))
         for one, others in self._filtered():
-            pairs = self._combined(one, others[~np.isin(self._key(one, others), keys)])
-            planes = self._is_plane[pairs.first] | self._is_plane[pairs.second]
-            yield pairs, self._are_shapes(pairs) & (planes | (self.contacts == "all"))
-
-    def _are_shapes(self, pairs: Pairs) -> Any:
-        return self._has_shape[pairs.first] & self._has_shape[pairs.second] & (self.contacts is not None)
+            if len(keys):
+                others = others[~np.isin(self._key(one, others), keys)]
+            _, _, *values = combined(of[one])
+            yield Pairs(np.full(len(others), one), others, *(value[of[others]] for value in values))
 
     def _key(self, one: Any, other: Any) -> Any:
         return np.minimum(one, other) * np.int64(self.model.ngeom) + np.maximum(one, other)
 
     def _explicit(self) -> Pairs:
         """Those of <pair>."""
-        model, rule = self.model, _margin_rule()
-        margin = model.pair_margin - (model.pair_gap if rule.less_gap else 0.0)
-        if is_enabled(model, "OVERRIDE"):
-            margin = np.full(model.npair, model.opt.o_margin) - (model.pair_gap if rule.less_gap else 0.0)
-        pairs = Pairs(model.pair_geom1, model.pair_geom2, model.pair_dim, model.pair_friction[:, :2], model.pair_solref, model.pair_solimp, margin)
-        return self._overridden(pairs)
+        model = self.model
+        parameters = model.pair_dim, model.pair_friction[:, :2], model.pair_solref, model.pair_solimp, model.pair_margin, model.pair_gap
+        return self._pairs(model.pair_geom1, model.pair_geom2, *parameters)
 
     def _combined(self, one: int, others: Any) -> Pairs:
         """Parameters of the contacts of a geom with others: those of the geom with the higher priority; otherwise the larger
         friction and condim, and the mean of solref and solimp.
         """
-        model, rule, count = self.model, _margin_rule(), len(others)
+        model, count = self.model, len(others)
         ends = np.stack([np.full(count, one), others])
-        margins = model.geom_margin[ends]
-        margin = margins.sum(axis=0) if rule.adds else margins.max(axis=0)
-        if is_enabled(model, "OVERRIDE"):
-            margin = np.full(count, model.opt.o_margin)
-        if rule.less_gap:
-            margin = margin - model.geom_gap[ends].max(axis=0)
-        priority, mix = model.geom_priority[ends], model.geom_solmix[ends]
-        equal, total = priority[0] == priority[1], mix.sum(axis=0)
+        priority, mix, margins, solref, solimp = (getattr(model, f"geom_{name}")[ends] for name in ("priority", "solmix", "margin", "solref", "solimp"))
+        equal, total = (priority[0] == priority[1])[:, None], mix.sum(axis=0)
         # Where the priorities differ, one geom has the whole weight.
-        shares = np.divide(mix[0], total, out=np.full(count, 0.5), where=total > 0.0)
-        weight = np.where(equal, shares, priority[0] > priority[1])[:, None]
-        of_first = weight[:, 0] == 1.0
-        condim, friction, solref, solimp = model.geom_condim[ends], model.geom_friction[ends][..., [0, 0]], model.geom_solref[ends], model.geom_solimp[ends]
-        mean = weight * solref[0] + (1.0 - weight) * solref[1]
-        is_direct = equal & (solref[:, :, 0] <= 0.0).any(axis=0)
-        pairs = Pairs(
-            ends[0],
-            others,
-            np.where(equal, condim.max(axis=0), np.where(of_first, *condim)),
-            np.where(equal[:, None], friction.max(axis=0), np.where(of_first[:, None], *friction)),
-            np.where(is_direct[:, None], solref.min(axis=0), mean),
-            weight * solimp[0] + (1.0 - weight) * solimp[1],
-            margin,
-        )
-        return self._overridden(pairs)
+        shares = np.divide(mix[0], total, out=np.full(count, 0.5), where=total > 0.0)[:, None]
+        weight = np.where(equal, shares, (priority[0] > priority[1])[:, None])
+        values = np.concatenate([model.geom_condim[ends][..., None], model.geom_friction[ends][..., [0, 0]]], axis=-1)
+        values = np.where(equal, values.max(axis=0), np.where(weight == 1.0, *values))
+        is_direct = equal & (solref[:, :, :1] <= 0.0).any(axis=0)
+        solref = np.where(is_direct, solref.min(axis=0), weight * solref[0] + (1.0 - weight) * solref[1])
+        margin = margins.sum(axis=0) if _margin_rule().adds else margins.max(axis=0)
+        return self._pairs(ends[0], others, values[:, 0], values[:, 1:], solref, weight * solimp[0] + (1.0 - weight) * solimp[1], margin, model.geom_gap[ends].max(axis=0))
 
-    def _overridden(self, pairs: Pairs) -> Pairs:
-        """With the friction and the softness of the flag `override`, if it is enabled."""
+    def _pairs(self, first: Any, second: Any, condim: Any, friction: Any, solref: Any, solimp: Any, margin: Any, gap: Any) -> Pairs:
+        """Pairs with these parameters, or with those of the flag `override`, if it is enabled."""
         option = self.model.opt
-        if not is_enabled(self.model, "OVERRIDE"):
-            return pairs
-        friction, solref, solimp = (np.broadcast_to(values, (len(pairs.first), len(values))) for values in (option.o_friction[:2], option.o_solref, option.o_solimp))
-        return pairs._replace(friction=friction, solref=solref, solimp=solimp)
+        if is_enabled(self.model, "OVERRIDE"):
+            margin = np.full(len(first), option.o_margin)
+            friction, solref, solimp = (np.broadcast_to(of, (len(first), len(of))) for of in (option.o_friction[:2], option.o_solref, option.o_solimp))
+        return Pairs(first, second, condim, friction, is_soft(solref, solimp), margin - gap if _margin_rule().less_gap else margin)
 
     def _filtered(self) -> Iterator[tuple[int, Any]]:
         """Each geom, and those after it with which it can collide."""
-        model, rigid, bodies = self.model, self.welded, self.model.geom_bodyid
+        model, rigid, bodies = self.model, self._welded, self.model.geom_bodyid
         above = model.body_weldid[model.body_parentid[rigid]]
         filters_parents, excluded = not is_disabled(model, "FILTERPARENT"), model.exclude_signature
-        geoms = np.flatnonzero(self.contype | self.conaffinity)
+        geoms = np.flatnonzero(self._contype | self._conaffinity)
         for at, one in enumerate(geoms.tolist()):
             other = geoms[at + 1 :]
-            may = self._bits(one, other) & (rigid[other] != rigid[one]) & (self.is_moved[other] | self.is_moved[one])
+            may = self._bits(one, other) & (rigid[other] != rigid[one]) & (self._is_moved[other] | self._is_moved[one])
             if filters_parents:
                 # A body does not collide with its parent, unless that is fixed to the world.
                 may &= ~(((above[other] == rigid[one]) | (above[one] == rigid[other])) & (rigid[one] != 0) & (rigid[other] != 0))
-            ends = np.sort(np.stack([np.full(len(other), bodies[one]), bodies[other]]), axis=0)
-            may &= ~np.isin((ends[0] << 16) + ends[1], excluded)
+            if len(excluded):
+                ends = np.sort(np.stack([np.full(len(other), bodies[one]), bodies[other]]), axis=0)
+                may &= ~np.isin((ends[0] << 16) + ends[1], excluded)
             yield one, other[may]
 
     def _bits(self, one: Any, other: Any) -> Any:
-        return ((self.contype[one] & self.conaffinity[other]) | (self.contype[other] & self.conaffinity[one])) != 0
+        return ((self._contype[one] & self._conaffinity[other]) | (self._contype[other] & self._conaffinity[one])) != 0
 
     # Into a scene
 
     def add(self, builder: SceneBuilder, names: Names) -> None:
         """Add the colliders and their rules to a builder."""
-        model, read = self.model, [pairs.where(of) for pairs, of in self.all()]
-        geoms = self.geoms if self.contacts == "all" else np.unique(np.concatenate([ends for of in read for ends in of[:2]] or [self.geoms]))
+        model, geoms = self.model, self.geoms
+        if self.contacts == "plane":
+            geoms = np.unique(np.concatenate([ends for of in self.read for ends in of[:2]] or [geoms]))
         geoms = geoms[self._has_shape[geoms]]
         # The larger condim counts, which has friction.
         own = np.where(model.geom_condim > 1, model.geom_friction[:, 0], 0.0)
@@ -205,7 +206,7 @@ class Collisions:
         for geom in geoms.tolist():
             rules = {"friction": own[geom], "groups": int(groups[geom]), "mask": int(masks[geom])}
             builder.collider(names.geoms[geom], self._shape(geom), link=names.bodies[model.geom_bodyid[geom]], **rules)
-        for at, of in enumerate(read):
+        for at, of in enumerate(self.read):
             first, second, friction, margin = of.first, of.second, of.sliding, np.maximum(of.margin, 0.0)
             given = ((groups[first] & masks[second]) | (groups[second] & masks[first])) == 0
             given |= (friction != np.maximum(own[first], own[second])) | (margin > 0.0) | (at == 0)
@@ -221,10 +222,10 @@ class Collisions:
         no planes can touch.
         """
         if self.contacts == "all":
-            return self.contype, self.conaffinity
+            return self._contype, self._conaffinity
         planes = geoms[self._is_plane[geoms]]
         groups, masks = np.zeros((2, self.model.ngeom), np.int64)
-        _, kinds, of = np.unique(np.stack([self.contype[planes], self.conaffinity[planes]]), axis=1, return_index=True, return_inverse=True)
+        _, kinds, of = np.unique(np.stack([self._contype[planes], self._conaffinity[planes]]), axis=1, return_index=True, return_inverse=True)
         for at, kind in enumerate(kinds[:GROUPS]):
             groups[planes[of.ravel() == at]] = 1 << at
             masks |= np.where(self._bits(planes[kind], np.arange(self.model.ngeom)) & ~self._is_plane, 1 << at, 0)
@@ -311,32 +312,24 @@ def _margin_rule() -> _Rule:
     return _Rule(found > 0.55, found in (0.625, 0.375))
 
 
-def unsupported(model: mujoco.MjModel, names: Names, contacts: str | None) -> Iterator[tuple[str, str, str]]:
+def unsupported(collisions: Collisions, names: Names) -> Iterator[tuple[str, str, str]]:
     """Collisions that a scene does not represent: name in `ignore`, what was found, and the consequence."""
-    collisions = Collisions(model, contacts)
-    lost, other, condims, frictions, gaps, soft = set[int](), *(_Example() for _ in range(5))
-    for pairs, read in collisions.all():
-        shapeless = [end for ends in (pairs.first, pairs.second) for end in np.unique(ends).tolist() if end in collisions.missing]
-        lost.update(shapeless if contacts else ())
-        passing = pairs.where(~read)
-        other.add(passing.where(~np.isin([passing.first, passing.second], [*lost]).any(axis=0)))
-        if contacts is None and other.count:
-            break
-        kept = pairs.where(read)
-        condims.add(kept.where(kept.condim > 3))
-        frictions.add(kept.where((kept.condim > 1) & (kept.friction[:, 0] != kept.friction[:, 1])))
-        gaps.add(kept.where(kept.margin < 0.0))
-        soft.add(kept.where(is_soft(kept.solref, kept.solimp)))
-    if other.first is not None:
-        first, second = (names.bodies[model.geom_bodyid[end]] for end in (other.first.first[0], other.first.second[0]))
-        consequence = 'bodies can pass through each other, because contacts of a file are read only with contacts="all" or contacts="plane"'
-        if contacts is not None:
-            consequence = 'they can pass through each other, because contacts="plane" reads only contacts with fixed planes and each <pair>: use contacts="all"'
+    condims, frictions, gaps, soft = (_Example() for _ in range(4))
+    for pairs in collisions.read:
+        condims.add(pairs, pairs.condim > 3)
+        frictions.add(pairs, (pairs.condim > 1) & (pairs.friction[:, 0] != pairs.friction[:, 1]))
+        gaps.add(pairs, pairs.margin < 0.0)
+        soft.add(pairs, pairs.soft)
+    if collisions.other is not None:
+        first, second = (names.bodies[collisions.model.geom_bodyid[end]] for end in collisions.other)
+        consequence = 'they can pass through each other, because contacts="plane" reads only contacts with fixed planes and each <pair>: use contacts="all"'
+        if collisions.contacts is None:
+            consequence = 'bodies can pass through each other, because contacts of a file are read only with contacts="all" or contacts="plane"'
         yield "contacts", f"geoms that collide, of {first!r} and {second!r} for instance", consequence
-    for geom in sorted(lost):
+    for geom in sorted(collisions.lost):
         yield "contacts", f"the geom {names.geoms[geom]!r}, {collisions.missing[geom]}", "it touches nothing"
     if condims.first is not None:
-        yield "contacts", f"condim {condims.first.condim[0]} of {condims.text(names)}", "torsional and rolling friction are not read"
+        yield "contacts", f"condim {int(condims.first.condim[0])} of {condims.text(names)}", "torsional and rolling friction are not read"
     if frictions.first is not None:
         one, two = frictions.first.friction[0].tolist()
         yield "contacts", f"friction {one:g} and {two:g} of {frictions.text(names)}", "the first is used in both directions"
@@ -353,10 +346,10 @@ class _Example:
         self.first: Pairs | None = None
         self.count = 0
 
-    def add(self, pairs: Pairs) -> None:
-        self.count += len(pairs.first)
-        if self.first is None and len(pairs.first):
-            self.first = pairs
+    def add(self, pairs: Pairs, condition: Any) -> None:
+        self.count += int(np.count_nonzero(condition))
+        if self.first is None and self.count:
+            self.first = pairs.where(condition)
 
     def text(self, names: Names) -> str:
         assert self.first is not None

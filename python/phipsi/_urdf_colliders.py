@@ -26,9 +26,10 @@ GROUND = "ground"
 OF_GROUND, OF_LINKS = 1, 2
 #: Depth at which shapes overlap, m.
 DEPTH = 1e-6
-#: Elements of friction: of Bullet, and of Gazebo.
-FRICTION = ("lateral_friction", "mu1", "mu")
-#: Elements of contacts that are not read: of Bullet, and of Gazebo.
+#: Elements of Bullet and Gazebo that are read, and their largest values.
+READ = {"lateral_friction": "friction", "mu1": "friction", "mu": "friction", "restitution": "restitution", "restitution_coefficient": "restitution"}
+LARGEST = {"friction": np.finfo(float).max, "restitution": 1.0}
+#: Those that are not read; mu2 is, where it is equal to mu1.
 UNREAD = ("rolling_friction", "spinning_friction", "stiffness", "damping", "contact_cfm", "contact_erp", "mu2", "fdir1", "kp", "kd")
 #: Largest number of names in a message.
 LISTED = 6
@@ -157,18 +158,14 @@ class _Reader:
         """Friction and restitution of a link, as keyword arguments of SceneBuilder.collider."""
         found = dict[str, float]()
         for element in (inner for of in self._of_links.get(link, ()) for inner in of.iter()):
-            tag = element.tag
-            kind = "friction" if tag in FRICTION else "restitution" if tag in ("restitution", "restitution_coefficient") else None
             try:
                 value = float(element.get("value") or element.text or "")
-                if kind is None:
-                    raise ValueError
-                if not (value >= 0.0 and (kind == "friction" or value <= 1.0) and np.isfinite(value)):
-                    raise ValueError
-                found[kind] = value
             except ValueError:
-                if tag in UNREAD or kind is not None:
-                    self._unread.append(f"<{tag}> of {link!r}")
+                value = np.nan
+            if (kind := READ.get(element.tag)) is not None and 0.0 <= value <= LARGEST[kind]:
+                found[kind] = value
+            elif kind is not None or (element.tag in UNREAD and not (element.tag == "mu2" and value == found.get("friction"))):
+                self._unread.append(f"<{element.tag}> of {link!r}")
         return found
 
     def report(self, strict: bool) -> None:

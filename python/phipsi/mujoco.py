@@ -57,10 +57,11 @@ def read(
         raise of_argument(ArgumentError, "contacts", f'found {contacts!r}; expected "all", "plane" or None')
     model, file = compiled(source, strict)
     names = Names(model)
-    check(model, names, ignore, strict, contacts)
+    collisions = Collisions(model, contacts)
+    check(model, names, ignore, strict, collisions)
     builder = _Reader(model, names, ignore).builder()
     if contacts is not None:
-        Collisions(model, contacts).add(builder, names)
+        collisions.add(builder, names)
     if file is not None:
         builder._set_file(file)
     if gravity is None:
