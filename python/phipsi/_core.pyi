@@ -43,7 +43,7 @@ from .estimation import (
 )
 from .estimation._identification import Identification
 from .operators import Factor
-from .shapes import Shape
+from .shapes import ColliderShape, Shape
 from .tasks import InverseKinematics, Task, _InverseKinematicsWithCovariance
 from .view import Viewer
 
@@ -258,7 +258,7 @@ class Scene:
         strict: bool = False,
         leave_out: Collection[_Switch] | None = None,
         ignore: Collection[_Ignored] = (),
-        contacts: Literal["plane"] | None = None,
+        contacts: Literal["all", "plane"] | None = None,
     ) -> Scene:
         """Create the scene of a MuJoCo model; needs the extra phipsi[mujoco].
 
@@ -278,9 +278,9 @@ class Scene:
             a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
             "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
             "softness" (of equality constraints and contacts) and "tendons".
-        contacts : {"plane"}, optional
-            "plane": geoms that can touch a fixed plane become contacts with it, and each <pair> of a sphere with a
-            sphere or box becomes a contact. None: contacts are not read.
+        contacts : {"all", "plane"}, optional
+            "all": geoms that can collide become colliders, by MuJoCo's rules. "plane": only fixed planes touch other
+            geoms, and those of <pair> each other. None: contacts are not read.
 
         Returns
         -------
@@ -303,8 +303,9 @@ class Scene:
         -----
         ModelWarning
             Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted. With
-            contacts="plane": other geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft
-            contacts.
+            `contacts`: geoms without a shape (ellipsoids, signed distance fields, planes and height fields that move,
+            meshes without volume), friction of condim 4 and 6, two coefficients of a <pair>, gaps above the margin,
+            soft contacts; with "plane", other pairs that can collide.
         MeshWarning
             Missing files on which no inertia depends.
         MimicWarning
@@ -322,9 +323,9 @@ class Scene:
         joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
         inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls.
 
-        With contacts="plane", the contacts of a geom are those of its convex hull with a plane: the center of a sphere,
-        the ends of a capsule, the corners of a box, eight points of each rim of a cylinder, the hull vertices of a
-        mesh. Their friction is that of MuJoCo for the two geoms; margin raises the plane.
+        With `contacts`, a collider has the name of its geom, or "geom3" and so on; a mesh stands for its convex hull.
+        contype, conaffinity, filterparent, <exclude>, <pair>, priority, condim, margin, gap and the flag override have
+        their effects; friction is the sliding one. Contacts begin at the distance margin - gap.
 
         Examples
         --------
@@ -2414,6 +2415,9 @@ class Scene:
     def contact_names(self) -> tuple[str, ...]:
         """Names of the contacts in the order of their creation, that of contact_gaps and of Trajectory.contacts."""
 
+    @property
+    def collider_names(self) -> tuple[str, ...]:
+        """Names of the colliders in the order of their creation."""
     def contact_gaps(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """Distance of each contact from its surface; negative below the surface.
 
@@ -3362,6 +3366,9 @@ class Scene:
 
     def _connections(self) -> list[tuple[Any, ...]]: ...
     def _contacts(self) -> list[tuple[Any, ...]]: ...
+    def _collisions(self) -> tuple[Any, ...]: ...
+    def _touching(self) -> list[tuple[list[str], float, float, float]]: ...
+    def _overlapping(self) -> list[tuple[list[str], float]]: ...
     def _contact_points(self, q: ArrayLike) -> _Array: ...
     def to_builder(self) -> SceneBuilder:
         """Create a builder that has the links, joints, gravity, base and simplifications of the scene.
@@ -4669,6 +4676,8 @@ class SceneBuilder:
         inertia: ArrayLike | None = None,
         *,
         shape: Shape | Sequence[Shape] | None = None,
+        collide: bool = False,
+        friction: float = 1.0,
     ) -> SceneBuilder:
         """Add a link.
 
@@ -4686,6 +4695,11 @@ class SceneBuilder:
             of these shapes about its center; without shapes a point mass.
         shape : phipsi.shapes.Box, Sphere, Cylinder, Capsule or Mesh, or a sequence of them, optional
             Shapes with which `show` draws the link. Volumes of several shapes are added, also where they overlap.
+        collide : bool, default False
+            True: the shapes are colliders as well, as those of collider(). Their names are that of the link, followed by
+            "/0", "/1", ... if there are several.
+        friction : float, default 1
+            Coefficient of Coulomb friction of these colliders.
 
         Returns
         -------
@@ -4875,6 +4889,139 @@ class SceneBuilder:
         (('pin',), (3, 3))
         """
 
+    def collider(
+        self,
+        name: str,
+        shape: ColliderShape,
+        *,
+        link: str | None = None,
+        friction: float = 1.0,
+        restitution: float = 0.0,
+        groups: int = 1,
+        mask: int = 1,
+    ) -> SceneBuilder:
+        """Add a shape that touches the other colliders in simulations.
+
+        Parameters
+        ----------
+        name : str
+            Name of the collider.
+        shape : phipsi.shapes.Box, Sphere, Cylinder, Capsule, Mesh, Hull, HalfSpace or HeightField
+            The shape. A mesh stands for its convex hull.
+        link : str, optional
+            Name of the link that carries it. It may be added later. None: the base.
+        friction : float, default 1
+            Coefficient of Coulomb friction, not negative. Of two shapes that touch, the larger one counts.
+        restitution : float, default 0
+            Coefficient of restitution, from 0 (no rebound) to 1 (elastic). Of two shapes, the larger one counts.
+        groups : int, default 1
+            Groups that the shape belongs to, as bits.
+        mask : int, default 1
+            Groups that it can touch, as bits: two shapes can touch if `groups` of one and `mask` of the other have a bit
+            in common.
+
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Raises
+        ------
+        ArgumentError
+            An invalid shape. The message names the collider.
+
+        Notes
+        -----
+        Shapes on links that cannot move against each other do not touch, nor do those of parent and child, unless the
+        parent cannot move, or collisions_with_parents allows it. build() raises SceneError for duplicate names, unknown
+        links, a half space or a height field on a link that moves, points without volume, and values out of range.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+        >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
+        >>> builder.collider("ground", phipsi.shapes.HalfSpace()).build(floating_base=True).collider_names
+        ('ball', 'ground')
+        """
+    def collider_pair(
+        self,
+        first: str,
+        second: str,
+        *,
+        friction: float | None = None,
+        restitution: float | None = None,
+        margin: float = 0.0,
+    ) -> SceneBuilder:
+        """Let two colliders touch in any case, with values of their own.
+
+        Parameters
+        ----------
+        first, second : str
+            Names of the colliders. They may be added later.
+        friction : float, optional
+            Coefficient of Coulomb friction. None: the larger one of both.
+        restitution : float, optional
+            Coefficient of restitution. None: the larger one of both.
+        margin : float, default 0
+            Distance at which the contact begins to act, m.
+
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Notes
+        -----
+        build() raises SceneError for names that do not exist, for shapes that cannot move against each other, and for
+        values out of range.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+        >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
+        >>> builder = builder.collider("ground", phipsi.shapes.HalfSpace()).collider_pair("ball", "ground", friction=0.3)
+        """
+    def exclude(self, first: str | None, second: str | None) -> SceneBuilder:
+        """Exclude the colliders of two links from touching each other.
+
+        Parameters
+        ----------
+        first, second : str or None
+            Names of the links; None: the base.
+
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Notes
+        -----
+        collider_pair prevails. build() raises SceneError for an unknown link.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("a").link("b", mass=1.0).joint("hinge", "revolute", "a", "b")
+        >>> builder.exclude("a", "b").build().nv
+        1
+        """
+    def collisions_with_parents(self, allowed: bool) -> SceneBuilder:
+        """Set whether the colliders of a link touch those of its parent.
+
+        Parameters
+        ----------
+        allowed : bool
+            True: they touch. By default they do not, unless the parent cannot move.
+
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Examples
+        --------
+        >>> phipsi.SceneBuilder().link("a").collisions_with_parents(True).build().nv
+        0
+        """
     def contact(
         self,
         name: str,

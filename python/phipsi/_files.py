@@ -1,4 +1,4 @@
-"""Texts into files."""
+"""Files: texts into files, and the files of meshes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from pathlib import Path
 
 from .errors import ArgumentError, of_argument
 
-__all__ = ["write"]
+__all__ = ["SEARCHED", "find", "write"]
+
+#: Variables with folders for `package://` and `model://`, in addition to the folders above the URDF.
+SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "GZ_SIM_RESOURCE_PATH")
 
 
 def write(directory: str | os.PathLike[str], files: Mapping[str, str]) -> None:
@@ -25,3 +28,27 @@ def write(directory: str | os.PathLike[str], files: Mapping[str, str]) -> None:
     for name, text in files.items():
         (into / name).parent.mkdir(parents=True, exist_ok=True)
         (into / name).write_text(text, encoding="utf-8")
+
+
+def find(name: str, urdf: Path) -> Path:
+    """File of a mesh: an absolute path, a path relative to the URDF, or in a package above it or in a folder of the
+    environment variables.
+    """
+    scheme, colon, rest = name.partition("://")
+    if not colon or scheme == "file":
+        file = urdf.parent / (rest if colon else name)
+        if file.is_file():
+            return file
+        raise FileNotFoundError(f"no file {name!r}")
+    package, _, inside = rest.partition("/")
+    above = urdf.resolve().parents
+    folders = [Path(folder) for variable in SEARCHED for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
+    candidates = [folder / inside for folder in (*above, *folders) if folder.name == package]
+    candidates += [folder / package / inside for folder in (*above, *folders)]
+    candidates += [folder / "share" / package / inside for folder in (*above, *folders)]
+    # The robot may be outside of its package.
+    candidates += [folder / inside for folder in list(above)[:3]]
+    for file in candidates:
+        if file.is_file():
+            return file
+    raise FileNotFoundError(f"no file {name!r}")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ._core import Scene
+from ._urdf_colliders import with_colliders
 from ._xacro import COMMENT, expanded, is_xacro
 from .errors import ArgumentError, MimicWarning, SceneError
 
@@ -36,7 +37,7 @@ def load(
     xacro_arguments: Mapping[str, str] | None = None,
     mimic: bool | Literal["couple", "free"] | None = None,
     ignore: Collection[Any] = (),
-    contacts: Literal["plane"] | None = None,
+    contacts: Literal["all", "plane"] | None = None,
 ) -> Scene:
     """Load a scene from a robot description; the format is detected from the content.
 
@@ -95,6 +96,8 @@ def load(
     """
     if mimic not in (None, True, False, "couple", "free"):
         raise ArgumentError(f'mimic: found {mimic!r}; expected True ("couple"), False ("free") or None')
+    if contacts not in (None, "all", "plane"):
+        raise ArgumentError(f'contacts: found {contacts!r}; expected "all", "plane" or None')
     options: dict[str, Any] = {"gravity": gravity, "strict": strict, "leave_out": leave_out}
     package = type(source).__module__.partition(".")[0]
     if package in ("mujoco", "pinocchio"):
@@ -121,7 +124,6 @@ def load(
         _has_no_use(mimic, "mimic", source)
         return Scene.from_mujoco(source, **options, ignore=ignore, contacts=contacts)
     _has_no_use(ignore, "ignore", source)
-    _has_no_use(contacts, "contacts", source)
     if gravity is None:
         del options["gravity"]
     options.update(floating_base=floating_base, mimic="couple" if mimic in (True, "couple") else "free")
@@ -130,9 +132,12 @@ def load(
             # Independent joints were asked for.
             warnings.simplefilter("ignore", MimicWarning)
         if is_xacro(text):
-            return _of_file(Scene.from_urdf(expanded(source, xacro_arguments), **options), file)
-        _has_no_use(xacro_arguments, "xacro_arguments", source)
-        return Scene.from_urdf(source, **options)
+            text = expanded(source, xacro_arguments)
+            scene = _of_file(Scene.from_urdf(text, **options), file)
+        else:
+            _has_no_use(xacro_arguments, "xacro_arguments", source)
+            scene = Scene.from_urdf(source, **options)
+    return scene if contacts is None else with_colliders(scene, text, file, contacts, strict)
 
 
 def read(source: str | os.PathLike[str]) -> tuple[str, Path | None]:

@@ -97,7 +97,7 @@ def _report_lost_files(lost: list[str], strict: bool) -> None:
     text = f"source: found no file {lost[0]}{more}; expected the meshes and textures in the folders that the model names"
     if strict:
         raise SceneError(text)
-    warn(f"{text}; they are not drawn; no inertia depends on them", MeshWarning)
+    warn(f"{text}; they are not drawn and touch nothing; no inertia depends on them", MeshWarning)
 
 
 def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
@@ -115,6 +115,7 @@ def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
         if not all(has_file("texturedir", file) for file in (texture.file, *texture.cubefiles))
     }
     skins = [skin for skin in specification.skins if not has_file("meshdir", skin.file)]
+    shapeless = set[str]()
     for geom in specification.geoms:
         lost = meshes.get(geom.meshname) or fields.get(geom.hfieldname)
         if lost is None:
@@ -127,9 +128,12 @@ def _omit_lost_files(specification: mujoco.MjSpec, folder: Path) -> list[str]:
             )
         geom.type, geom.size, geom.mass, geom.group = mujoco.mjtGeom.mjGEOM_SPHERE, [0.001, 0.0, 0.0], 0.0, HIDDEN
         geom.meshname = geom.hfieldname = ""
+        geom.contype = geom.conaffinity = 0
+        shapeless.add(geom.name)
     for material in specification.materials:
         material.textures = ["" if name in textures else name for name in material.textures]
-    for lost in (*meshes.values(), *fields.values(), *textures.values(), *skins):
+    pairs = [pair for pair in specification.pairs if shapeless & {pair.geomname1, pair.geomname2} - {""}]
+    for lost in (*meshes.values(), *fields.values(), *textures.values(), *skins, *pairs):
         # In older versions the elements have the method.
         specification.delete(lost) if hasattr(specification, "delete") else lost.delete()
     return [
@@ -179,6 +183,7 @@ class Names:
         self.bodies = self._complete(_own(model, model.name_bodyadr), "body", self._links)
         self.joints = self._complete(_own(model, model.name_jntadr), "joint", self._joints)
         self.equalities = self._complete(_own(model, model.name_eqadr), "equality ", set())
+        self.geoms = self._complete(_own(model, model.name_geomadr), "geom", set())
         #: Names of sites: a site with the name of a body gets another name; unnamed sites stay unnamed.
         self.sites = [
             name and self.link(name if name not in self._links else f"{name}/site")
@@ -201,7 +206,8 @@ class Names:
 
 def _own(model: mujoco.MjModel, addresses: Any) -> list[str]:
     """Names at these addresses; empty if there is none."""
-    return [model.names[at : model.names.index(b"\0", at)].decode("utf-8", "replace") for at in addresses.tolist()]
+    names = model.names
+    return [names[at : names.index(b"\0", at)].decode("utf-8", "replace") for at in addresses.tolist()]
 
 
 def _fresh(name: str, taken: set[str]) -> str:
@@ -294,6 +300,13 @@ def is_disabled(model: mujoco.MjModel, *flags: str) -> bool:
     )
 
 
+def is_enabled(model: mujoco.MjModel, flag: str) -> bool:
+    """Whether an optional feature is enabled, a name of mjtEnableBit without mjENBL_."""
+    import mujoco
+
+    return bool(model.opt.enableflags & int(getattr(mujoco.mjtEnableBit, f"mjENBL_{flag}")))
+
+
 def has_constraints(model: mujoco.MjModel, kind: str) -> bool:
     """Whether constraints of a kind are active: EQUALITY, LIMIT, FRICTIONLOSS or CONTACT."""
     return not is_disabled(model, kind) and not is_disabled(model, "CONSTRAINT")
@@ -334,13 +347,12 @@ def ties_bodies(model: mujoco.MjModel, at: int) -> bool:
     return types is None or bool(types[at] == OBJECT_BODY)
 
 
-def is_soft(solref: Any, solimp: Any) -> bool:
-    """Whether a constraint is softer than with MuJoCo's default parameters."""
-    if solref[0] > 0.0:
-        stiffness = 1.0 / (max(solimp[1], 1e-6) * solref[0] * max(solref[1], 1e-6)) ** 2
-    else:
-        stiffness = -solref[0] / max(solimp[1], 1e-6) ** 2
-    return bool(solimp[1] < IMPEDANCE or stiffness < 0.99 * STIFFNESS)
+def is_soft(solref: Any, solimp: Any) -> Any:
+    """Whether constraints are softer than with MuJoCo's default parameters, for parameters (..., 2) and (..., 5)."""
+    impedance, first = np.maximum(solimp[..., 1], 1e-6), solref[..., 0]
+    root = impedance * np.where(first > 0.0, first, 1.0) * np.maximum(solref[..., 1], 1e-6)
+    stiffness = np.where(first > 0.0, 1.0 / root**2, -first / impedance**2)
+    return (solimp[..., 1] < IMPEDANCE) | (stiffness < 0.99 * STIFFNESS)
 
 
 def along_world(model: mujoco.MjModel, joint: int) -> dict[str, str]:

@@ -1,287 +1,281 @@
-"""Contacts of a MuJoCo model: the pairs of geoms that can collide, and the points of a geom that can touch a plane."""
+"""Colliders of a MuJoCo model: the shapes of its geoms, the pairs of geoms that can touch, and their parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ._mjcf import Names, has_constraints, is_disabled, is_soft
+from . import shapes
+from ._colliders import fault
+from ._coordinates import rotation
+from ._mjcf import Names, has_constraints, is_disabled, is_enabled, is_soft
+from ._pose import angles
 
 if TYPE_CHECKING:
     import mujoco
 
+    from ._core import SceneBuilder
+
 _Array = NDArray[np.float64]
 
 #: Values of mjtGeom.
-PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(8)
-#: Geoms whose convex hull is that of spheres and points.
-HULLS = (SPHERE, CAPSULE, CYLINDER, BOX, MESH)
-#: Number of points on each rim of a cylinder.
-OF_RIM = 8
+PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, SDF = range(9)
+#: Geoms that have no shape here.
+WITHOUT_SHAPE = {ELLIPSOID: "an ellipsoid", SDF: "a signed distance field"}
+#: Number of groups of colliders.
+GROUPS = 32
 
 
-class Pair(NamedTuple):
-    """A fixed plane and a geom of a moving body that can collide, and the parameters of their contact."""
+class Pairs(NamedTuple):
+    """Pairs of geoms that can collide, and the parameters of their contacts."""
 
-    plane: int
-    geom: int
-    condim: int
+    first: Any
+    """Index of a geom of each pair, (n,)."""
+    second: Any
+    condim: Any
     friction: _Array
-    """Sliding in two directions, torsional, rolling in two directions, (5,)."""
-    solref: _Array
-    solimp: _Array
-    margin: float
-    """Distance at which the contact begins to act, m."""
+    """Sliding friction in both directions, (n, 2)."""
+    soft: Any
+    """Whether the contact is softer than MuJoCo's default, (n,)."""
+    margin: _Array
+    """Distance at which the contact begins to act, m, (n,)."""
 
+    def where(self, condition: Any) -> Pairs:
+        """Those that satisfy a condition, (n,)."""
+        return self if condition.all() else Pairs(*(values[condition] for values in self))
 
-class Point(NamedTuple):
-    """A point or sphere of a body, and the plane that it can touch."""
-
-    name: str
-    body: int
-    center: _Array
-    """In the frame of the body, (3,), m."""
-    radius: float
-    normal: _Array
-    offset: float
-    friction: float
-
-
-class Between(NamedTuple):
-    """A sphere of a moving body and a sphere or box of another body, of a <pair>."""
-
-    name: str
-    body: int
-    center: _Array
-    """In the frame of the body, (3,), m."""
-    radius: float
-    other: int
-    """The other body; 0 for the world."""
-    origin: _Array
-    rotation: _Array
-    """Frame of the other geom in its body."""
-    shape: dict[str, Any]
-    """other_radius or other_size of SceneBuilder.contact."""
-    friction: float
+    @property
+    def sliding(self) -> _Array:
+        """Coefficient of friction of each pair, (n,)."""
+        return np.where(self.condim > 1, self.friction[:, 0], 0.0)
 
 
 class Collisions:
-    """The pairs of geoms that can collide according to MuJoCo's filters: those with fixed planes and each <pair> of
-    spheres and boxes, which a scene can represent, and whether there are others.
+    """The geoms of a model that can collide, the pairs that MuJoCo's filters leave, and those that a scene represents:
+    with contacts="all" all pairs of geoms that have a shape, with "plane" those with a fixed plane and each <pair>.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self.model = model
-        rigid = model.body_weldid[model.geom_bodyid]
-        self._is_plane = (model.geom_type == PLANE) & (rigid == 0)
-        self._has_hull = np.isin(model.geom_type, HULLS) & (rigid != 0)
+    def __init__(self, model: mujoco.MjModel, contacts: str | None) -> None:
+        self.model, self.contacts = model, contacts
+        self._welded = model.body_weldid[model.geom_bodyid]
+        moves = np.zeros(model.nbody, bool)
+        for body in range(1, model.nbody):
+            moves[body] = model.body_jntnum[body] or moves[model.body_parentid[body]]
+        self._is_moved = moves[model.geom_bodyid]
+        self._is_plane = (model.geom_type == PLANE) & ~self._is_moved
+        self._contype, self._conaffinity = (bits.astype(np.int64) & 0xFFFFFFFF for bits in (model.geom_contype, model.geom_conaffinity))
+        self._hulls: dict[int, _Array | None] = {}
+        #: Pairs that the scene represents, those of <pair> first.
+        self.read: list[Pairs] = []
+        #: Geoms without a shape that can collide with others.
+        self.lost = set[int]()
+        #: A pair of geoms that can collide, and that the scene does not represent for another reason.
+        self.other: tuple[int, int] | None = None
+        for pairs in self._all():
+            shaped = self._has_shape[pairs.first] & self._has_shape[pairs.second]
+            if contacts is not None and not shaped.all():
+                left = pairs.where(~shaped)
+                self.lost.update(self.missing.keys() & {*left.first.tolist(), *left.second.tolist()})
+            planes = self._is_plane[pairs.first] | self._is_plane[pairs.second]
+            wanted = planes if contacts == "plane" and self.read else np.full(len(planes), contacts is not None)
+            if self.other is None and not np.all(wanted | ~shaped):
+                other = pairs.where(shaped & ~wanted)
+                self.other = int(other.first[0]), int(other.second[0])
+                if contacts is None:
+                    break
+            self.read.append(pairs.where(shaped & wanted))
 
-    def with_planes(self) -> list[Pair]:
-        """The pairs of a fixed plane and a geom whose convex hull is that of spheres and points."""
-        model, found, explicit = self.model, [], set[frozenset[int]]()
-        for at in self._explicit():
-            ends = int(model.pair_geom1[at]), int(model.pair_geom2[at])
-            explicit.add(frozenset(ends))
-            if (both := self._ordered(*ends)) is not None:
-                found.append(self._given(at, both))
-        for one, others in self._filtered():
-            for other in others[self._are_read(one, others)].tolist():
-                both = self._ordered(one, other)
-                if both is not None and frozenset(both) not in explicit:
-                    found.append(_combined(model, *both))
-        return found
-
-    def between(self) -> list[Pair]:
-        """Each <pair> of a sphere of a moving body and a sphere or box of another body: the other geom (as `plane`) and
-        the sphere.
-        """
-        model, found = self.model, []
-        for at in self._explicit():
-            ends = int(model.pair_geom1[at]), int(model.pair_geom2[at])
-            if (both := self._spheres(*ends)) is not None:
-                found.append(self._given(at, both))
-        return found
-
-    def first_other(self, planes: bool) -> tuple[int, int] | None:
-        """The first pair; with `planes`, the first one that is not read; None if there is none."""
-        model, read = self.model, set[frozenset[int]]()
-        for at in self._explicit():
-            ends = int(model.pair_geom1[at]), int(model.pair_geom2[at])
-            if not planes or (self._ordered(*ends) is None and self._spheres(*ends) is None):
-                return ends
-            read.add(frozenset(ends))
-        for one, others in self._filtered():
-            left = others[~self._are_read(one, others)] if planes else others
-            for other in left.tolist():
-                if frozenset((one, other)) not in read:
-                    return one, other
-        return None
-
-    def _explicit(self) -> range:
-        """Indices of <pair>."""
-        return range(self.model.npair if has_constraints(self.model, "CONTACT") else 0)
-
-    def _given(self, at: int, both: tuple[int, int]) -> Pair:
-        """The parameters of a <pair>."""
+    @cached_property
+    def geoms(self) -> Any:
+        """Indices of geoms that can collide by their bits or by a <pair>."""
         model = self.model
-        margin = model.pair_margin[at] - (model.pair_gap[at] if _margin_rule()[1] else 0.0)
-        given = model.pair_friction[at], model.pair_solref[at], model.pair_solimp[at]
-        return Pair(*both, int(model.pair_dim[at]), *given, float(margin))
+        if not has_constraints(model, "CONTACT"):
+            return np.empty(0, int)
+        collide = (self._contype | self._conaffinity) != 0
+        collide[model.pair_geom1[: model.npair]] = collide[model.pair_geom2[: model.npair]] = True
+        return np.flatnonzero(collide)
 
-    def _spheres(self, one: int, other: int) -> tuple[int, int] | None:
-        """A sphere or box, and a sphere of a body that moves against it; None for another pair."""
-        types, rigid = self.model.geom_type, self.model.body_weldid[self.model.geom_bodyid]
-        for surface, sphere in ((one, other), (other, one)):
-            if types[sphere] == SPHERE and types[surface] in (SPHERE, BOX) and rigid[sphere] not in (0, rigid[surface]):
-                return surface, sphere
-        return None
+    @cached_property
+    def missing(self) -> dict[int, str]:
+        """Geoms that can collide and have no shape here, and what they are."""
+        found = {}
+        for geom in self.geoms.tolist() if self.contacts else ():
+            kind, moves = int(self.model.geom_type[geom]), self._is_moved[geom]
+            if kind in WITHOUT_SHAPE:
+                found[geom] = WITHOUT_SHAPE[kind]
+            elif kind in (PLANE, HFIELD) and moves:
+                found[geom] = f"a {'plane' if kind == PLANE else 'height field'} on a body that moves"
+            elif kind == MESH and self._hull(geom) is None:
+                found[geom] = "a mesh whose vertices have no convex hull with a volume"
+        return found
 
-    def _are_read(self, one: int, others: Any) -> Any:
-        return (self._is_plane[one] & self._has_hull[others]) | (self._has_hull[one] & self._is_plane[others])
+    @cached_property
+    def _has_shape(self) -> Any:
+        has = np.zeros(self.model.ngeom, bool)
+        has[self.geoms] = True
+        has[list(self.missing)] = False
+        return has
 
-    def _ordered(self, one: int, other: int) -> tuple[int, int] | None:
-        """Plane and geom; None for another pair."""
-        if self._is_plane[one] and self._has_hull[other]:
-            return one, other
-        return (other, one) if self._is_plane[other] and self._has_hull[one] else None
+    def _all(self) -> Iterator[Pairs]:
+        """Pairs that can collide, those of <pair> first."""
+        if not len(self.geoms):
+            return
+        explicit = self._explicit()
+        keys = self._key(explicit.first, explicit.second)
+        yield explicit.where((self._welded[explicit.first] != self._welded[explicit.second]) & (self._is_moved[explicit.first] | self._is_moved[explicit.second]))
+        model = self.model
+        rules = [getattr(model, f"geom_{name}").reshape(model.ngeom, -1) for name in ("condim", "friction", "priority", "margin", "gap", "solmix", "solref", "solimp")]
+        _, kinds, of = np.unique(np.concatenate(rules, axis=1), axis=0, return_index=True, return_inverse=True)
+        of, combined = of.ravel(), cache(lambda kind: self._combined(kinds[kind], kinds))
+        for one, others in self._filtered():
+            if len(keys):
+                others = others[~np.isin(self._key(one, others), keys)]
+            _, _, *values = combined(of[one])
+            yield Pairs(np.full(len(others), one), others, *(value[of[others]] for value in values))
+
+    def _key(self, one: Any, other: Any) -> Any:
+        return np.minimum(one, other) * np.int64(self.model.ngeom) + np.maximum(one, other)
+
+    def _explicit(self) -> Pairs:
+        """Those of <pair>."""
+        model = self.model
+        parameters = model.pair_dim, model.pair_friction[:, :2], model.pair_solref, model.pair_solimp, model.pair_margin, model.pair_gap
+        return self._pairs(model.pair_geom1, model.pair_geom2, *parameters)
+
+    def _combined(self, one: int, others: Any) -> Pairs:
+        """Parameters of the contacts of a geom with others: those of the geom with the higher priority; otherwise the larger
+        friction and condim, and the mean of solref and solimp.
+        """
+        model, count = self.model, len(others)
+        ends = np.stack([np.full(count, one), others])
+        priority, mix, margins, solref, solimp = (getattr(model, f"geom_{name}")[ends] for name in ("priority", "solmix", "margin", "solref", "solimp"))
+        equal, total = (priority[0] == priority[1])[:, None], mix.sum(axis=0)
+        # Where the priorities differ, one geom has the whole weight.
+        shares = np.divide(mix[0], total, out=np.full(count, 0.5), where=total > 0.0)[:, None]
+        weight = np.where(equal, shares, (priority[0] > priority[1])[:, None])
+        values = np.concatenate([model.geom_condim[ends][..., None], model.geom_friction[ends][..., [0, 0]]], axis=-1)
+        values = np.where(equal, values.max(axis=0), np.where(weight == 1.0, *values))
+        is_direct = equal & (solref[:, :, :1] <= 0.0).any(axis=0)
+        solref = np.where(is_direct, solref.min(axis=0), weight * solref[0] + (1.0 - weight) * solref[1])
+        margin = margins.sum(axis=0) if _margin_rule().adds else margins.max(axis=0)
+        return self._pairs(ends[0], others, values[:, 0], values[:, 1:], solref, weight * solimp[0] + (1.0 - weight) * solimp[1], margin, model.geom_gap[ends].max(axis=0))
+
+    def _pairs(self, first: Any, second: Any, condim: Any, friction: Any, solref: Any, solimp: Any, margin: Any, gap: Any) -> Pairs:
+        """Pairs with these parameters, or with those of the flag `override`, if it is enabled."""
+        option = self.model.opt
+        if is_enabled(self.model, "OVERRIDE"):
+            margin = np.full(len(first), option.o_margin)
+            friction, solref, solimp = (np.broadcast_to(of, (len(first), len(of))) for of in (option.o_friction[:2], option.o_solref, option.o_solimp))
+        return Pairs(first, second, condim, friction, is_soft(solref, solimp), margin - gap if _margin_rule().less_gap else margin)
 
     def _filtered(self) -> Iterator[tuple[int, Any]]:
         """Each geom, and those after it with which it can collide."""
-        model = self.model
-        if not has_constraints(model, "CONTACT"):
-            return
-        types, affinities, bodies = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
-        rigid = model.body_weldid[bodies]
+        model, rigid, bodies = self.model, self._welded, self.model.geom_bodyid
         above = model.body_weldid[model.body_parentid[rigid]]
         filters_parents, excluded = not is_disabled(model, "FILTERPARENT"), model.exclude_signature
-        geoms = np.flatnonzero(types | affinities)
+        geoms = np.flatnonzero(self._contype | self._conaffinity)
         for at, one in enumerate(geoms.tolist()):
             other = geoms[at + 1 :]
-            may = ((types[one] & affinities[other]) | (types[other] & affinities[one])) != 0
-            may &= rigid[other] != rigid[one]
+            may = self._bits(one, other) & (rigid[other] != rigid[one]) & (self._is_moved[other] | self._is_moved[one])
             if filters_parents:
                 # A body does not collide with its parent, unless that is fixed to the world.
-                of_parent = ((above[other] == rigid[one]) & (rigid[one] != 0)) | ((above[one] == rigid[other]) & (rigid[other] != 0))
-                may &= ~of_parent
-            ends = np.sort(np.stack([np.full(len(other), bodies[one]), bodies[other]]), axis=0)
-            may &= ~np.isin((ends[0] << 16) + ends[1], excluded)
+                may &= ~(((above[other] == rigid[one]) | (above[one] == rigid[other])) & (rigid[one] != 0) & (rigid[other] != 0))
+            if len(excluded):
+                ends = np.sort(np.stack([np.full(len(other), bodies[one]), bodies[other]]), axis=0)
+                may &= ~np.isin((ends[0] << 16) + ends[1], excluded)
             yield one, other[may]
 
+    def _bits(self, one: Any, other: Any) -> Any:
+        return ((self._contype[one] & self._conaffinity[other]) | (self._contype[other] & self._conaffinity[one])) != 0
 
-def _combined(model: mujoco.MjModel, plane: int, geom: int) -> Pair:
-    """Parameters of the contact of two geoms: those of the geom with the higher priority; otherwise the larger friction
-    and condim, and the mean of solref and solimp.
-    """
-    ends = [plane, geom]
-    adds, less_gap = _margin_rule()
-    margin = model.geom_margin[ends].sum() if adds else model.geom_margin[ends].max()
-    margin -= model.geom_gap[ends].max() if less_gap else 0.0
-    priorities = model.geom_priority[ends]
-    by = [ends[int(priorities.argmax())]] if priorities[0] != priorities[1] else ends
-    weights = model.geom_solmix[by]
-    weights = weights / weights.sum() if weights.sum() > 0.0 else np.full(len(by), 1.0 / len(by))
-    solref = model.geom_solref[by]
-    solref = weights @ solref if np.all(solref[:, 0] > 0.0) else solref.min(axis=0)
-    friction = model.geom_friction[by].max(axis=0)[[0, 0, 1, 2, 2]]
-    return Pair(plane, geom, int(model.geom_condim[by].max()), friction, solref, weights @ model.geom_solimp[by], float(margin))
+    # Into a scene
 
+    def add(self, builder: SceneBuilder, names: Names) -> None:
+        """Add the colliders and their rules to a builder."""
+        model, geoms = self.model, self.geoms
+        if self.contacts == "plane":
+            geoms = np.unique(np.concatenate([ends for of in self.read for ends in of[:2]] or [geoms]))
+        geoms = geoms[self._has_shape[geoms]]
+        # The larger condim counts, which has friction.
+        own = np.where(model.geom_condim > 1, model.geom_friction[:, 0], 0.0)
+        groups, masks = self._groups(geoms)
+        for geom in geoms.tolist():
+            rules = {"friction": own[geom], "groups": int(groups[geom]), "mask": int(masks[geom])}
+            builder.collider(names.geoms[geom], self._shape(geom), link=names.bodies[model.geom_bodyid[geom]], **rules)
+        for at, of in enumerate(self.read):
+            first, second, friction, margin = of.first, of.second, of.sliding, np.maximum(of.margin, 0.0)
+            given = ((groups[first] & masks[second]) | (groups[second] & masks[first])) == 0
+            given |= (friction != np.maximum(own[first], own[second])) | (margin > 0.0) | (at == 0)
+            for i, j, mu, distance in zip(*(values[given].tolist() for values in (first, second, friction, margin)), strict=True):
+                builder.collider_pair(names.geoms[i], names.geoms[j], friction=mu, margin=distance)
+        for first, second in sorted(self._apart(set(model.geom_bodyid[geoms].tolist()))):
+            builder.exclude(names.bodies[first], names.bodies[second])
+        if len(geoms) and is_disabled(model, "FILTERPARENT"):
+            builder.collisions_with_parents(True)
 
-@cache
-def _margin_rule() -> tuple[bool, bool]:
-    """Whether this version of MuJoCo adds the margins of two geoms (older ones take the larger one), and whether the
-    gap is subtracted.
-    """
-    import mujoco
+    def _groups(self, geoms: Any) -> tuple[Any, Any]:
+        """Groups and masks of all geoms as bits. With contacts="plane" each kind of planes is a group, which geoms that are
+        no planes can touch.
+        """
+        if self.contacts == "all":
+            return self._contype, self._conaffinity
+        planes = geoms[self._is_plane[geoms]]
+        groups, masks = np.zeros((2, self.model.ngeom), np.int64)
+        _, kinds, of = np.unique(np.stack([self._contype[planes], self._conaffinity[planes]]), axis=1, return_index=True, return_inverse=True)
+        for at, kind in enumerate(kinds[:GROUPS]):
+            groups[planes[of.ravel() == at]] = 1 << at
+            masks |= np.where(self._bits(planes[kind], np.arange(self.model.ngeom)) & ~self._is_plane, 1 << at, 0)
+        return groups, masks
 
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><geom type="plane" size="1 1 1" margin="0.25"/><body><freejoint/>'
-        '<geom size="0.1" margin="0.5" gap="0.125"/></body></worldbody></mujoco>'
-    )
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    found = float(data.contact[0].includemargin)
-    return found > 0.55, found in (0.625, 0.375)
+    def _apart(self, used: set[int]) -> set[tuple[int, int]]:
+        """Pairs of bodies with colliders that do not touch: each <exclude>, and child and parent where the child has several
+        joints, between which the scene has links.
+        """
+        model = self.model
+        apart = {(int(signature) >> 16, int(signature) & 0xFFFF) for signature in model.exclude_signature}
+        if not is_disabled(model, "FILTERPARENT"):
+            rigid = dict[int, list[int]]()
+            for body in used:
+                rigid.setdefault(int(model.body_weldid[body]), []).append(body)
+            for root, bodies in rigid.items():
+                above = int(model.body_weldid[model.body_parentid[root]])
+                if model.body_jntnum[root] > 1 and above != 0:
+                    apart |= {(min(ends), max(ends)) for ends in ((one, other) for one in bodies for other in rigid.get(above, ()))}
+        return {ends for ends in apart if used.issuperset(ends)}
 
+    def _shape(self, geom: int) -> shapes.ColliderShape:
+        """Shape of a geom in the frame of its body."""
+        model, (x, y, z) = self.model, self.model.geom_size[geom].tolist()
+        turn, kind = rotation(model.geom_quat[geom][[1, 2, 3, 0]]), model.geom_type[geom]
+        if kind == MESH:
+            hull = self._hull(geom)
+            assert hull is not None
+            return shapes.Hull(model.geom_pos[geom] + hull @ turn.T)
+        place: dict[str, Any] = {"xyz": model.geom_pos[geom], "rpy": angles(turn)}
+        if kind == PLANE:
+            return shapes.HalfSpace(**place)
+        if kind == SPHERE:
+            return shapes.Sphere(x, place["xyz"])
+        if kind == BOX:
+            return shapes.Box((2.0 * x, 2.0 * y, 2.0 * z), **place)
+        if kind != HFIELD:
+            return (shapes.Capsule if kind == CAPSULE else shapes.Cylinder)(x, 2.0 * y, **place)
+        field = int(model.geom_dataid[geom])
+        rows, columns, at = (int(of[field]) for of in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
+        half, heights = model.hfield_size[field], np.asarray(model.hfield_data[at : at + rows * columns], float)
+        return shapes.HeightField(half[2] * heights.reshape(rows, columns), 2.0 * half[:2], **place)
 
-def points(model: mujoco.MjModel, names: Names) -> list[Point]:
-    """The points of moving geoms that can touch a fixed plane. Points that no joint moves are omitted."""
-    import mujoco
-
-    found = Collisions(model).with_planes()
-    if not found:
-        return []
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    planes = {pair.plane: (data.geom_xmat[pair.plane].reshape(3, 3)[:, 2].copy(), data.geom_xpos[pair.plane].copy()) for pair in found}
-    can_move = _Movable(model)
-    made = []
-    for pair in found:
-        plane, geom = pair.plane, pair.geom
-        normal, origin = planes[plane]
-        name = model.geom(geom).name or f"geom{geom}"
-        if len(planes) > 1:
-            name = f"{name} on {model.geom(plane).name or f'geom{plane}'}"
-        centers, radius = _hull(model, geom)
-        body = int(model.geom_bodyid[geom])
-        friction = float(pair.friction[0]) if pair.condim > 1 else 0.0
-        kept = [center for center in centers if can_move(body, center, radius, normal)]
-        for at, center in enumerate(kept):
-            own = f"{name}/{at}" if len(kept) > 1 else name
-            made.append(Point(own, body, center, radius, normal, float(normal @ origin) + pair.margin, friction))
-    taken = set[str]()
-    for at, point in enumerate(made):
-        name = point.name
-        while name in taken:
-            name += "_"
-        taken.add(name)
-        made[at] = point._replace(name=name)
-    return made
-
-
-def pairs(model: mujoco.MjModel) -> list[Between]:
-    """The contacts of each <pair> of spheres and boxes of bodies that move against each other. `margin` enlarges the
-    sphere.
-    """
-    import mujoco
-
-    made = []
-    for pair in Collisions(model).between():
-        surface, sphere = pair.plane, pair.geom
-        first, second = (model.geom(geom).name or f"geom{geom}" for geom in (sphere, surface))
-        size, turn = model.geom_size[surface], np.empty(9)
-        mujoco.mju_quat2Mat(turn, model.geom_quat[surface])
-        shape = {"other_radius": float(size[0])} if model.geom_type[surface] == SPHERE else {"other_size": 2.0 * size}
-        radius, friction = float(model.geom_size[sphere][0]) + pair.margin, float(pair.friction[0]) if pair.condim > 1 else 0.0
-        bodies = int(model.geom_bodyid[sphere]), int(model.geom_bodyid[surface])
-        frame = model.geom_pos[surface], turn.reshape(3, 3)
-        made.append(Between(f"{first} on {second}", bodies[0], model.geom_pos[sphere], radius, bodies[1], *frame, shape, friction))
-    return made
-
-
-def _hull(model: mujoco.MjModel, geom: int) -> tuple[_Array, float]:
-    """Centers in the frame of the body, (n, 3), and radius of the spheres whose convex hull is that of the geom."""
-    import mujoco
-
-    size, kind, radius = model.geom_size[geom], model.geom_type[geom], 0.0
-    if kind == SPHERE:
-        own, radius = np.zeros((1, 3)), size[0]
-    elif kind == CAPSULE:
-        own, radius = np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]]), size[0]
-    elif kind == BOX:
-        own = size * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
-    elif kind == CYLINDER:
-        angles = 2.0 * np.pi * np.arange(OF_RIM) / OF_RIM
-        rim = size[0] * np.stack([np.cos(angles), np.sin(angles), np.zeros(OF_RIM)], axis=-1)
-        own = np.concatenate([rim - [0.0, 0.0, size[1]], rim + [0.0, 0.0, size[1]]])
-    else:
-        own = _hull_of_mesh(model, int(model.geom_dataid[geom]))
-    turn = np.empty(9)
-    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-    return model.geom_pos[geom] + own @ turn.reshape(3, 3).T, float(radius)
+    def _hull(self, geom: int) -> _Array | None:
+        """Vertices of the convex hull of a mesh, (n, 3), in the frame of the geom; None if it has no volume."""
+        mesh = int(self.model.geom_dataid[geom])
+        if mesh not in self._hulls:
+            points = _hull_of_mesh(self.model, mesh)
+            self._hulls[mesh] = points if fault(shapes.Hull(points)) is None else None
+        return self._hulls[mesh]
 
 
 def _hull_of_mesh(model: mujoco.MjModel, mesh: int) -> _Array:
@@ -295,51 +289,70 @@ def _hull_of_mesh(model: mujoco.MjModel, mesh: int) -> _Array:
     return np.asarray(vertices[model.mesh_graph[at + 2 + number : at + 2 + 2 * number]])
 
 
-class _Movable:
-    """Whether joints can move the point of a sphere that is nearest to a plane, in one of two configurations."""
+class _Rule(NamedTuple):
+    """How this version of MuJoCo combines margins and gaps."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        import mujoco
-
-        self._model, self._states = model, []
-        for scale in (0.3, 0.7):
-            data = mujoco.MjData(model)
-            mujoco.mj_integratePos(model, data.qpos, np.cos(np.arange(model.nv, dtype=float)), scale)
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            self._states.append(data)
-
-    def __call__(self, body: int, center: _Array, radius: float, normal: _Array) -> bool:
-        import mujoco
-
-        jacobian = np.zeros((3, self._model.nv))
-        for data in self._states:
-            point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ center - radius * normal
-            mujoco.mj_jac(self._model, data, jacobian, None, point, body)
-            if np.abs(jacobian).max(initial=0.0) > 1e-9:
-                return True
-        return False
+    adds: bool
+    """Whether margins of two geoms are added; older versions take the larger one."""
+    less_gap: bool
+    """Whether the gap is subtracted."""
 
 
-def unsupported(model: mujoco.MjModel, names: Names, planes: bool) -> Iterator[tuple[str, str, str]]:
-    """Collisions that a scene does not represent: name in `ignore`, what was found, and the consequence. planes: those
-    with fixed planes are read.
-    """
-    collisions = Collisions(model)
-    if (other := collisions.first_other(planes)) is not None:
-        first, second = (names.bodies[model.geom_bodyid[end]] for end in other)
-        consequence = "they can pass through each other, because only contacts with fixed planes and each <pair> of spheres and boxes are read"
-        if not planes:
-            consequence = 'bodies can pass through each other, because contacts of a file are read only with contacts="plane"'
-        elif {ELLIPSOID, PLANE} <= set(model.geom_type[list(other)].tolist()):
-            consequence = "contacts of ellipsoids are not read"
+@cache
+def _margin_rule() -> _Rule:
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><geom type="plane" size="1 1 1" margin="0.25"/><body><freejoint/>'
+        '<geom size="0.1" margin="0.5" gap="0.125"/></body></worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    found = float(data.contact[0].includemargin)
+    return _Rule(found > 0.55, found in (0.625, 0.375))
+
+
+def unsupported(collisions: Collisions, names: Names) -> Iterator[tuple[str, str, str]]:
+    """Collisions that a scene does not represent: name in `ignore`, what was found, and the consequence."""
+    condims, frictions, gaps, soft = (_Example() for _ in range(4))
+    for pairs in collisions.read:
+        condims.add(pairs, pairs.condim > 3)
+        frictions.add(pairs, (pairs.condim > 1) & (pairs.friction[:, 0] != pairs.friction[:, 1]))
+        gaps.add(pairs, pairs.margin < 0.0)
+        soft.add(pairs, pairs.soft)
+    if collisions.other is not None:
+        first, second = (names.bodies[collisions.model.geom_bodyid[end]] for end in collisions.other)
+        consequence = 'they can pass through each other, because contacts="plane" reads only contacts with fixed planes and each <pair>: use contacts="all"'
+        if collisions.contacts is None:
+            consequence = 'bodies can pass through each other, because contacts of a file are read only with contacts="all" or contacts="plane"'
         yield "contacts", f"geoms that collide, of {first!r} and {second!r} for instance", consequence
-    for pair in [*collisions.with_planes(), *collisions.between()] if planes else []:
-        plane, geom = (model.geom(end).name or f"geom{end}" for end in (pair.plane, pair.geom))
-        what = f"the contact of {plane!r} and {geom!r}"
-        if pair.condim > 3:
-            yield "contacts", f"condim {pair.condim} of {what}", "torsional and rolling friction are not read"
-        if pair.condim > 1 and pair.friction[0] != pair.friction[1]:
-            yield "contacts", f"friction {pair.friction[0]:g} and {pair.friction[1]:g} of {what}", "the first is used in both directions"
-        if is_soft(pair.solref, pair.solimp):
-            yield "softness", f"{what}, which is softer than MuJoCo's default (solref, solimp)", "contacts are rigid"
+    for geom in sorted(collisions.lost):
+        yield "contacts", f"the geom {names.geoms[geom]!r}, {collisions.missing[geom]}", "it touches nothing"
+    if condims.first is not None:
+        yield "contacts", f"condim {int(condims.first.condim[0])} of {condims.text(names)}", "torsional and rolling friction are not read"
+    if frictions.first is not None:
+        one, two = frictions.first.friction[0].tolist()
+        yield "contacts", f"friction {one:g} and {two:g} of {frictions.text(names)}", "the first is used in both directions"
+    if gaps.first is not None:
+        yield "contacts", f"a gap that exceeds the margin by {-gaps.first.margin[0]:g} m, of {gaps.text(names)}", "contacts act from a distance of zero"
+    if soft.first is not None:
+        yield "softness", f"{soft.text(names)}, which is softer than MuJoCo's default (solref, solimp)", "contacts are rigid"
+
+
+class _Example:
+    """The first of some pairs, and their number."""
+
+    def __init__(self) -> None:
+        self.first: Pairs | None = None
+        self.count = 0
+
+    def add(self, pairs: Pairs, condition: Any) -> None:
+        self.count += int(np.count_nonzero(condition))
+        if self.first is None and self.count:
+            self.first = pairs.where(condition)
+
+    def text(self, names: Names) -> str:
+        assert self.first is not None
+        one, two = (names.geoms[int(ends[0])] for ends in self.first[:2])
+        more = f" (and of {self.count - 1} more pairs)" if self.count > 1 else ""
+        return f"the contact of {one!r} and {two!r}{more}"

@@ -22,7 +22,7 @@ from ._mjcf import (
     joint_actuators,
     stops,
 )
-from ._mjcf_contacts import unsupported
+from ._mjcf_contacts import Collisions, unsupported
 from .errors import ArgumentError, ModelWarning, SceneError, known_names, warn
 
 if TYPE_CHECKING:
@@ -60,13 +60,13 @@ class Gap(NamedTuple):
     """Whether omitting the part changes the motion: an error; otherwise a warning."""
 
 
-def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: bool, contacts: bool = False) -> None:
+def check(model: mujoco.MjModel, names: Names, ignore: Collection[str], strict: bool, collisions: Collisions) -> None:
     """Raise SceneError, or warn, for active parts of a model that cannot be represented, except those in `ignore`."""
     for name in ignore:
         if name not in IGNORED:
             raise ArgumentError(f"ignore: found {name!r}; expected names of {known_names(name, IGNORED)}")
     found: dict[str, list[Gap]] = {}
-    for gap in gaps(model, names, ignore, contacts):
+    for gap in gaps(model, names, ignore, collisions):
         if gap.name not in ignore:
             found.setdefault(gap.name, []).append(gap)
     refused = {name: of for name, of in found.items() if strict or any(gap.is_refused for gap in of)}
@@ -87,15 +87,15 @@ def _text(of: list[Gap]) -> str:
     return f"{first.found}{more}: {first.consequence}"
 
 
-def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str], contacts: bool = False) -> Iterator[Gap]:
-    """All parts that cannot be represented; contacts: those with planes are read."""
+def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str], collisions: Collisions) -> Iterator[Gap]:
+    """All parts that cannot be represented."""
     if "equality" not in ignore:
         yield from _of_equalities(model, names)
     yield from _of_tendons(model)
     yield from _of_bodies(model, names)
     yield from _of_joints(model, names)
     yield from _of_actuators(model)
-    for name, found, consequence in unsupported(model, names, contacts):
+    for name, found, consequence in unsupported(collisions, names):
         yield Gap(name, found, consequence, False)
 
 

@@ -76,6 +76,18 @@ def from_rpy(rpy: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def angles(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Roll, pitch and yaw of Rz(yaw) Ry(pitch) Rx(roll), rad; the yaw is zero if the pitch is a right angle."""
+    level = np.hypot(rotation[0, 0], rotation[1, 0])
+    pitch = np.arctan2(-rotation[2, 0], level)
+    if level < 1e-9:
+        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
+    roll = np.arctan2(rotation[2, 1], rotation[2, 2])
+    # Near a right angle the roll is inaccurate; the yaw of what it leaves compensates for its error.
+    across, along = rotation[:2, 1:] @ [np.cos(roll), -np.sin(roll)]
+    return np.array([roll, pitch, np.arctan2(-across, along)])
+
+
 def _finite(name: str, value: NDArray[np.float64]) -> NDArray[np.float64]:
     if not np.isfinite(value).all():
         raise of_argument(NotFiniteError, name, f"found {value.tolist()}; expected finite numbers")

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from ._pose import angles
 from ._xacro import expanded_again
 from ._results import Joint
 from .errors import ArgumentError, of_argument
@@ -141,12 +142,3 @@ def _child(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementT
 def _text(numbers: Any) -> str:
     """Values with all significant digits."""
     return " ".join(repr(float(number)) for number in np.atleast_1d(numbers))
-
-
-def angles(rotation: _Array) -> _Array:
-    """Roll, pitch and yaw of Rz(yaw) Ry(pitch) Rx(roll), rad; the yaw is zero if the pitch is a right angle."""
-    level = np.hypot(rotation[0, 0], rotation[1, 0])
-    pitch = np.arctan2(-rotation[2, 0], level)
-    if level < 1e-9:
-        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
-    return np.array([np.arctan2(rotation[2, 1], rotation[2, 2]), pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])

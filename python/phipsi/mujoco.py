@@ -22,7 +22,7 @@ from ._core import Scene, SceneBuilder
 from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, SLIDE, WIDTHS, Names
 from ._mjcf import along_world, compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, joint_name, link_name, stops, ties_bodies
 from ._mjcf_actuators import Actuators, actuators
-from ._mjcf_contacts import pairs, points
+from ._mjcf_contacts import Collisions
 from ._mujoco_gaps import check
 from .errors import ArgumentError, SceneError, of_argument
 
@@ -53,30 +53,20 @@ def read(
     contacts: str | None = None,
 ) -> Scene:
     """Implementation of Scene.from_mujoco."""
-    if contacts not in (None, "plane"):
-        raise of_argument(ArgumentError, "contacts", f'found {contacts!r}; expected "plane" or None')
+    if contacts not in (None, "all", "plane"):
+        raise of_argument(ArgumentError, "contacts", f'found {contacts!r}; expected "all", "plane" or None')
     model, file = compiled(source, strict)
     names = Names(model)
-    check(model, names, ignore, strict, contacts == "plane")
+    collisions = Collisions(model, contacts)
+    check(model, names, ignore, strict, collisions)
     builder = _Reader(model, names, ignore).builder()
-    if contacts == "plane":
-        _add_contacts(builder, model, names)
+    if contacts is not None:
+        collisions.add(builder, names)
     if file is not None:
         builder._set_file(file)
     if gravity is None:
         gravity = np.zeros(3) if is_disabled(model, "GRAVITY") else model.opt.gravity
     return builder.build(gravity=gravity, strict=strict, leave_out=leave_out)
-
-
-def _add_contacts(builder: SceneBuilder, model: mujoco.MjModel, names: Names) -> None:
-    """Add the contacts of geoms with fixed planes, and of each <pair> of spheres and boxes."""
-    for point in points(model, names):
-        plane: dict[str, Any] = {"normal": point.normal, "offset": point.offset}
-        builder.contact(point.name, names.bodies[point.body], friction=point.friction, xyz=point.center, radius=point.radius, **plane)
-    for pair in pairs(model):
-        other = names.bodies[pair.other] if pair.other else None
-        sphere: dict[str, Any] = {"xyz": pair.center, "radius": pair.radius, "friction": pair.friction}
-        builder.contact(pair.name, names.bodies[pair.body], other=other, other_xyz=pair.origin, other_rotation=pair.rotation, **sphere, **pair.shape)
 
 
 class _Frame(NamedTuple):

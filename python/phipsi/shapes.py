@@ -341,7 +341,7 @@ def solid_of(subject: str, shape: ColliderShape) -> tuple[Any, tuple[str, list[f
             case Hull():
                 kind, points = "hull", _points("points of Hull", shape.points)
             case Mesh():
-                kind, points = "hull", _points("vertices of Mesh", _vertices(shape))
+                kind, points = "hull", _points("vertices of Mesh", vertices_of(shape))
             case _:
                 raise ArgumentError(f"found {type(shape).__name__}; {COLLIDERS}")
         rpy = ORIGIN if isinstance(shape, Sphere) else shape.rpy
@@ -361,7 +361,7 @@ def _points(name: str, value: ArrayLike) -> list[list[float]]:
     return np.unique(found, axis=0).tolist() if len(found) else []
 
 
-def _vertices(shape: Mesh) -> _Array:
+def vertices_of(shape: Mesh) -> _Array:
     """Vertices of all triangles of a mesh, scaled, (n, 3)."""
     import trimesh
 

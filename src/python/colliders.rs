@@ -4,7 +4,9 @@ use super::builder::PySceneBuilder;
 use super::connection_tuple::{FrameTuple, frame_from, frame_tuple};
 use super::object::{Object, imported};
 use super::scene::PyScene;
+use crate::collision::distance;
 use crate::error::Error;
+use crate::kinematics::{Frame, placement};
 use crate::scene::{Collider, ColliderPair, Solid};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -230,6 +232,36 @@ impl PyScene {
     #[getter]
     pub(super) fn collider_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.colliders().iter().map(|collider| &collider.name).collect::<Vec<_>>())
+    }
+
+    /// The pairs of colliders that can touch: names, friction, restitution and margin.
+    fn _touching(&self) -> Vec<([&str; 2], f64, f64, f64)> {
+        let Some(shapes) = self.scene.shapes() else { return Vec::new() };
+        let n = shapes.all.len();
+        let pairs = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))).filter(|&(i, j)| shapes.can_touch(i, j));
+        let named = |(i, j)| {
+            let of = shapes.values(i, j);
+            ([&*shapes.all[i].name, &*shapes.all[j].name], of.friction, of.restitution, of.margin)
+        };
+        pairs.map(named).collect()
+    }
+
+    /// The pairs of colliders that can touch and overlap at the neutral configuration: names and depth, m.
+    fn _overlapping(&self) -> Vec<([&str; 2], f64)> {
+        let Some(shapes) = self.scene.shapes() else { return Vec::new() };
+        let (n, neutral) = (shapes.all.len(), self.scene.neutral());
+        let places = shapes.all.iter().map(|of| match of.body {
+            None => of.frame,
+            body => placement(self.scene.model(), &neutral, &Frame { body, placement: of.frame }),
+        });
+        let places: Vec<_> = places.collect();
+        let pairs = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))).filter(|&(i, j)| shapes.can_touch(i, j));
+        let deep = |(i, j): (usize, usize)| {
+            let (a, b) = (&shapes.all[i], &shapes.all[j]);
+            let found = distance(&a.geometry, &b.geometry, &places[i].inverse().compose(&places[j]), 0.0)?;
+            Some(([&*a.name, &*b.name], -found.distance))
+        };
+        pairs.filter_map(deep).collect()
     }
 
     /// The colliders, their pairs and rules, as plain tuples.

@@ -189,9 +189,9 @@ impl PyScene {
     ///     a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
     ///     "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
     ///     "softness" (of equality constraints and contacts) and "tendons".
-    /// contacts : {"plane"}, optional
-    ///     "plane": geoms that can touch a fixed plane become contacts with it, and each <pair> of a sphere with a
-    ///     sphere or box becomes a contact. None: contacts are not read.
+    /// contacts : {"all", "plane"}, optional
+    ///     "all": geoms that can collide become colliders, by MuJoCo's rules. "plane": only fixed planes touch other
+    ///     geoms, and those of <pair> each other. None: contacts are not read.
     #[doc = section!(Returns)]
     /// scene : Scene
     ///     The robot. phipsi.mujoco converts states and forces: the conventions differ for ball and free joints.
@@ -208,8 +208,9 @@ impl PyScene {
     #[doc = section!(Warns)]
     /// ModelWarning
     ///     Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted. With
-    ///     contacts="plane": other geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft
-    ///     contacts.
+    ///     `contacts`: geoms without a shape (ellipsoids, signed distance fields, planes and height fields that move,
+    ///     meshes without volume), friction of condim 4 and 6, two coefficients of a <pair>, gaps above the margin,
+    ///     soft contacts; with "plane", other pairs that can collide.
     /// MeshWarning
     ///     Missing files on which no inertia depends.
     /// MimicWarning
@@ -225,9 +226,9 @@ impl PyScene {
     /// joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
     /// inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls.
     ///
-    /// With contacts="plane", the contacts of a geom are those of its convex hull with a plane: the center of a sphere,
-    /// the ends of a capsule, the corners of a box, eight points of each rim of a cylinder, the hull vertices of a
-    /// mesh. Their friction is that of MuJoCo for the two geoms; margin raises the plane.
+    /// With `contacts`, a collider has the name of its geom, or "geom3" and so on; a mesh stands for its convex hull.
+    /// contype, conaffinity, filterparent, <exclude>, <pair>, priority, condim, margin, gap and the flag override have
+    /// their effects; friction is the sliding one. Contacts begin at the distance margin - gap.
     #[doc = section!(Examples)]
     /// >>> text = '''<mujoco><worldbody><body name="rod"><joint name="hinge" type="hinge" axis="0 1 0"/>
     /// ... <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05"/></body></worldbody></mujoco>'''

@@ -294,13 +294,14 @@ impl Scene {
 
     fn check_rules(&self) -> Result<(), Error> {
         let rules = &self.source.collisions;
-        let names = || rules.colliders.iter().map(|of| of.name.as_str());
+        let named: HashMap<&str, &Collider> = rules.colliders.iter().map(|of| (of.name.as_str(), of)).collect();
         for pair in &rules.pairs {
             let subject = || format!("pair of colliders {:?}, {:?}", pair.colliders[0], pair.colliders[1]);
             for name in &pair.colliders {
-                if !names().any(|known| known == name) {
+                if !named.contains_key(name.as_str()) {
                     let found = format!("{name:?}, which does not exist");
-                    return Err(Error::scene(subject(), found, format!("one of {}", known_names(name, names(), 8))));
+                    let names = rules.colliders.iter().map(|of| of.name.as_str());
+                    return Err(Error::scene(subject(), found, format!("one of {}", known_names(name, names, 8))));
                 }
             }
             check_values(&subject(), pair.friction, pair.restitution)?;
@@ -309,8 +310,7 @@ impl Scene {
                 return Err(Error::scene(subject(), format!("margin {}", number(pair.margin)), expected));
             }
             let carriers = pair.colliders.each_ref().map(|name| {
-                let of = rules.colliders.iter().find(|of| of.name == *name);
-                let link = of.and_then(|of| of.link.as_ref()).and_then(|link| self.link(link).ok());
+                let link = named.get(name.as_str()).and_then(|of| of.link.as_ref()).and_then(|link| self.link(link).ok());
                 self.carrier(link.and_then(|link| link.body))
             });
             // Locked joints attach links that could move before.

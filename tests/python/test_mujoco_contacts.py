@@ -1,4 +1,4 @@
-"""Scene.from_mujoco(contacts="plane"): the points of geoms compared with MuJoCo's contacts, and robots on their floor."""
+"""Scene.from_mujoco(contacts="plane"): shapes and parameters compared with MuJoCo's, and robots on their floor."""
 
 from __future__ import annotations
 
@@ -30,8 +30,6 @@ GEOMS = {
     "mesh": 'type="mesh" mesh="wedge"',
 }
 ASSET = '<asset><mesh name="wedge" vertex="0 0 0  0.5 0 0  0 0.4 0  0 0 0.3  0.1 0.1 0.05"/></asset>'
-#: Distance of a cylinder's rim from the polygon of its points, relative to the radius.
-SAGITTA = 1.0 - np.cos(np.pi / 8)
 
 
 def model(kind: str = "sphere", floor: str = "", geom: str = "", more: str = "", tail: str = "") -> str:
@@ -43,23 +41,37 @@ def scene(text: str, **options: Any) -> phipsi.Scene:
 
 
 @pytest.mark.parametrize("kind", GEOMS)
-def test_the_distance_is_that_of_mujoco(kind: str) -> None:
-    """The smallest gap is the distance that mj_geomDistance finds, in random poses of the body; for a cylinder up to the rim."""
+def test_shapes_are_those_of_mujoco(kind: str) -> None:
+    """Poses of the colliders at random states, and the largest extent of each along random directions."""
     text = model(kind)
     own, theirs = scene(text), mujoco.MjModel.from_xml_string(text)
     data, random = mujoco.MjData(theirs), np.random.default_rng(0)
-    geom, plane = theirs.geom("geom").id, theirs.geom("floor").id
+    colliders = {name: (link, frame, solid) for name, link, frame, solid, *_ in own._collisions()[0]}
     for _ in range(20):
         data.qpos[:] = [*random.uniform(-1, 1, 2), random.uniform(2, 3), *random.normal(size=4)]
+        mujoco.mj_normalizeQuat(theirs, data.qpos)
         mujoco.mj_kinematics(theirs, data)
-        q, _ = phipsi.mujoco.to_state(own, data.qpos)
-        normal = data.geom_xmat[plane].reshape(3, 3)[:, 2]
-        expected = normal @ (data.geom_xpos[geom] - data.geom_xpos[plane]) - support(theirs, data, geom, -normal)
-        found = float(own.contact_gaps(q / np.where(np.arange(7) < 3, 1.0, np.linalg.norm(q[3:]))).min())
-        if kind == "cylinder":
-            assert expected - 1e-12 <= found <= expected + SAGITTA * 0.1
-        else:
-            assert_near(found, expected, 64 * EPS * 10 if kind != "mesh" else 1e-6)  # MuJoCo stores vertices as float32
+        places = own.placements(phipsi.mujoco.to_state(own, data.qpos)[0])
+        link, (turn, origin), (solid, *_) = colliders["floor"]
+        floor = places[link][:3, :3] @ np.reshape(turn, (3, 3))
+        assert solid == "half space" and np.allclose(floor[:, 2], data.geom_xmat[0].reshape(3, 3)[:, 2], atol=1e-14)
+        assert abs(floor[:, 2] @ (origin - data.geom_xpos[0])) < 1e-14
+        link, (turn, origin), solid = colliders["geom"]
+        direction = random.normal(size=3)
+        along = np.reshape(turn, (3, 3)).T @ places[link][:3, :3].T @ direction
+        found = direction @ (places[link] @ [*origin, 1.0])[:3] + extent(*solid, along)
+        expected = direction @ data.geom_xpos[1] + support(theirs, data, 1, direction)
+        assert_near(found, expected, 256 * EPS if kind != "mesh" else 1e-6)  # MuJoCo stores vertices as float32
+
+
+def extent(kind: str, numbers: list[float], points: list[list[float]], direction: np.ndarray) -> float:
+    """Largest distance of a solid from its origin along a direction."""
+    across, along = np.hypot(*direction[:2]), abs(direction[2])
+    if kind in ("sphere", "capsule"):
+        return numbers[0] * float(np.linalg.norm(direction)) + (0.5 * numbers[1] * along if kind == "capsule" else 0.0)
+    if kind == "cylinder":
+        return float(numbers[0] * across + 0.5 * numbers[1] * along)
+    return float(np.abs(direction) @ numbers / 2.0) if kind == "box" else float((np.array(points) @ direction).max())
 
 
 def support(model: Any, data: Any, geom: int, direction: np.ndarray) -> float:
@@ -67,9 +79,9 @@ def support(model: Any, data: Any, geom: int, direction: np.ndarray) -> float:
     turn, size = data.geom_xmat[geom].reshape(3, 3), model.geom_size[geom]
     local, kind = turn.T @ direction, mujoco.mjtGeom(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return float(size[0])
+        return float(size[0] * np.linalg.norm(local))
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return float(size[0] + size[1] * abs(local[2]))
+        return float(size[0] * np.linalg.norm(local) + size[1] * abs(local[2]))
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return float(np.abs(local) @ size)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
@@ -89,8 +101,8 @@ def test_friction_is_that_of_mujoco(floor: str, geom: str, friction: float) -> N
     """A sphere slides on the floor with the friction that MuJoCo combines."""
     text = model("sphere", floor, geom)
     own, theirs = scene(text), mujoco.MjModel.from_xml_string(text)
-    (contact,) = own._contacts()
-    assert contact[6] == friction
+    ((_, found, _, _),) = own._touching()
+    assert found == friction
     data = mujoco.MjData(theirs)
     data.qpos[2] = 0.45
     mujoco.mj_forward(theirs, data)
@@ -99,24 +111,23 @@ def test_friction_is_that_of_mujoco(floor: str, geom: str, friction: float) -> N
         assert data.contact[0].friction[0] == friction
 
 
-def test_margins_raise_the_floor() -> None:
+def test_margins_are_those_of_mujoco() -> None:
     text = model("sphere", 'margin="0.02"', 'margin="0.03"')
     theirs = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(theirs)
     data.qpos[2] = 0.45
     mujoco.mj_forward(theirs, data)
-    raised = scene(model("sphere")).contact_gaps([0, 0, 1, 0, 0, 0, 1]) - scene(text).contact_gaps([0, 0, 1, 0, 0, 0, 1])
-    assert_near(raised, [data.contact[0].includemargin], 64 * EPS)
+    ((_, _, _, margin),) = scene(text)._touching()
+    assert_near(margin, data.contact[0].includemargin, 64 * EPS)
 
 
 def test_filters_are_those_of_mujoco() -> None:
-    assert scene(model("sphere", 'contype="2" conaffinity="2"')).contact_names == ()
+    assert scene(model("sphere", 'contype="2" conaffinity="2"'))._touching() == []
     excluded = model("sphere", tail='<contact><exclude body1="world" body2="body"/></contact>')
-    assert scene(excluded).contact_names == ()
+    assert scene(excluded)._touching() == []
     paired = model("sphere", 'contype="0" conaffinity="0"', tail='<contact><pair geom1="floor" geom2="geom" friction="0.4 0.4 0 0 0"/></contact>')
-    (contact,) = scene(paired)._contacts()
-    assert contact[0] == "geom" and contact[6] == 0.4
-    assert scene(model("sphere", tail='<option><flag contact="disable"/></option>')).contact_names == ()
+    assert scene(paired)._touching() == [(["floor", "geom"], 0.4, 0.0, 0.0)]
+    assert scene(model("sphere", tail='<option><flag contact="disable"/></option>')).collider_names == ()
 
 
 PAIRS = """<mujoco><worldbody><geom name="block" type="box" size="0.3 0.2 0.1" pos="0.1 0 -0.5" euler="10 20 30"/>
@@ -127,36 +138,17 @@ PAIRS = """<mujoco><worldbody><geom name="block" type="box" size="0.3 0.2 0.1" p
 <pair geom1="block" geom2="ball" margin="0.01"/>{more}</contact></mujoco>"""
 
 
-def test_pairs_of_spheres_and_boxes_are_read() -> None:
-    """The gaps are the distances that MuJoCo finds in random poses; the names are those of the sphere and of the other geom."""
-    text = PAIRS.format(more="")
-    own, theirs = scene(text), mujoco.MjModel.from_xml_string(text)
-    data, random = mujoco.MjData(theirs), np.random.default_rng(2)
-    given = {"ball on block": (1.0, 0.01), "ball on brick": (0.4, 0.0), "knob on ball": (0.0, 0.0)}
-    assert {contact[0]: contact[6] for contact in own._contacts()} == {name: friction for name, (friction, _) in given.items()}
-    compared = 0
-    for _ in range(10):
-        data.qpos[:] = random.normal(size=14)
-        mujoco.mj_normalizeQuat(theirs, data.qpos)
-        mujoco.mj_kinematics(theirs, data)
-        q, _ = phipsi.mujoco.to_state(own, data.qpos)
-        for name, gap in zip(own.contact_names, own.contact_gaps(q), strict=True):
-            ends = [theirs.geom(end).id for end in name.split(" on ")]
-            expected = mujoco.mj_geomDistance(theirs, data, *ends, 100.0, None) - given[name][1]
-            if expected > 0.01:
-                assert_near(gap, expected, 1e-6)
-                compared += 1
-    assert compared > 20
-
-
-def test_pairs_of_two_boxes_warn() -> None:
-    with pytest.warns(ModelWarning, match="each <pair> of spheres and boxes"):
-        assert len(scene(PAIRS.format(more='<pair geom1="block" geom2="brick"/>')).contact_names) == 3
+def test_each_pair_is_read() -> None:
+    """With contacts="plane", and of boxes too."""
+    text = PAIRS.format(more='<pair geom1="block" geom2="brick"/>')
+    found = {frozenset(names): (friction, margin) for names, friction, _, margin in scene(text)._touching()}
+    given = {("ball", "block"): (1.0, 0.01), ("ball", "brick"): (0.4, 0.0), ("knob", "ball"): (0.0, 0.0), ("block", "brick"): (1.0, 0.0)}
+    assert found == {frozenset(names): values for names, values in given.items()}
 
 
 def test_without_the_argument_the_warning_names_it() -> None:
-    with pytest.warns(ModelWarning, match='contacts="plane"'):
-        assert phipsi.Scene.from_mujoco(model()).contact_names == ()
+    with pytest.warns(ModelWarning, match='contacts="all"'):
+        assert phipsi.Scene.from_mujoco(model()).collider_names == ()
 
 
 @pytest.mark.parametrize(
@@ -166,7 +158,7 @@ def test_without_the_argument_the_warning_names_it() -> None:
         (model("sphere", geom='condim="6"'), "condim 6"),
         (model("sphere", geom='solref="0.1 1"', floor='solref="0.1 1"'), "softer than MuJoCo's default"),
         (model("sphere", more='<body pos="1 0 1"><freejoint/><geom size="0.1"/></body>'), "only contacts with fixed planes"),
-        (model("sphere").replace('type="sphere" size="0.2"', 'type="ellipsoid" size="0.1 0.2 0.3"'), "ellipsoids"),
+        (model("sphere").replace('type="sphere" size="0.2"', 'type="ellipsoid" size="0.1 0.2 0.3"'), "the geom 'geom', an ellipsoid: it touches nothing"),
         (
             model("sphere", tail='<contact><pair geom1="floor" geom2="geom" condim="3" friction="0.4 0.5 0 0 0"/></contact>'),
             "friction 0.4 and 0.5",
@@ -181,10 +173,10 @@ def test_unsupported_contacts_warn_or_raise(text: str, match: str) -> None:
 
 
 def test_a_bad_argument() -> None:
-    with pytest.raises(ArgumentError, match=r"contacts: found 'planes'; expected \"plane\" or None"):
+    with pytest.raises(ArgumentError, match=r"contacts: found 'planes'; expected \"all\", \"plane\" or None"):
         phipsi.Scene.from_mujoco(model(), contacts="planes")  # type: ignore[arg-type]
-    with pytest.raises(ArgumentError, match="contacts: found 'plane', which does not apply"):
-        phipsi.load(phipsi.BUNDLED_ARM, contacts="plane")
+    with pytest.raises(ArgumentError, match="contacts: found 'planes'"):
+        phipsi.load(phipsi.BUNDLED_ARM, contacts="planes")  # type: ignore[arg-type]
 
 
 def test_equality_constraints_and_contacts_act_together() -> None:
@@ -193,15 +185,8 @@ def test_equality_constraints_and_contacts_act_together() -> None:
         tail='<equality><connect name="tie" body1="body" body2="other" anchor="0.5 0 0"/></equality>',
     )  # fmt: skip
     both = scene(tied)
-    assert both.contact_names == ("geom",) and both.constraint_names == ("tie",)
+    assert both.collider_names == ("floor", "geom") and both.constraint_names == ("tie",)
     assert scene(tied, ignore=("equality",)).constraint_names == ()
-
-
-def test_points_that_no_joint_moves_are_omitted() -> None:
-    """A wheel whose geom is centered on a vertical axis cannot approach the floor."""
-    text = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 0.2"><joint axis="0 0 1"/>
-    <geom name="hub" size="0.1"/><geom name="arm" size="0.1" pos="0.3 0 0"/></body></worldbody></mujoco>"""
-    assert scene(text).contact_names == ("arm",)
 
 
 ROBOTS = [path for path in shipped() if path.stem in ("ant", "half_cheetah", "hopper", "humanoid", "walker2d")]

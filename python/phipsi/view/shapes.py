@@ -21,9 +21,10 @@ import yourdfpy
 from numpy.typing import NDArray
 
 from .._core import Scene
+from .._files import SEARCHED, find
 from .._load import root_of
 from .._mjcf import Names, compiled
-from .._urdf import angles
+from .._pose import angles
 from .._xacro import COMMENT, expanded_again
 from ..errors import ArgumentError, MeshWarning, warn
 from ..mujoco import rotation
@@ -41,8 +42,6 @@ BASE = ""
 NAME = re.compile(r"""<\s*(robot|mujoco)\b[^>]*?\s(?:name|model)\s*=\s*["']([^"']*)["']""")
 #: Opacity of a robot with force arrows, which are usually inside it.
 OPACITY = 0.5
-#: Variables with folders for `package://` and `model://`, in addition to the folders above the URDF.
-SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "GZ_SIM_RESOURCE_PATH")
 #: Radius of the rods, relative to the size of the robot.
 THIN = 0.012
 #: Largest length and radius of a capsule, relative to the size of the robot, so that a wrong inertia does not hide the other links.
@@ -298,30 +297,6 @@ class _quiet:
 
     def __exit__(self, *_: object) -> None:
         self._logger.setLevel(self._level)
-
-
-def find(name: str, urdf: Path) -> Path:
-    """File of a mesh: an absolute path, a path relative to the URDF, or in a package above it or in a folder of the
-    environment variables.
-    """
-    scheme, colon, rest = name.partition("://")
-    if not colon or scheme == "file":
-        file = urdf.parent / (rest if colon else name)
-        if file.is_file():
-            return file
-        raise FileNotFoundError(f"no file {name!r}")
-    package, _, inside = rest.partition("/")
-    above = urdf.resolve().parents
-    folders = [Path(folder) for variable in SEARCHED for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
-    candidates = [folder / inside for folder in (*above, *folders) if folder.name == package]
-    candidates += [folder / package / inside for folder in (*above, *folders)]
-    candidates += [folder / "share" / package / inside for folder in (*above, *folders)]
-    # The robot may be outside of its package.
-    candidates += [folder / inside for folder in list(above)[:3]]
-    for file in candidates:
-        if file.is_file():
-            return file
-    raise FileNotFoundError(f"no file {name!r}")
 
 
 def _paint(mesh: trimesh.Trimesh, material: Any, colors: dict[str, Any]) -> None:
