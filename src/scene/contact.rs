@@ -33,8 +33,8 @@ pub enum Surface {
 /// Unilateral contact of a sphere or a point on a link with a surface of the world or of another link, with Coulomb
 /// friction.
 ///
-/// There is no collision detection: only the contacts in the scene are active. The force acts on both links at the
-/// point of the sphere that is nearest to the surface.
+/// The force acts on both links at the point of the sphere that is nearest to the surface. Shapes that touch each other
+/// without names of their contacts are [`Collider`](super::Collider)s.
 ///
 /// ```
 /// use phipsi::scene::Contact;
