@@ -18,3 +18,6 @@ mod solid;
 pub(crate) use geometry::Geometry;
 pub(crate) use narrow::{Against, Near, Nearest, contacts, distance};
 pub use solid::Solid;
+
+#[cfg(all(test, feature = "collision"))]
+mod tests;
