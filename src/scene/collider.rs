@@ -310,7 +310,8 @@ impl Scene {
                 return Err(Error::scene(subject(), format!("margin {}", number(pair.margin)), expected));
             }
             let carriers = pair.colliders.each_ref().map(|name| {
-                let link = named.get(name.as_str()).and_then(|of| of.link.as_ref()).and_then(|link| self.link(link).ok());
+                let link =
+                    named.get(name.as_str()).and_then(|of| of.link.as_ref()).and_then(|link| self.link(link).ok());
                 self.carrier(link.and_then(|link| link.body))
             });
             // Locked joints attach links that could move before.

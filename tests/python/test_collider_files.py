@@ -255,3 +255,15 @@ def test_parameters_of_contacts_that_are_not_read_are_named(tmp_path: Path) -> N
 def test_invalid_contacts_of_a_urdf() -> None:
     with pytest.raises(ArgumentError, match="contacts: found 'points'; expected \"all\", \"plane\" or None"):
         phipsi.load(phipsi.BUNDLED_ARM, contacts="points")  # type: ignore[arg-type]
+
+
+def test_shapes_of_a_xacro_are_read(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    (tmp_path / "ball.xacro").write_text(
+        """<robot name="ball" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="radius" default="0.1"/>
+        <link name="ball"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+        <collision><geometry><sphere radius="$(arg radius)"/></geometry></collision></link></robot>"""
+    )
+    scene = read(tmp_path / "ball.xacro", floating_base=True, xacro_arguments={"radius": "0.3"})
+    assert scene._collisions()[0][1][3] == ("sphere", [0.3], []) and touching(scene).keys() == {frozenset(("ground", "ball"))}
+    assert scene.file == tmp_path / "ball.xacro"
