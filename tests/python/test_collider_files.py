@@ -103,6 +103,15 @@ def test_pairs_of_random_models_are_those_of_mujoco(seed: int) -> None:
             assert_near(found[names], values, 4 * EPS)
 
 
+def test_more_kinds_of_planes_than_groups_of_colliders() -> None:
+    """With contacts="plane", 32 kinds of planes have groups; the pairs of others are named."""
+    planes = "".join(f'<geom name="p{i}" type="plane" size="1 1 1" contype="{i}" conaffinity="0"/>' for i in range(1, 41))
+    balls = "".join(f'<body><freejoint/><geom name="b{i}" size="0.1" contype="0" conaffinity="{1 << i}"/></body>' for i in range(6))
+    text = f"<mujoco><worldbody>{planes}{balls}</worldbody></mujoco>"
+    expected = by_mujoco(mujoco.MjModel.from_xml_string(text), planes=True)
+    assert touching(read(text, "plane")) == expected and len(expected) > 80
+
+
 @pytest.mark.parametrize("path", [path for path in shipped() if path.stem in ("ant", "humanoid", "pusher", "walker2d")], ids=lambda path: path.stem)
 def test_pairs_of_robots_of_gymnasium_are_those_of_mujoco(path: Path) -> None:
     """With spheres as geoms and a large margin, every pair that can touch is a contact of MuJoCo."""
