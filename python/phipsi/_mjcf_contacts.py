@@ -76,10 +76,10 @@ class Collisions:
     def __init__(self, model: mujoco.MjModel, contacts: str | None) -> None:
         self.model, self.contacts = model, contacts
         self._welded = model.body_weldid[model.geom_bodyid]
-        moves = np.zeros(model.nbody, bool)
+        self._moves = np.zeros(model.nbody, bool)
         for body in range(1, model.nbody):
-            moves[body] = model.body_jntnum[body] or moves[model.body_parentid[body]]
-        self._is_moved = moves[model.geom_bodyid]
+            self._moves[body] = model.body_jntnum[body] or self._moves[model.body_parentid[body]]
+        self._is_moved = self._moves[model.geom_bodyid]
         self._is_plane = (model.geom_type == PLANE) & ~self._is_moved
         self._contype, self._conaffinity = (bits.astype(np.int64) & 0xFFFFFFFF for bits in (model.geom_contype, model.geom_conaffinity))
         self._hulls: dict[int, _Array | None] = {}
@@ -254,7 +254,7 @@ class Collisions:
 
     def _apart(self, used: set[int]) -> set[tuple[int, int]]:
         """Pairs of bodies with colliders that do not touch: each <exclude>, and child and parent where the child has several
-        joints, between which the scene has links.
+        joints, between which the scene has links, or the parent is a mocap body, which the scene fixes.
         """
         model = self.model
         apart = {(int(signature) >> 16, int(signature) & 0xFFFF) for signature in model.exclude_signature}
@@ -264,7 +264,7 @@ class Collisions:
                 rigid.setdefault(int(model.body_weldid[body]), []).append(body)
             for root, bodies in rigid.items():
                 above = int(model.body_weldid[model.body_parentid[root]])
-                if model.body_jntnum[root] > 1 and above != 0:
+                if above != 0 and (model.body_jntnum[root] > 1 or not self._moves[above]):
                     apart |= {(min(ends), max(ends)) for ends in ((one, other) for one in bodies for other in rigid.get(above, ()))}
         return {ends for ends in apart if used.issuperset(ends)}
 

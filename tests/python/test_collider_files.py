@@ -103,6 +103,13 @@ def test_pairs_of_random_models_are_those_of_mujoco(seed: int) -> None:
             assert_near(found[names], values, 4 * EPS)
 
 
+def test_mocap_bodies_do_not_touch_their_children() -> None:
+    text = """<mujoco><worldbody><geom name="w" size="1"/><body mocap="true"><geom name="a" size="0.1"/><body><joint/><geom name="b" size="0.1"/></body></body>
+    <body><freejoint/><geom name="f" size="0.1"/></body></worldbody></mujoco>"""
+    expected = by_mujoco(mujoco.MjModel.from_xml_string(text))
+    assert touching(read(text, ignore=["mocap"])) == expected and len(expected) == 4
+
+
 def test_more_kinds_of_planes_than_groups_of_colliders() -> None:
     """With contacts="plane", 32 kinds of planes have groups; the pairs of others are named."""
     planes = "".join(f'<geom name="p{i}" type="plane" size="1 1 1" contype="{i}" conaffinity="0"/>' for i in range(1, 41))
