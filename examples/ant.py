@@ -1,4 +1,4 @@
-"""An ant from an MJCF file lands on its floor: robots/ant.xml, with contacts of its geoms (needs the package mujoco)."""
+"""An ant from an MJCF file lands on its floor: robots/ant.xml, with its geoms as colliders (needs the package mujoco)."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import phipsi
 
 scene = phipsi.load(Path(__file__).parent / "robots" / "ant.xml", contacts="plane")
-print(f"{scene.nv - 6} joints, {len(scene.contact_names)} contacts: {', '.join(scene.contact_names[:3])}, ...")
+print(f"{scene.nv - 6} joints, {len(scene.collider_names)} colliders: {', '.join(scene.collider_names[:3])}, ...")
 
 start = scene.neutral()
 start[2] = 1.0  # m, height of the torso

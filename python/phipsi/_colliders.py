@@ -8,7 +8,7 @@ from .shapes import ColliderShape
 
 
 def fault(shape: ColliderShape) -> str | None:
-    """What is wrong with the shape of a collider; None if nothing is wrong."""
+    """Description of the fault in the shape of a collider; None for a valid shape."""
     try:
         SceneBuilder().link("base").collider("shape", shape).build()
     except PhipsiError as error:

@@ -63,8 +63,10 @@ def load(
         their own. False or "free": they are independent. None: they are independent, with a MimicWarning for each.
     ignore : collection of str
         Parts of an MJCF model to omit, as in Scene.from_mujoco.
-    contacts : {"plane"}, optional
-        "plane": geoms of an MJCF model that can touch a fixed plane become contacts, as in Scene.from_mujoco.
+    contacts : {"all", "plane"}, optional
+        Which shapes of an MJCF model (as in Scene.from_mujoco) or of the `<collision>` elements of a URDF touch each
+        other. "plane": shapes of links touch fixed planes; for a URDF, the plane z = 0 of the base, the collider
+        "ground". "all": shapes of links touch each other too. None: no shapes are read.
 
     Returns
     -------
@@ -86,6 +88,14 @@ def load(
     `$(find package)` in a xacro resolves to the folder of that name, or to the folder whose package.xml has
     that name, in the folders above the file, beside them, or in ROS_PACKAGE_PATH or AMENT_PREFIX_PATH;
     otherwise ROS resolves it.
+
+    A collider of a URDF has the name of its link, followed by "/0", "/1", ... if there are several; a mesh stands for
+    its convex hull. Its friction and restitution are those of `<contact>` (Bullet) or `<gazebo>`, otherwise 1 and 0;
+    the ground has a friction of 0, so that that of the link counts. Links that a joint connects, directly or through
+    fixed joints, do not touch each other. Links whose shapes overlap at the neutral configuration do not either, as in
+    MoveIt, with a ModelWarning that names them; if the base is fixed, this includes the ground. A MeshWarning names
+    shapes without volume and meshes that cannot be found or read, which touch nothing; a ModelWarning names parameters
+    of contacts that are not read. strict=True raises SceneError for both.
 
     Examples
     --------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -45,13 +45,27 @@ class Pairs(NamedTuple):
     """Distance at which the contact begins to act, m, (n,)."""
 
     def where(self, condition: Any) -> Pairs:
-        """Those that satisfy a condition, (n,)."""
+        """The pairs that satisfy a condition, (n,)."""
         return self if condition.all() else Pairs(*(values[condition] for values in self))
 
     @property
     def sliding(self) -> _Array:
         """Coefficient of friction of each pair, (n,)."""
         return np.where(self.condim > 1, self.friction[:, 0], 0.0)
+
+
+#: Parameters that scenes do not have: name in `ignore`, condition, description and consequence.
+PARAMETERS: tuple[tuple[str, Callable[[Pairs], Any], str, str], ...] = (
+    ("contacts", lambda of: of.condim > 3, "condim {of.condim:g} of {contact}", "torsional and rolling friction are not read"),
+    (
+        "contacts",
+        lambda of: (of.condim > 1) & (of.friction[:, 0] != of.friction[:, 1]),
+        "friction {of.friction[0]:g} and {of.friction[1]:g} of {contact}",
+        "the first is used in both directions",
+    ),
+    ("contacts", lambda of: of.margin < 0.0, "a margin less gap of {of.margin:g} m of {contact}", "contacts act from a distance of zero"),
+    ("softness", lambda of: of.soft, "{contact}, which is softer than MuJoCo's default (solref, solimp)", "contacts are rigid"),
+)
 
 
 class Collisions:
@@ -62,10 +76,10 @@ class Collisions:
     def __init__(self, model: mujoco.MjModel, contacts: str | None) -> None:
         self.model, self.contacts = model, contacts
         self._welded = model.body_weldid[model.geom_bodyid]
-        moves = np.zeros(model.nbody, bool)
+        self._moves = np.zeros(model.nbody, bool)
         for body in range(1, model.nbody):
-            moves[body] = model.body_jntnum[body] or moves[model.body_parentid[body]]
-        self._is_moved = moves[model.geom_bodyid]
+            self._moves[body] = model.body_jntnum[body] or self._moves[model.body_parentid[body]]
+        self._is_moved = self._moves[model.geom_bodyid]
         self._is_plane = (model.geom_type == PLANE) & ~self._is_moved
         self._contype, self._conaffinity = (bits.astype(np.int64) & 0xFFFFFFFF for bits in (model.geom_contype, model.geom_conaffinity))
         self._hulls: dict[int, _Array | None] = {}
@@ -101,7 +115,7 @@ class Collisions:
 
     @cached_property
     def missing(self) -> dict[int, str]:
-        """Geoms that can collide and have no shape here, and what they are."""
+        """Geoms that can collide and have no shape here, with a description of each."""
         found = {}
         for geom in self.geoms.tolist() if self.contacts else ():
             kind, moves = int(self.model.geom_type[geom]), self._is_moved[geom]
@@ -126,22 +140,27 @@ class Collisions:
             return
         explicit = self._explicit()
         keys = self._key(explicit.first, explicit.second)
-        yield explicit.where((self._welded[explicit.first] != self._welded[explicit.second]) & (self._is_moved[explicit.first] | self._is_moved[explicit.second]))
-        model = self.model
-        rules = [getattr(model, f"geom_{name}").reshape(model.ngeom, -1) for name in ("condim", "friction", "priority", "margin", "gap", "solmix", "solref", "solimp")]
+        yield explicit.where(self._are_apart(explicit.first, explicit.second))
+        # Geoms with equal parameters are of one kind.
+        names = "condim", "friction", "priority", "margin", "gap", "solmix", "solref", "solimp"
+        rules = [getattr(self.model, f"geom_{name}").reshape(self.model.ngeom, -1) for name in names]
         _, kinds, of = np.unique(np.concatenate(rules, axis=1), axis=0, return_index=True, return_inverse=True)
-        of, combined = of.ravel(), cache(lambda kind: self._combined(kinds[kind], kinds))
+        of, combined = of.ravel(), cache(lambda kind: self._combined(int(kinds[kind]), kinds))
         for one, others in self._filtered():
             if len(keys):
                 others = others[~np.isin(self._key(one, others), keys)]
             _, _, *values = combined(of[one])
             yield Pairs(np.full(len(others), one), others, *(value[of[others]] for value in values))
 
+    def _are_apart(self, one: Any, other: Any) -> Any:
+        """Whether geoms can move relative to each other."""
+        return (self._welded[one] != self._welded[other]) & (self._is_moved[one] | self._is_moved[other])
+
     def _key(self, one: Any, other: Any) -> Any:
         return np.minimum(one, other) * np.int64(self.model.ngeom) + np.maximum(one, other)
 
     def _explicit(self) -> Pairs:
-        """Those of <pair>."""
+        """Pairs of the elements <pair>."""
         model = self.model
         parameters = model.pair_dim, model.pair_friction[:, :2], model.pair_solref, model.pair_solimp, model.pair_margin, model.pair_gap
         return self._pairs(model.pair_geom1, model.pair_geom2, *parameters)
@@ -161,8 +180,9 @@ class Collisions:
         values = np.where(equal, values.max(axis=0), np.where(weight == 1.0, *values))
         is_direct = equal & (solref[:, :, :1] <= 0.0).any(axis=0)
         solref = np.where(is_direct, solref.min(axis=0), weight * solref[0] + (1.0 - weight) * solref[1])
+        solimp = weight * solimp[0] + (1.0 - weight) * solimp[1]
         margin = margins.sum(axis=0) if _margin_rule().adds else margins.max(axis=0)
-        return self._pairs(ends[0], others, values[:, 0], values[:, 1:], solref, weight * solimp[0] + (1.0 - weight) * solimp[1], margin, model.geom_gap[ends].max(axis=0))
+        return self._pairs(ends[0], others, values[:, 0], values[:, 1:], solref, solimp, margin, model.geom_gap[ends].max(axis=0))
 
     def _pairs(self, first: Any, second: Any, condim: Any, friction: Any, solref: Any, solimp: Any, margin: Any, gap: Any) -> Pairs:
         """Pairs with these parameters, or with those of the flag `override`, if it is enabled."""
@@ -180,7 +200,7 @@ class Collisions:
         geoms = np.flatnonzero(self._contype | self._conaffinity)
         for at, one in enumerate(geoms.tolist()):
             other = geoms[at + 1 :]
-            may = self._bits(one, other) & (rigid[other] != rigid[one]) & (self._is_moved[other] | self._is_moved[one])
+            may = self._bits(one, other) & self._are_apart(one, other)
             if filters_parents:
                 # A body does not collide with its parent, unless that is fixed to the world.
                 may &= ~(((above[other] == rigid[one]) | (above[one] == rigid[other])) & (rigid[one] != 0) & (rigid[other] != 0))
@@ -201,7 +221,8 @@ class Collisions:
             geoms = np.unique(np.concatenate([ends for of in self.read for ends in of[:2]] or [geoms]))
         geoms = geoms[self._has_shape[geoms]]
         # The larger condim counts, which has friction.
-        own = np.where(model.geom_condim > 1, model.geom_friction[:, 0], 0.0)
+        sliding = model.opt.o_friction[0] if is_enabled(model, "OVERRIDE") else model.geom_friction[:, 0]
+        own = np.where(model.geom_condim > 1, sliding, 0.0)
         groups, masks = self._groups(geoms)
         for geom in geoms.tolist():
             rules = {"friction": own[geom], "groups": int(groups[geom]), "mask": int(masks[geom])}
@@ -233,7 +254,7 @@ class Collisions:
 
     def _apart(self, used: set[int]) -> set[tuple[int, int]]:
         """Pairs of bodies with colliders that do not touch: each <exclude>, and child and parent where the child has several
-        joints, between which the scene has links.
+        joints, between which the scene has links, or the parent is a mocap body, which the scene fixes.
         """
         model = self.model
         apart = {(int(signature) >> 16, int(signature) & 0xFFFF) for signature in model.exclude_signature}
@@ -243,7 +264,7 @@ class Collisions:
                 rigid.setdefault(int(model.body_weldid[body]), []).append(body)
             for root, bodies in rigid.items():
                 above = int(model.body_weldid[model.body_parentid[root]])
-                if model.body_jntnum[root] > 1 and above != 0:
+                if above != 0 and (model.body_jntnum[root] > 1 or not self._moves[above]):
                     apart |= {(min(ends), max(ends)) for ends in ((one, other) for one in bodies for other in rigid.get(above, ()))}
         return {ends for ends in apart if used.issuperset(ends)}
 
@@ -314,12 +335,6 @@ def _margin_rule() -> _Rule:
 
 def unsupported(collisions: Collisions, names: Names) -> Iterator[tuple[str, str, str]]:
     """Collisions that a scene does not represent: name in `ignore`, what was found, and the consequence."""
-    condims, frictions, gaps, soft = (_Example() for _ in range(4))
-    for pairs in collisions.read:
-        condims.add(pairs, pairs.condim > 3)
-        frictions.add(pairs, (pairs.condim > 1) & (pairs.friction[:, 0] != pairs.friction[:, 1]))
-        gaps.add(pairs, pairs.margin < 0.0)
-        soft.add(pairs, pairs.soft)
     if collisions.other is not None:
         first, second = (names.bodies[collisions.model.geom_bodyid[end]] for end in collisions.other)
         consequence = 'they can pass through each other, because contacts="plane" reads only contacts with fixed planes and each <pair>: use contacts="all"'
@@ -328,31 +343,9 @@ def unsupported(collisions: Collisions, names: Names) -> Iterator[tuple[str, str
         yield "contacts", f"geoms that collide, of {first!r} and {second!r} for instance", consequence
     for geom in sorted(collisions.lost):
         yield "contacts", f"the geom {names.geoms[geom]!r}, {collisions.missing[geom]}", "it touches nothing"
-    if condims.first is not None:
-        yield "contacts", f"condim {int(condims.first.condim[0])} of {condims.text(names)}", "torsional and rolling friction are not read"
-    if frictions.first is not None:
-        one, two = frictions.first.friction[0].tolist()
-        yield "contacts", f"friction {one:g} and {two:g} of {frictions.text(names)}", "the first is used in both directions"
-    if gaps.first is not None:
-        yield "contacts", f"a gap that exceeds the margin by {-gaps.first.margin[0]:g} m, of {gaps.text(names)}", "contacts act from a distance of zero"
-    if soft.first is not None:
-        yield "softness", f"{soft.text(names)}, which is softer than MuJoCo's default (solref, solimp)", "contacts are rigid"
-
-
-class _Example:
-    """The first of some pairs, and their number."""
-
-    def __init__(self) -> None:
-        self.first: Pairs | None = None
-        self.count = 0
-
-    def add(self, pairs: Pairs, condition: Any) -> None:
-        self.count += int(np.count_nonzero(condition))
-        if self.first is None and self.count:
-            self.first = pairs.where(condition)
-
-    def text(self, names: Names) -> str:
-        assert self.first is not None
-        one, two = (names.geoms[int(ends[0])] for ends in self.first[:2])
-        more = f" (and of {self.count - 1} more pairs)" if self.count > 1 else ""
-        return f"the contact of {one!r} and {two!r}{more}"
+    for name, condition, found, consequence in PARAMETERS:
+        these = [pairs.where(at) for pairs in collisions.read if (at := condition(pairs)).any()]
+        if these:
+            first, more = Pairs(*(values[0] for values in these[0])), sum(len(pairs.first) for pairs in these) - 1
+            contact = f"the contact of {names.geoms[first.first]!r} and {names.geoms[first.second]!r}" + f" (and of {more} more pairs)" * (more > 0)
+            yield name, found.format(of=first, contact=contact), consequence

@@ -80,7 +80,7 @@ def angles(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """Roll, pitch and yaw of Rz(yaw) Ry(pitch) Rx(roll), rad; the yaw is zero if the pitch is a right angle."""
     level = np.hypot(rotation[0, 0], rotation[1, 0])
     pitch = np.arctan2(-rotation[2, 0], level)
-    if level < 1e-9:
+    if level < 1e-15:
         return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
     roll = np.arctan2(rotation[2, 1], rotation[2, 2])
     # Near a right angle the roll is inaccurate; the yaw of what it leaves compensates for its error.

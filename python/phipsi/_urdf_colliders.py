@@ -29,7 +29,7 @@ DEPTH = 1e-6
 #: Elements of Bullet and Gazebo that are read, and their largest values.
 READ = {"lateral_friction": "friction", "mu1": "friction", "mu": "friction", "restitution": "restitution", "restitution_coefficient": "restitution"}
 LARGEST = {"friction": np.finfo(float).max, "restitution": 1.0}
-#: Those that are not read; mu2 is, where it is equal to mu1.
+#: Elements of Bullet and Gazebo that are not read; mu2 only if it differs from mu1.
 UNREAD = ("rolling_friction", "spinning_friction", "stiffness", "damping", "contact_cfm", "contact_erp", "mu2", "fdir1", "kp", "kd")
 #: Largest number of names in a message.
 LISTED = 6
@@ -97,7 +97,7 @@ def _jointed(scene: Scene, used: set[str]) -> Iterator[tuple[str, str]]:
 
 
 class _Reader:
-    """Reads shapes and their friction, and collects what cannot be read."""
+    """Reads shapes and their friction, and collects elements that cannot be read."""
 
     def __init__(self, robot: ElementTree.Element, known: set[str], file: Path) -> None:
         self._robot, self._known, self._file = robot, known, file
@@ -154,7 +154,7 @@ class _Reader:
             self._vertices[file, mesh.get("scale", "")] = points
         return self._vertices[file, mesh.get("scale", "")]
 
-    def values(self, link: str) -> dict[str, float]:
+    def values(self, link: str) -> dict[str, Any]:
         """Friction and restitution of a link, as keyword arguments of SceneBuilder.collider."""
         found = dict[str, float]()
         for element in (inner for of in self._of_links.get(link, ()) for inner in of.iter()):
@@ -169,9 +169,9 @@ class _Reader:
         return found
 
     def report(self, strict: bool) -> None:
-        """Warn, or raise SceneError, for what cannot be read."""
+        """Warn, or raise SceneError, for elements that cannot be read."""
         for found, kind, text in (
-            (self._lost, MeshWarning, f"they touch nothing; expected shapes with a volume, in files relative to the URDF or in a folder of {', '.join(SEARCHED)}"),
+            (self._lost, MeshWarning, f"they touch nothing; expected shapes with a volume, and files relative to the URDF or in a folder of {', '.join(SEARCHED)}"),
             (self._unread, ModelWarning, "they are not read: friction has one coefficient, from 0, and restitution one from 0 to 1"),
         ):
             if not found:

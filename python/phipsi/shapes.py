@@ -21,6 +21,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._install import command
 from ._pose import from_rpy
 from .errors import ArgumentError, InertiaWarning
 
@@ -363,8 +364,10 @@ def _points(name: str, value: ArrayLike) -> list[list[float]]:
 
 def vertices_of(shape: Mesh) -> _Array:
     """Vertices of all triangles of a mesh, scaled, (n, 3)."""
-    import trimesh
-
+    try:
+        import trimesh
+    except ImportError:
+        raise ImportError(f"shape: found a mesh and no package trimesh; install it with: {command('view')}") from None
     file = Path(shape.file)
     if not file.is_file():
         raise ArgumentError(f"file of Mesh: found {str(shape.file)[:100]!r}, which is not a file; expected the path of a mesh")
@@ -497,7 +500,7 @@ def _rgba(shape: Shape) -> _Array:
     return np.append(found, 1.0)[:4]
 
 
-def _numbers(shape: Shape, name: str, value: ArrayLike, size: int | None) -> _Array:
+def _numbers(shape: ColliderShape, name: str, value: ArrayLike, size: int | None) -> _Array:
     """Finite numbers, (size,); None: one or three."""
     expected = "one or three finite numbers" if size is None else "a finite number" if size == 1 else f"{size} finite numbers"
     try:

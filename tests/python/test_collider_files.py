@@ -103,6 +103,22 @@ def test_pairs_of_random_models_are_those_of_mujoco(seed: int) -> None:
             assert_near(found[names], values, 4 * EPS)
 
 
+def test_mocap_bodies_do_not_touch_their_children() -> None:
+    text = """<mujoco><worldbody><geom name="w" size="1"/><body mocap="true"><geom name="a" size="0.1"/><body><joint/><geom name="b" size="0.1"/></body></body>
+    <body><freejoint/><geom name="f" size="0.1"/></body></worldbody></mujoco>"""
+    expected = by_mujoco(mujoco.MjModel.from_xml_string(text))
+    assert touching(read(text, ignore=["mocap"])) == expected and len(expected) == 4
+
+
+def test_more_kinds_of_planes_than_groups_of_colliders() -> None:
+    """With contacts="plane", 32 kinds of planes have groups; the pairs of others are named."""
+    planes = "".join(f'<geom name="p{i}" type="plane" size="1 1 1" contype="{i}" conaffinity="0"/>' for i in range(1, 41))
+    balls = "".join(f'<body><freejoint/><geom name="b{i}" size="0.1" contype="0" conaffinity="{1 << i}"/></body>' for i in range(6))
+    text = f"<mujoco><worldbody>{planes}{balls}</worldbody></mujoco>"
+    expected = by_mujoco(mujoco.MjModel.from_xml_string(text), planes=True)
+    assert touching(read(text, "plane")) == expected and len(expected) > 80
+
+
 @pytest.mark.parametrize("path", [path for path in shipped() if path.stem in ("ant", "humanoid", "pusher", "walker2d")], ids=lambda path: path.stem)
 def test_pairs_of_robots_of_gymnasium_are_those_of_mujoco(path: Path) -> None:
     """With spheres as geoms and a large margin, every pair that can touch is a contact of MuJoCo."""
@@ -255,3 +271,15 @@ def test_parameters_of_contacts_that_are_not_read_are_named(tmp_path: Path) -> N
 def test_invalid_contacts_of_a_urdf() -> None:
     with pytest.raises(ArgumentError, match="contacts: found 'points'; expected \"all\", \"plane\" or None"):
         phipsi.load(phipsi.BUNDLED_ARM, contacts="points")  # type: ignore[arg-type]
+
+
+def test_shapes_of_a_xacro_are_read(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    (tmp_path / "ball.xacro").write_text(
+        """<robot name="ball" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="radius" default="0.1"/>
+        <link name="ball"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+        <collision><geometry><sphere radius="$(arg radius)"/></geometry></collision></link></robot>"""
+    )
+    scene = read(tmp_path / "ball.xacro", floating_base=True, xacro_arguments={"radius": "0.3"})
+    assert scene._collisions()[0][1][3] == ("sphere", [0.3], []) and touching(scene).keys() == {frozenset(("ground", "ball"))}
+    assert scene.file == tmp_path / "ball.xacro"

@@ -11,8 +11,9 @@ import numpy as np
 import phipsi
 import pytest
 from conftest import random_scene
+from phipsi._pose import angles, from_rpy
 from phipsi.errors import ArgumentError
-from tolerances import assert_near, assert_same_bits, product, size
+from tolerances import EPS, assert_near, assert_same_bits, product, size
 
 KINDS = ("revolute", "continuous", "prismatic", "planar", "spherical", "floating", "fixed")
 
@@ -82,6 +83,13 @@ def test_a_right_angle_of_pitch() -> None:
         scene = builder.joint("j", "revolute", "base", "a", axis=(0, 1, 0), rotation=turned).build()
         back = phipsi.Scene.from_urdf(scene.to_urdf())
         assert_near(back.joints["j"].rotation, turned, product(3, 1.0))
+
+
+def test_angles_near_a_right_angle_of_pitch() -> None:
+    """The rotation matrix is exact although roll and yaw are not determined separately."""
+    for short in 10.0 ** np.arange(-12.0, 0.0):
+        turn = from_rpy(np.array([0.7, np.pi / 2 - short, -1.2]))
+        assert_near(from_rpy(angles(turn)), turn, 8 * EPS)
 
 
 def test_pinocchio_reads_it() -> None:

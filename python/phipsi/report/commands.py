@@ -117,7 +117,7 @@ def FLOATING(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in (
         click.option("--xacro-argument", multiple=True, metavar="NAME=VALUE", expose_value=False, callback=_pair, help="Value of an <xacro:arg>; repeatable."),
         click.option("--ignore", multiple=True, metavar="PART", expose_value=False, callback=_keep(IGNORE), help="Part of a MuJoCo model to omit; repeatable."),
-        click.option("--contacts", type=click.Choice(("plane",)), expose_value=False, callback=_keep(CONTACTS), help="Read contacts of a MuJoCo model with planes."),
+        click.option("--contacts", type=click.Choice(("all", "plane")), expose_value=False, callback=_keep(CONTACTS), help="Read shapes that touch: all of them, or only planes and links."),
         click.option("--strict", is_flag=True, expose_value=False, callback=_keep(STRICT), help="Raise an error instead of a warning."),
         click.option("--floating-base", is_flag=True, help="Add a free joint between the base and the root link."),
     ):
