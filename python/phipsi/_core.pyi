@@ -522,6 +522,57 @@ class Scene:
         array([0., 0., 0.])
         """
 
+    @property
+    def keyframes(self) -> tuple[str, ...]:
+        """Names of the keyframes, in the order of the file; unnamed ones are called "key0" and so on."""
+    def initial(self, keyframe: str | int | None = None) -> _Array:
+        """Configuration from which motions begin: that of the file (MJCF: qpos0), or of a keyframe.
+
+        Parameters
+        ----------
+        keyframe : str or int, optional
+            Name or index of a keyframe. None: the start.
+
+        Returns
+        -------
+        q : (nq,) ndarray
+            Joint positions, rad or m. The neutral ones, unless an MJCF file or SceneBuilder.start defines others.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown keyframe. The message lists the names.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().start({"j1": 0.5}, keyframe="bent").build()
+        >>> scene.keyframes, scene.initial("bent")
+        (('bent',), array([0. , 0.5, 0. ]))
+        """
+    def initial_velocity(self, keyframe: str | int | None = None) -> _Array:
+        """Joint velocities of the start or of a keyframe (MJCF: qvel), with which motions begin.
+
+        Parameters
+        ----------
+        keyframe : str or int, optional
+            Name or index of a keyframe. None: the start.
+
+        Returns
+        -------
+        qd : (nv,) ndarray
+            Joint velocities, rad/s or m/s. Zero, unless an MJCF file or SceneBuilder.start defines others.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown keyframe. The message lists the names.
+
+        Examples
+        --------
+        >>> phipsi.scenes.chain(3).initial_velocity()
+        array([0., 0., 0.])
+        """
+
     @overload
     def forward_dynamics(  # type: ignore[overload-overlap]
         self,
@@ -863,6 +914,8 @@ class Scene:
             A step of 1 s or more without error control.
         FrictionWarning
             friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
+        ContactWarning
+            Contacts that start below their surface, which the first step pushes out.
         LimitWarning
             Joints that start outside of limits that are stops, or stops that connections or contacts prevent from
             acting.
@@ -4871,6 +4924,43 @@ class SceneBuilder:
         (('pin',), (3, 3))
         """
 
+    def start(
+        self, q: Mapping[str, ArrayLike] | None = None, qd: Mapping[str, ArrayLike] | None = None, *, keyframe: str | None = None
+    ) -> SceneBuilder:
+        """Set the start, from which motions begin by default, or add a keyframe. Replaces the one with the same name.
+
+        Parameters
+        ----------
+        q : dict of str to float or array_like, optional
+            Joint positions by joint name, rad or m. The joints may be added later.
+        qd : dict of str to float or array_like, optional
+            Joint velocities by joint name, rad/s or m/s.
+        keyframe : str, optional
+            Name of the keyframe. None: the start.
+
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Raises
+        ------
+        ShapeError, ArgumentError
+            Arguments that are not dicts, or invalid values. The message names the joint; build() checks the rest.
+
+        Notes
+        -----
+        Joints that the start does not name are neutral and at rest; those that a keyframe does not name are as in the
+        start. build() raises ArgumentError for unknown joints, quaternions that are not of unit norm, and joints that
+        follow others (mimic) and are elsewhere; SceneError for a wrong number of values.
+
+        Examples
+        --------
+        >>> builder = phipsi.scenes.chain(3).to_builder().start({"j1": 0.5})
+        >>> scene = builder.start({"j2": -1.0}, {"j0": 0.1}, keyframe="kick").build()
+        >>> scene.initial(), scene.initial("kick"), scene.initial_velocity("kick")
+        (array([0. , 0.5, 0. ]), array([ 0. ,  0.5, -1. ]), array([0.1, 0. , 0. ]))
+        """
     def contact(
         self,
         name: str,
@@ -5179,8 +5269,8 @@ class Simulator:
 
         Warns
         -----
-        LimitWarning
-            Joints that start outside of limits that are stops.
+        ContactWarning, LimitWarning
+            Contacts that start below their surface, and joints that start outside of limits that are stops.
 
         Notes
         -----

@@ -1,4 +1,5 @@
-//! Checks of initial states: joints beyond their limits, which the stops move back, and violated connections.
+//! Checks of initial states: joints beyond their limits, which the stops move back, contacts below their surface, which
+//! the first step pushes out, and violated connections.
 
 #[cfg(feature = "python")]
 use super::properties::joint_of_row;
@@ -8,7 +9,8 @@ use crate::error::{Error, in_language};
 use crate::scene::Scene;
 use std::borrow::Borrow;
 
-/// Largest accepted violation of the connections by an initial state, m or rad, and m/s or rad/s.
+/// Largest accepted violation of the connections by an initial state, m or rad, and m/s or rad/s, and largest depth of
+/// a contact without a warning, m.
 const AT_START: f64 = 1e-6;
 
 impl<S: Borrow<Scene>> Rollout<S> {
@@ -47,6 +49,24 @@ impl<S: Borrow<Scene>> Rollout<S> {
         ))
     }
 
+    /// Warning about contacts of the given states that are below their surface: the first step pushes them out at once.
+    /// Call it before the first step and after a reset.
+    ///
+    /// # Panics
+    ///
+    /// As [`Rollout::limit_warning`].
+    pub fn contact_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
+        let points = self.scene().contact_points();
+        let mut depths = vec![0.0_f64; points.len()];
+        for state in states.into_iter().take_while(|_| !points.is_empty()) {
+            for (point, depth) in points.iter().zip(&mut depths) {
+                *depth = depth.max(-point.touch_at(self.scene().model(), self.state(state).0).gap);
+            }
+        }
+        let named = points.iter().zip(depths).map(|(point, depth)| (format!("contact {:?}", point.name), depth));
+        penetration(named.filter(|(_, depth)| *depth > AT_START).collect())
+    }
+
     /// Number of substeps of all states in which connections or contacts prevented a stop from acting, since the states
     /// began.
     #[cfg(feature = "python")]
@@ -73,6 +93,18 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 }
 
+/// Text of a warning for parts that penetrate each other, with their names and depths, m, the deepest first.
+fn penetration(mut found: Vec<(String, f64)>) -> Option<String> {
+    found.sort_by(|(_, one), (_, other)| other.total_cmp(one));
+    let (name, depth) = found.first()?;
+    let more = if found.len() > 1 { format!(" and {} more", found.len() - 1) } else { String::new() };
+    Some(format!(
+        "q: found {name} {depth:.6} m deep{more}; the first step pushes them apart at once; expected a start without \
+         penetration, such as {}",
+        in_language("Scene::initial, the start of the file", "scene.initial(), the start of the file")
+    ))
+}
+
 impl<S: Borrow<Scene>> Simulator<S> {
     /// As [`Rollout::limit_warning`].
     ///
@@ -81,6 +113,15 @@ impl<S: Borrow<Scene>> Simulator<S> {
     /// As [`Rollout::limit_warning`].
     pub fn limit_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
         self.rollout.limit_warning(states)
+    }
+
+    /// As [`Rollout::contact_warning`].
+    ///
+    /// # Panics
+    ///
+    /// As [`Rollout::limit_warning`].
+    pub fn contact_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
+        self.rollout.contact_warning(states)
     }
 
     /// As [`Rollout::dropped`] and [`Rollout::dropped_warning`].

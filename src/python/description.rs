@@ -8,10 +8,12 @@ use crate::error::{Error, number};
 use crate::memory;
 use crate::scene::properties::Properties;
 use crate::scene::{
-    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Simplifications, Spring,
+    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Simplifications,
+    Spring, Start,
 };
 use crate::spatial::Symmetric3;
 use pyo3::prelude::*;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Names of the links that joints carry, also those of joints that follow others: the bodies of every argument and
@@ -21,7 +23,7 @@ pub(super) fn body_names(scene: &Scene) -> impl ExactSizeIterator<Item = &str> {
 }
 
 /// Version of the tuples.
-const VERSION: u32 = 11;
+const VERSION: u32 = 12;
 
 /// Name, then mass, center of mass and inertia about it (xx, xy, xz, yy, yz, zz), if any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -48,7 +50,7 @@ type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of simplifications, locked joints, (armature, damping,
 /// friction, stiffness) of the free joint of a floating base, file, treatment of mimic joints, connections, contacts,
-/// tolerance of linkages, shapes.
+/// tolerance of linkages, shapes, starts.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -65,8 +67,11 @@ pub(super) struct Description(
 );
 
 /// Parts beyond a kinematic tree: the treatment of mimic joints, connections, contacts, the tolerance of linkages,
-/// shapes.
-type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>, Vec<String>);
+/// shapes, the start and the keyframes.
+type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>, Vec<String>, Vec<StartTuple>);
+
+/// Name of a keyframe, coordinates and velocities by joint.
+type StartTuple = (Option<String>, BTreeMap<String, Vec<f64>>, BTreeMap<String, Vec<f64>>);
 
 /// Index of the links in a description.
 const LINKS: usize = 4;
@@ -104,6 +109,7 @@ impl Description {
                 source.contacts().iter().map(contact_tuple).collect(),
                 source.tolerance_of_linkages(),
                 source.shapes().to_vec(),
+                source.starts().iter().map(start_tuple).collect(),
             ),
         ))
     }
@@ -119,7 +125,7 @@ impl Description {
     /// The builder of the scene.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
         let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, beyond) = self;
-        let (mimic, connections, contacts, tolerance, shapes) = beyond;
+        let (mimic, connections, contacts, tolerance, shapes, starts) = beyond;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -146,6 +152,9 @@ impl Description {
         for contact in contacts {
             builder = builder.contact(contact_of(contact));
         }
+        for (keyframe, q, qd) in starts {
+            builder = builder.start(Start::new(keyframe.as_deref()).with_q(q).with_qd(qd));
+        }
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
         let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
         Ok(builder
@@ -156,6 +165,10 @@ impl Description {
             .with_file(file)
             .with_shapes(shapes))
     }
+}
+
+fn start_tuple(start: &Start) -> StartTuple {
+    (start.keyframe.clone(), start.q.clone(), start.qd.clone())
 }
 
 fn link_tuple(link: &LinkDescription) -> LinkTuple {

@@ -49,6 +49,7 @@ mod payload;
 pub(crate) mod properties;
 mod shared;
 mod spring;
+mod start;
 #[cfg(feature = "urdf")]
 mod urdf;
 mod whole_check;
@@ -67,6 +68,7 @@ pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic
 pub(crate) use joint_forces::JointForces;
 pub use properties::Property;
 pub use spring::Spring;
+pub use start::Start;
 
 use self::constraint::Constraints;
 use self::contact_point::ContactPoint;

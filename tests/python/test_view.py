@@ -498,3 +498,8 @@ def test_colors_of_a_geom_come_before_those_of_its_material(tmp_path: Path) -> N
     )
     colors = [tuple(shape.mesh.visual.material.baseColorFactor[:3]) for shape in shapes_of(phipsi.load(file), None)]
     assert colors == [(0, 0, 255), (255, 0, 0), (128, 128, 128)]
+
+
+def test_a_robot_is_shown_at_its_start() -> None:
+    scene = phipsi.scenes.chain(2).to_builder().start({"j0": 0.5}).build()
+    assert_near(Motion(scene, None, None).q, np.array([[0.5, 0.0]]), 0.0)
