@@ -276,8 +276,8 @@ class Scene:
         ignore : collection of str, optional
             Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
             a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
-            "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
-            "softness" (of equality constraints and contacts) and "tendons".
+            "gravcomp", "keyframes" (their time, act and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
+            (springs, damping, plasticity), "plugins", "softness" (of equality constraints and contacts) and "tendons".
         contacts : {"plane"}, optional
             "plane": geoms that can touch a fixed plane become contacts with it, and each <pair> of a sphere with a
             sphere or box becomes a contact. None: contacts are not read.
@@ -302,9 +302,9 @@ class Scene:
         Warns
         -----
         ModelWarning
-            Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted. With
-            contacts="plane": other geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft
-            contacts.
+            Contacts, limits of tendons and ball joints, air, soft equality constraints, and time, act and mocap poses of
+            keyframes, which are omitted. With contacts="plane": other geoms that can touch each other, ellipsoids,
+            friction of condim 4 and 6, soft contacts.
         MeshWarning
             Missing files on which no inertia depends.
         MimicWarning
@@ -320,7 +320,8 @@ class Scene:
         The equality constraints connect, weld and joint (linear) become rigid connections with their names or "equality
         0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
         joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
-        inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls.
+        inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls, also those
+        of keyframes. scene.initial() is qpos0, and scene.initial(keyframe) the qpos of a keyframe.
 
         With contacts="plane", the contacts of a geom are those of its convex hull with a plane: the center of a sphere,
         the ends of a capsule, the corners of a box, eight points of each rim of a cylinder, the hull vertices of a
@@ -4565,9 +4566,10 @@ class Scene:
 
         Notes
         -----
-        The free joint of a floating base is not written: read the file with floating_base=True. Armature, stiffness and
-        rest are attributes of <dynamics>, which other programs ignore. Shapes are copied from the URDF of the scene if
-        it still exists. A revolute joint without limits is written as continuous.
+        The free joint of a floating base is not written: read the file with floating_base=True. The start and the
+        keyframes are not written, with a ModelWarning. Armature, stiffness and rest are attributes of <dynamics>, which
+        other programs ignore. Shapes are copied from the URDF of the scene if it still exists. A revolute joint without
+        limits is written as continuous.
 
         Examples
         --------
@@ -4627,8 +4629,8 @@ class Scene:
         Parameters
         ----------
         motion : (nq,) or (k, nq) array_like, or Trajectory, optional
-            A configuration, configurations at the times t, or a trajectory of one state. None: the neutral
-            configuration.
+            A configuration, configurations at the times t, or a trajectory of one state. None: the start,
+            initial().
         t : (k,) array_like, optional
             Times of the configurations, s.
         forces : tuple of two (k, n, 3) array_like, optional

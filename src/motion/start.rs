@@ -100,8 +100,8 @@ fn penetration(mut found: Vec<(String, f64)>) -> Option<String> {
     let more = if found.len() > 1 { format!(" and {} more", found.len() - 1) } else { String::new() };
     Some(format!(
         "q: found {name} {depth:.6} m deep{more}; the first step pushes them apart at once; expected a start without \
-         penetration, such as {}",
-        in_language("Scene::initial, the start of the file", "scene.initial(), the start of the file")
+         penetration: {} returns that of the file",
+        in_language("Scene::initial", "scene.initial()")
     ))
 }
 

@@ -187,8 +187,8 @@ impl PyScene {
     /// ignore : collection of str, optional
     ///     Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
     ///     a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
-    ///     "gravcomp", "keyframes" (their time, act and mocap poses), "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
-    ///     "softness" (of equality constraints and contacts) and "tendons".
+    ///     "gravcomp", "keyframes" (their time, act and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
+    ///     (springs, damping, plasticity), "plugins", "softness" (of equality constraints and contacts) and "tendons".
     /// contacts : {"plane"}, optional
     ///     "plane": geoms that can touch a fixed plane become contacts with it, and each <pair> of a sphere with a
     ///     sphere or box becomes a contact. None: contacts are not read.
@@ -208,9 +208,8 @@ impl PyScene {
     #[doc = section!(Warns)]
     /// ModelWarning
     ///     Contacts, limits of tendons and ball joints, air, soft equality constraints, and time, act and mocap poses of
-    ///     keyframes, which are omitted. With
-    ///     contacts="plane": other geoms that can touch each other, ellipsoids, friction of condim 4 and 6, soft
-    ///     contacts.
+    ///     keyframes, which are omitted. With contacts="plane": other geoms that can touch each other, ellipsoids,
+    ///     friction of condim 4 and 6, soft contacts.
     /// MeshWarning
     ///     Missing files on which no inertia depends.
     /// MimicWarning
@@ -389,9 +388,9 @@ impl PyScene {
     ///     several coordinates, losses of a floating base. The message names the part.
     #[doc = section!(Notes)]
     /// The free joint of a floating base is not written: read the file with floating_base=True. The start and the
-    /// keyframes are not written, with a ModelWarning. Armature, stiffness and
-    /// rest are attributes of <dynamics>, which other programs ignore. Shapes are copied from the URDF of the scene if
-    /// it still exists. A revolute joint without limits is written as continuous.
+    /// keyframes are not written, with a ModelWarning. Armature, stiffness and rest are attributes of <dynamics>, which
+    /// other programs ignore. Shapes are copied from the URDF of the scene if it still exists. A revolute joint without
+    /// limits is written as continuous.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> copy = phipsi.Scene.from_urdf(scene.to_urdf())
@@ -465,8 +464,8 @@ methods_in_python! {
     /// Show a configuration or a motion of the robot in a browser; needs the extra phipsi[view].
     #[doc = section!(Parameters)]
     /// motion : (nq,) or (k, nq) array_like, or Trajectory, optional
-    ///     A configuration, configurations at the times t, or a trajectory of one state. None:
-    ///     scene.initial().
+    ///     A configuration, configurations at the times t, or a trajectory of one state. None: the start,
+    ///     initial().
     /// t : (k,) array_like, optional
     ///     Times of the configurations, s.
     /// forces : tuple of two (k, n, 3) array_like, optional

@@ -250,7 +250,8 @@ def test_contacts_belong_to_the_scene() -> None:
 
 
 def test_starts_under_a_plane_are_moved_out_and_told() -> None:
-    path = box(0.5).simulate(at(z=0.09), along(0), dt=1e-3, steps=10)
+    with pytest.warns(ContactWarning, match="0.010000 m deep"):
+        path = box(0.5).simulate(at(z=0.09), along(0), dt=1e-3, steps=10)
     assert np.isclose(path.contacts.depth, 0.01) and abs(path.q[-1, 2] - 0.1) < 1e-9 and np.abs(path.qd[-1]).max() < 1e-9
 
 

@@ -336,6 +336,8 @@ def test_the_command(tmp_path: Path) -> None:
         assert "__VISER_EMBED_DATA__" in (tmp_path / "page.html").read_text(encoding="utf-8")
     result = run(commands.group, ["view", "-o", str(tmp_path / "page.html"), "--motion", str(tmp_path / "index.html")])
     assert result.exit_code == 2 and "--motion" in result.output
+    result = run(commands.group, ["view", "-o", str(tmp_path / "page.html"), "--keyframe", "home"])
+    assert result.exit_code == 2 and 'keyframe: found "home"; expected none, because the scene has no keyframes' in result.output
 
 
 # In a browser

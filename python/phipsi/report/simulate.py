@@ -79,8 +79,8 @@ def simulate(
     """Simulate a robot; write a page with the robot in motion and curves over time, and trajectory.npz.
 
     Damping, friction, stiffness and armature are those of the file. The state file contains q, qd and tau (constant),
-    each as a list or, in JSON, as a mapping from joint names: {"q": {"elbow": 0.5}}; what it does not contain is that of
-    the keyframe, or of the start of the file. Controls of a keyframe are not applied. A state that violates the
+    each as a list or, in JSON, as a mapping from joint names: {"q": {"elbow": 0.5}}. Missing joints and keys
+    are those of the keyframe, or of the start of the file. Controls of a keyframe are not applied. A state that violates the
     connections of a MuJoCo model is projected onto them. With --covariance or --noise, the page shows 95 % bands of the
     first-order error, and trajectory.npz contains standard deviations. The page reports the energy balance and the estimated error;
     a warning is printed if the integration error exceeds 1 % of the exchanged energy. Ctrl-C stops the simulation and
