@@ -265,7 +265,7 @@ class FrictionWarning(UserWarning):
 
 
 class ContactWarning(UserWarning):
-    """A motion starts with contacts below their surface, which the first step pushes out at once."""
+    """A motion starts with contacts below their surface, which the first steps move out."""
 
 
 class LimitWarning(UserWarning):

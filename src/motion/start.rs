@@ -1,5 +1,5 @@
-//! Checks of initial states: joints beyond their limits, which the stops move back, contacts below their surface, which
-//! the first step pushes out, and violated connections.
+//! Checks of initial states: joints beyond their limits, which the stops move back, contacts below their surface, and
+//! violated connections.
 
 #[cfg(feature = "python")]
 use super::properties::joint_of_row;
@@ -49,8 +49,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         ))
     }
 
-    /// Warning about contacts of the given states that are below their surface: the first step pushes them out at once.
-    /// Call it before the first step and after a reset.
+    /// Warning about contacts of the given states that are below their surface: the first step moves them out at once,
+    /// and smoothed contacts move out over many steps. Call it before the first step and after a reset.
     ///
     /// # Panics
     ///
@@ -64,7 +64,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             }
         }
         let named = points.iter().zip(depths).map(|(point, depth)| (format!("contact {:?}", point.name), depth));
-        penetration(named.filter(|(_, depth)| *depth > AT_START).collect())
+        penetration(named.filter(|(_, depth)| *depth > AT_START).collect(), self.settings.smoothing.is_some())
     }
 
     /// Number of substeps of all states in which connections or contacts prevented a stop from acting, since the states
@@ -94,12 +94,13 @@ impl<S: Borrow<Scene>> Rollout<S> {
 }
 
 /// Text of a warning for parts that penetrate each other, with their names and depths, m, the deepest first.
-fn penetration(mut found: Vec<(String, f64)>) -> Option<String> {
+fn penetration(mut found: Vec<(String, f64)>, is_smoothed: bool) -> Option<String> {
     found.sort_by(|(_, one), (_, other)| other.total_cmp(one));
     let (name, depth) = found.first()?;
     let more = if found.len() > 1 { format!(" and {} more", found.len() - 1) } else { String::new() };
+    let outcome = if is_smoothed { "the steps move them out slowly" } else { "the first step moves them out at once" };
     Some(format!(
-        "q: found {name} {depth:.6} m deep{more}; the first step pushes them apart at once; expected a start without \
+        "q: found {name} {depth:.6} m deep{more}; {outcome}; expected a start without \
          penetration: {} returns that of the file",
         in_language("Scene::initial", "scene.initial()")
     ))

@@ -118,7 +118,7 @@ impl PyScene {
     /// FrictionWarning
     ///     friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
     /// ContactWarning
-    ///     Contacts that start below their surface, which the first step pushes out.
+    ///     Contacts that start below their surface, which the first step moves out, or slowly with smoothing.
     /// LimitWarning
     ///     Joints that start outside of limits that are stops, or stops that connections or contacts prevent from
     ///     acting.
