@@ -66,11 +66,15 @@ def read(
         builder._set_file(file)
     if gravity is None:
         gravity = np.zeros(3) if is_disabled(model, "GRAVITY") else model.opt.gravity
+    import mujoco
+
     scene = builder.build(gravity=gravity, strict=strict, leave_out=leave_out)
     starts = [(None, model.qpos0, None), *zip(names.keyframes, model.key_qpos, model.key_qvel, strict=True)]
     if len(starts) == 1 and np.array_equal(to_state(scene, model.qpos0)[0], scene.neutral()):
         return scene
-    for keyframe, qpos, qvel in starts:
+    for keyframe, given, qvel in starts:
+        # As in MuJoCo's kinematics, where quaternions have any length.
+        mujoco.mj_normalizeQuat(model, qpos := given.copy())
         q, qd = to_state(scene, qpos, qvel)
         of_q, of_qd = ({joint: x[at(joint)] for joint in scene.joint_names} for x, at in ((q, scene.q_index), (qd, scene.v_index)))
         builder.start(of_q, of_qd, keyframe=keyframe)

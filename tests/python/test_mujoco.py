@@ -437,6 +437,14 @@ def test_a_scene_starts_where_mujoco_starts(text: str) -> None:
     assert np.any(scene.initial() != scene.neutral()) and np.any(scene.initial_velocity("both"))
 
 
+def test_quaternions_of_a_start_have_any_length_as_in_mujoco() -> None:
+    model = mujoco.MjModel.from_xml_string(FLOATING)
+    model.qpos0[3:7] *= 1.3
+    mujoco.mj_kinematics(model, data := mujoco.MjData(model))
+    scene = phipsi.load(model)
+    assert_near(scene.placement(scene.initial(), "trunk")[:3, :3], data.body("trunk").xmat.reshape(3, 3), recursion(scene.nv, 1.0))
+
+
 @pytest.mark.parametrize("name", ["Home", 3, -1, 0.5])
 def test_an_unknown_keyframe_lists_the_names(name: object) -> None:
     scene = phipsi.load(with_keys(ARM))
