@@ -276,8 +276,8 @@ class Scene:
         ignore : collection of str, optional
             Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
             a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
-            "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
-            "softness" (of equality constraints and contacts) and "tendons".
+            "gravcomp", "keyframes" (their time, act and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
+            (springs, damping, plasticity), "plugins", "softness" (of equality constraints and contacts) and "tendons".
         contacts : {"all", "plane"}, optional
             "all": geoms that can collide become colliders, by MuJoCo's rules. "plane": only fixed planes touch other
             geoms, and those of <pair> each other. None: contacts are not read.
@@ -302,10 +302,10 @@ class Scene:
         Warns
         -----
         ModelWarning
-            Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted. With
-            `contacts`: geoms without a shape (ellipsoids, signed distance fields, planes and height fields that move,
-            meshes without volume), friction of condim 4 and 6, two coefficients of a <pair>, gaps above the margin,
-            soft contacts; with "plane", other pairs that can collide.
+            Contacts, limits of tendons and ball joints, air, soft equality constraints, and time, act and mocap poses of
+            keyframes, which are omitted. With `contacts`: geoms without a shape (ellipsoids, signed distance fields,
+            planes and height fields that move, meshes without volume), friction of condim 4 and 6, two coefficients of a
+            <pair>, gaps above the margin, soft contacts; with "plane", other pairs that can collide.
         MeshWarning
             Missing files on which no inertia depends.
         MimicWarning
@@ -321,7 +321,8 @@ class Scene:
         The equality constraints connect, weld and joint (linear) become rigid connections with their names or "equality
         0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
         joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
-        inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls.
+        inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls, also those
+        of keyframes. scene.initial() is qpos0, and scene.initial(keyframe) the qpos of a keyframe.
 
         With `contacts`, a collider has the name of its geom, or "geom3" and so on; a mesh stands for its convex hull.
         contype, conaffinity, filterparent, <exclude>, <pair>, priority, condim, margin, gap and the flag override have
@@ -520,6 +521,57 @@ class Scene:
         Examples
         --------
         >>> phipsi.scenes.chain(3).neutral()
+        array([0., 0., 0.])
+        """
+
+    @property
+    def keyframes(self) -> tuple[str, ...]:
+        """Names of the keyframes, in the order of the file; unnamed ones are called "key0" and so on."""
+    def initial(self, keyframe: str | int | None = None) -> _Array:
+        """Configuration from which motions begin: that of the file (MJCF: qpos0), or of a keyframe.
+
+        Parameters
+        ----------
+        keyframe : str or int, optional
+            Name or index of a keyframe. None: the start.
+
+        Returns
+        -------
+        q : (nq,) ndarray
+            Joint positions, rad or m. The neutral ones, unless an MJCF file or SceneBuilder.start defines others.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown keyframe. The message lists the names.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().start({"j1": 0.5}, keyframe="bent").build()
+        >>> scene.keyframes, scene.initial("bent")
+        (('bent',), array([0. , 0.5, 0. ]))
+        """
+    def initial_velocity(self, keyframe: str | int | None = None) -> _Array:
+        """Joint velocities of the start or of a keyframe (MJCF: qvel), with which motions begin.
+
+        Parameters
+        ----------
+        keyframe : str or int, optional
+            Name or index of a keyframe. None: the start.
+
+        Returns
+        -------
+        qd : (nv,) ndarray
+            Joint velocities, rad/s or m/s. Zero, unless an MJCF file or SceneBuilder.start defines others.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown keyframe. The message lists the names.
+
+        Examples
+        --------
+        >>> phipsi.scenes.chain(3).initial_velocity()
         array([0., 0., 0.])
         """
 
@@ -864,6 +916,8 @@ class Scene:
             A step of 1 s or more without error control.
         FrictionWarning
             friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
+        ContactWarning
+            Contacts that start below their surface, which the first step moves out, or slowly with smoothing.
         LimitWarning
             Joints that start outside of limits that are stops, or stops that connections or contacts prevent from
             acting.
@@ -4519,9 +4573,10 @@ class Scene:
 
         Notes
         -----
-        The free joint of a floating base is not written: read the file with floating_base=True. Armature, stiffness and
-        rest are attributes of <dynamics>, which other programs ignore. Shapes are copied from the URDF of the scene if
-        it still exists. A revolute joint without limits is written as continuous.
+        The free joint of a floating base is not written: read the file with floating_base=True. The start and the
+        keyframes are not written, with a ModelWarning. Armature, stiffness and rest are attributes of <dynamics>, which
+        other programs ignore. Shapes are copied from the URDF of the scene if it still exists. A revolute joint without
+        limits is written as continuous.
 
         Examples
         --------
@@ -4582,8 +4637,8 @@ class Scene:
         Parameters
         ----------
         motion : (nq,) or (k, nq) array_like, or Trajectory, optional
-            A configuration, configurations at the times t, or a trajectory of one state. None: the neutral
-            configuration.
+            A configuration, configurations at the times t, or a trajectory of one state. None: the start,
+            initial().
         t : (k,) array_like, optional
             Times of the configurations, s.
         forces : tuple of two (k, n, 3) array_like, optional
@@ -4889,6 +4944,43 @@ class SceneBuilder:
         (('pin',), (3, 3))
         """
 
+    def start(
+        self, q: Mapping[str, ArrayLike] | None = None, qd: Mapping[str, ArrayLike] | None = None, *, keyframe: str | None = None
+    ) -> SceneBuilder:
+        """Set the start, from which motions begin by default, or add a keyframe. Replaces the one with the same name.
+
+        Parameters
+        ----------
+        q : dict of str to float or array_like, optional
+            Joint positions by joint name, rad or m. The joints may be added later.
+        qd : dict of str to float or array_like, optional
+            Joint velocities by joint name, rad/s or m/s.
+        keyframe : str, optional
+            Name of the keyframe. None: the start.
+
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Raises
+        ------
+        ShapeError, ArgumentError
+            Arguments that are not dicts, or invalid values. The message names the joint; build() checks the rest.
+
+        Notes
+        -----
+        Joints that the start does not name are neutral and at rest; those that a keyframe does not name are as in the
+        start. build() raises ArgumentError for unknown joints, quaternions that are not of unit norm, and joints that
+        follow others (mimic) and are elsewhere; SceneError for a wrong number of values.
+
+        Examples
+        --------
+        >>> builder = phipsi.scenes.chain(3).to_builder().start({"j1": 0.5})
+        >>> scene = builder.start({"j2": -1.0}, {"j0": 0.1}, keyframe="kick").build()
+        >>> scene.initial(), scene.initial("kick"), scene.initial_velocity("kick")
+        (array([0. , 0.5, 0. ]), array([ 0. ,  0.5, -1. ]), array([0.1, 0. , 0. ]))
+        """
     def collider(
         self,
         name: str,
@@ -5330,8 +5422,8 @@ class Simulator:
 
         Warns
         -----
-        LimitWarning
-            Joints that start outside of limits that are stops.
+        ContactWarning, LimitWarning
+            Contacts that start below their surface, and joints that start outside of limits that are stops.
 
         Notes
         -----

@@ -184,6 +184,7 @@ class Names:
         self.joints = self._complete(_own(model, model.name_jntadr), "joint", self._joints)
         self.equalities = self._complete(_own(model, model.name_eqadr), "equality ", set())
         self.geoms = self._complete(_own(model, model.name_geomadr), "geom", set())
+        self.keyframes = self._complete(_own(model, model.name_keyadr), "key", set())
         #: Names of sites: a site with the name of a body gets another name; unnamed sites stay unnamed.
         self.sites = [
             name and self.link(name if name not in self._links else f"{name}/site")

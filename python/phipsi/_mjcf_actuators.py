@@ -55,6 +55,8 @@ class Actuators:
         self.ctrlrange = _bounds(model.actuator_ctrlrange[at], model.actuator_ctrllimited[at] if is_clamped else np.zeros(len(at)))
         #: Smallest and largest force of each actuator before the gear ratio, (n, 2).
         self.forcerange = _bounds(model.actuator_forcerange[at], model.actuator_forcelimited[at])
+        #: Controls of each keyframe, (n,), by its name.
+        self.keyframes = {name: np.array(ctrl[at]) for name, ctrl in zip(names.keyframes, model.key_ctrl, strict=True)}
         affine = (model.actuator_gaintype[at] == AFFINE)[:, None] | [True, False, False]
         self._gain = np.where(affine, model.actuator_gainprm[at][:, :3], 0.0)
         self._bias = np.where((model.actuator_biastype[at] == AFFINE)[:, None], model.actuator_biasprm[at][:, :3], 0.0)

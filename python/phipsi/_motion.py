@@ -30,7 +30,7 @@ from ._motion_parts import (
 from ._recorded import Recorded
 from ._signals import by_handler
 from ._trajectory_files import TrajectoryFiles
-from .errors import ArgumentError, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument, place_in_time, warn
+from .errors import ArgumentError, ContactWarning, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument, place_in_time, warn
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -250,6 +250,7 @@ class Trajectory(TrajectoryFiles):
         given |= {"method": self.method, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LimitWarning)
+            warnings.simplefilter("ignore", ContactWarning)
             try:
                 accurate = scene.simulate(*start, dt=self.dt, steps=self.steps, record_every=self.record_every, accuracy=1e-7, **given)
             except ArgumentError:

@@ -38,6 +38,7 @@ IGNORED = (
     "fluid",
     "friction",
     "gravcomp",
+    "keyframes",
     "limits",
     "mocap",
     "nonlinear",
@@ -95,6 +96,7 @@ def gaps(model: mujoco.MjModel, names: Names, ignore: Collection[str], collision
     yield from _of_bodies(model, names)
     yield from _of_joints(model, names)
     yield from _of_actuators(model)
+    yield from _of_keyframes(model, names)
     for name, found, consequence in unsupported(collisions, names):
         yield Gap(name, found, consequence, False)
 
@@ -216,6 +218,20 @@ def _of_actuators(model: mujoco.MjModel) -> Iterator[Gap]:
                 yield Gap("nonlinear", f"{what} at {of}", "damping is linear")
             elif at not in read:
                 yield Gap("actuators", f"{what} at {of}", "it is supported only at actuators of hinge and slide joints")
+
+
+def _of_keyframes(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
+    """Parts of keyframes beyond the state; phipsi.mujoco.actuators reads their controls."""
+    mocap = np.argsort(model.body_mocapid)[model.nbody - model.nmocap :]
+    for at, name in enumerate(names.keyframes):
+        for what, values, usual in (
+            ("time", model.key_time[at], 0.0),
+            ("act", model.key_act[at], 0.0),
+            ("mpos", model.key_mpos[at].reshape(-1, 3), model.body_pos[mocap]),
+            ("mquat", model.key_mquat[at].reshape(-1, 4), model.body_quat[mocap]),
+        ):
+            if np.any(values != usual):
+                yield Gap("keyframes", f"{what} of the keyframe {name!r}", "only qpos and qvel are read", False)
 
 
 def _where(condition: Any) -> list[int]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ._pose import angles
 from ._xacro import expanded_again
 from ._results import Joint
-from .errors import ArgumentError, of_argument
+from .errors import ArgumentError, ModelWarning, of_argument, warn
 from .shapes import has_text, texts_of
 
 if TYPE_CHECKING:
@@ -37,6 +37,8 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
     if scene.contact_names:
         names = ", ".join(map(repr, scene.contact_names[:8]))
         raise of_argument(ArgumentError, "scene", f"found contacts ({names}), which URDF cannot represent; expected none: use scene.without_contacts()")
+    if scene.keyframes or np.any(scene.initial() != scene.neutral()) or np.any(scene.initial_velocity()):
+        warn("scene: found a start or keyframes, which URDF cannot represent; they are not written", ModelWarning)
     robot = ElementTree.Element("robot", name=name)
     shapes, materials = _shapes(scene)
     robot.extend(materials)

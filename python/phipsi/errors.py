@@ -29,6 +29,7 @@ __all__ = [
     "BadStateWarning",
     "CacheWarning",
     "ConstraintError",
+    "ContactWarning",
     "IdentificationWarning",
     "DivergenceWarning",
     "FrictionWarning",
@@ -263,6 +264,10 @@ class FrictionWarning(UserWarning):
     """
 
 
+class ContactWarning(UserWarning):
+    """A motion starts with contacts below their surface, which the first steps move out."""
+
+
 class LimitWarning(UserWarning):
     """Limits of a URDF are invalid (lower above upper, negative velocity or effort, not of its version) and are ignored,
     all limits of a joint are zero, which locks it, a joint starts outside its limits, or the connections of a closed
@@ -295,7 +300,7 @@ class MimicWarning(UserWarning):
 
 class ModelWarning(UserWarning):
     """Parts of a MuJoCo model that a scene cannot represent are omitted: contacts, limits of tendons and ball joints,
-    air, soft constraints.
+    air, soft constraints. Or the start and the keyframes of a scene, which URDF cannot represent.
     """
 
 

@@ -11,6 +11,7 @@ joints and free joints need no conversion.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -66,7 +67,22 @@ def read(
         builder._set_file(file)
     if gravity is None:
         gravity = np.zeros(3) if is_disabled(model, "GRAVITY") else model.opt.gravity
-    return builder.build(gravity=gravity, strict=strict, leave_out=leave_out)
+    import mujoco
+
+    scene = builder.build(gravity=gravity, strict=strict, leave_out=leave_out)
+    starts = [(None, model.qpos0, None), *zip(names.keyframes, model.key_qpos, model.key_qvel, strict=True)]
+    if len(starts) == 1 and np.array_equal(to_state(scene, model.qpos0)[0], scene.neutral()):
+        return scene
+    for keyframe, given, qvel in starts:
+        # As in MuJoCo's kinematics, where quaternions have any length.
+        mujoco.mj_normalizeQuat(model, qpos := given.copy())
+        q, qd = to_state(scene, qpos, qvel)
+        of_q, of_qd = ({joint: x[at(joint)] for joint in scene.joint_names} for x, at in ((q, scene.q_index), (qd, scene.v_index)))
+        builder.start(of_q, of_qd, keyframe=keyframe)
+    with warnings.catch_warnings():
+        # The first scene, which converts the states, has given these warnings.
+        warnings.simplefilter("ignore")
+        return builder.build(gravity=gravity, strict=strict, leave_out=leave_out)
 
 
 class _Frame(NamedTuple):

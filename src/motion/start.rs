@@ -1,5 +1,7 @@
-//! Checks of initial states: joints beyond their limits, which the stops move back, and violated connections.
+//! Checks of initial states: joints beyond their limits, which the stops move back, contacts below their surface, and
+//! violated connections.
 
+use super::contact;
 #[cfg(feature = "python")]
 use super::properties::joint_of_row;
 use super::rollout::Rollout;
@@ -7,8 +9,10 @@ use super::simulator::Simulator;
 use crate::error::{Error, in_language};
 use crate::scene::Scene;
 use std::borrow::Borrow;
+use std::collections::BTreeMap;
 
-/// Largest accepted violation of the connections by an initial state, m or rad, and m/s or rad/s.
+/// Largest accepted violation of the connections by an initial state, m or rad, and m/s or rad/s, and largest depth of
+/// a contact without a warning, m.
 const AT_START: f64 = 1e-6;
 
 impl<S: Borrow<Scene>> Rollout<S> {
@@ -47,6 +51,36 @@ impl<S: Borrow<Scene>> Rollout<S> {
         ))
     }
 
+    /// Warning about contacts of the given states that are below their surface: the first step moves them out at once,
+    /// and smoothed contacts move out over many steps. Call it before the first step and after a reset.
+    ///
+    /// # Panics
+    ///
+    /// As [`Rollout::limit_warning`].
+    pub fn contact_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
+        let (scene, mut shapes) = (self.scene(), contact::Shapes::new(self.scene()));
+        let points = scene.contact_points();
+        let mut depths = vec![0.0_f64; points.len()];
+        let mut of_shapes = BTreeMap::new();
+        for state in states.into_iter().take_while(|_| scene.touches()) {
+            let (q, v) = self.state(state);
+            for (point, depth) in points.iter().zip(&mut depths) {
+                *depth = depth.max(-point.touch_at(scene.model(), q).gap);
+            }
+            for (pair, depth) in shapes.iter_mut().flat_map(|shapes| shapes.depths(scene, (q, v))) {
+                let deepest: &mut f64 = of_shapes.entry(pair).or_insert(0.0);
+                *deepest = deepest.max(depth);
+            }
+        }
+        let named = points.iter().zip(depths).map(|(point, depth)| (format!("contact {:?}", point.name), depth));
+        let pairs = of_shapes.into_iter().map(|([i, j], depth)| {
+            let [first, second] = [i, j].map(|at: usize| &scene.colliders()[at].name);
+            (format!("colliders {first:?} and {second:?}"), depth)
+        });
+        let deep = named.chain(pairs).filter(|(_, depth)| *depth > AT_START);
+        penetration(deep.collect(), self.settings.smoothing.is_some())
+    }
+
     /// Number of substeps of all states in which connections or contacts prevented a stop from acting, since the states
     /// began.
     #[cfg(feature = "python")]
@@ -73,6 +107,19 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 }
 
+/// Text of a warning for parts that penetrate each other, with their names and depths, m, the deepest first.
+fn penetration(mut found: Vec<(String, f64)>, is_smoothed: bool) -> Option<String> {
+    found.sort_by(|(_, one), (_, other)| other.total_cmp(one));
+    let (name, depth) = found.first()?;
+    let more = if found.len() > 1 { format!(" and {} more", found.len() - 1) } else { String::new() };
+    let outcome = if is_smoothed { "the steps move them out slowly" } else { "the first step moves them out at once" };
+    Some(format!(
+        "q: found {name} {depth:.6} m deep{more}; {outcome}; expected a start without \
+         penetration: {} returns that of the file",
+        in_language("Scene::initial", "scene.initial()")
+    ))
+}
+
 impl<S: Borrow<Scene>> Simulator<S> {
     /// As [`Rollout::limit_warning`].
     ///
@@ -81,6 +128,15 @@ impl<S: Borrow<Scene>> Simulator<S> {
     /// As [`Rollout::limit_warning`].
     pub fn limit_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
         self.rollout.limit_warning(states)
+    }
+
+    /// As [`Rollout::contact_warning`].
+    ///
+    /// # Panics
+    ///
+    /// As [`Rollout::limit_warning`].
+    pub fn contact_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
+        self.rollout.contact_warning(states)
     }
 
     /// As [`Rollout::dropped`] and [`Rollout::dropped_warning`].

@@ -9,10 +9,12 @@ use crate::error::{Error, number};
 use crate::memory;
 use crate::scene::properties::Properties;
 use crate::scene::{
-    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Simplifications, Spring,
+    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Simplifications,
+    Spring, Start,
 };
 use crate::spatial::Symmetric3;
 use pyo3::prelude::*;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Names of the links that joints carry, also those of joints that follow others: the bodies of every argument and
@@ -49,7 +51,7 @@ type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of simplifications, locked joints, (armature, damping,
 /// friction, stiffness) of the free joint of a floating base, file, treatment of mimic joints, connections, contacts,
-/// tolerance of linkages, shapes.
+/// tolerance of linkages, shapes, starts.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -66,8 +68,12 @@ pub(super) struct Description(
 );
 
 /// Parts beyond a kinematic tree: the treatment of mimic joints, connections, contacts, the tolerance of linkages,
-/// shapes, colliders.
-type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>, Vec<String>, CollisionTuple);
+/// shapes, colliders, the start and the keyframes.
+type Beyond =
+    (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>, Vec<String>, CollisionTuple, Vec<StartTuple>);
+
+/// Name of a keyframe, coordinates and velocities by joint.
+type StartTuple = (Option<String>, BTreeMap<String, Vec<f64>>, BTreeMap<String, Vec<f64>>);
 
 /// Index of the links in a description.
 const LINKS: usize = 4;
@@ -106,6 +112,7 @@ impl Description {
                 source.tolerance_of_linkages(),
                 source.shapes().to_vec(),
                 collision_tuple(source),
+                source.starts().iter().map(start_tuple).collect(),
             ),
         ))
     }
@@ -121,7 +128,7 @@ impl Description {
     /// The builder of the scene.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
         let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, beyond) = self;
-        let (mimic, connections, contacts, tolerance, shapes, collisions) = beyond;
+        let (mimic, connections, contacts, tolerance, shapes, collisions, starts) = beyond;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -149,6 +156,9 @@ impl Description {
             builder = builder.contact(contact_of(contact));
         }
         builder = with_collisions(builder, collisions)?;
+        for (keyframe, q, qd) in starts {
+            builder = builder.start(Start::new(keyframe.as_deref()).with_q(q).with_qd(qd));
+        }
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
         let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
         Ok(builder
@@ -159,6 +169,10 @@ impl Description {
             .with_file(file)
             .with_shapes(shapes))
     }
+}
+
+fn start_tuple(start: &Start) -> StartTuple {
+    (start.keyframe.clone(), start.q.clone(), start.qd.clone())
 }
 
 fn link_tuple(link: &LinkDescription) -> LinkTuple {

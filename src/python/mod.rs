@@ -72,6 +72,7 @@ mod scratch;
 mod simulator;
 mod single;
 mod stability;
+mod start;
 mod stepping;
 mod stochastic;
 mod threads;

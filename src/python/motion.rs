@@ -10,7 +10,7 @@ use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers, property};
 use super::scene::PyScene;
-use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits};
+use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits, warn_of_start};
 use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
 use crate::memory;
@@ -117,6 +117,8 @@ impl PyScene {
     ///     A step of 1 s or more without error control.
     /// FrictionWarning
     ///     friction_speed=0 in a scene with contacts, in whose steps joint friction is regularized.
+    /// ContactWarning
+    ///     Contacts that start below their surface, which the first step moves out, or slowly with smoothing.
     /// LimitWarning
     ///     Joints that start outside of limits that are stops, or stops that connections or contacts prevent from
     ///     acting.
@@ -192,7 +194,8 @@ impl PyScene {
         fields.set_item("given", keywords.given(py, (tau, tau_steps))?)?;
         let rollout = detached(py, || Rollout::new(scene, settings, &all_q[..], &all_qd[..]))?;
         let mut rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
-        warn_of_limits(py, rollout.limit_warning(0..rollout.states()))?;
+        let all = 0..rollout.states();
+        warn_of_start(py, [rollout.limit_warning(all.clone()), rollout.contact_warning(all)])?;
         drop((all_q, all_qd));
         let [out_q, out_qd, out_contacts] = outputs;
         let (mut out_q, mut out_qd, mut out_contacts) = (out_q?, out_qd?, out_contacts?);

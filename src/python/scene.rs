@@ -187,8 +187,8 @@ impl PyScene {
     /// ignore : collection of str, optional
     ///     Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
     ///     a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
-    ///     "gravcomp", "limits" (of ball joints), "mocap", "nonlinear" (springs, damping, plasticity), "plugins",
-    ///     "softness" (of equality constraints and contacts) and "tendons".
+    ///     "gravcomp", "keyframes" (their time, act and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
+    ///     (springs, damping, plasticity), "plugins", "softness" (of equality constraints and contacts) and "tendons".
     /// contacts : {"all", "plane"}, optional
     ///     "all": geoms that can collide become colliders, by MuJoCo's rules. "plane": only fixed planes touch other
     ///     geoms, and those of <pair> each other. None: contacts are not read.
@@ -207,10 +207,10 @@ impl PyScene {
     ///     Any other source, or an invalid argument.
     #[doc = section!(Warns)]
     /// ModelWarning
-    ///     Contacts, limits of tendons and ball joints, air and soft equality constraints, which are omitted. With
-    ///     `contacts`: geoms without a shape (ellipsoids, signed distance fields, planes and height fields that move,
-    ///     meshes without volume), friction of condim 4 and 6, two coefficients of a <pair>, gaps above the margin,
-    ///     soft contacts; with "plane", other pairs that can collide.
+    ///     Contacts, limits of tendons and ball joints, air, soft equality constraints, and time, act and mocap poses of
+    ///     keyframes, which are omitted. With `contacts`: geoms without a shape (ellipsoids, signed distance fields,
+    ///     planes and height fields that move, meshes without volume), friction of condim 4 and 6, two coefficients of a
+    ///     <pair>, gaps above the margin, soft contacts; with "plane", other pairs that can collide.
     /// MeshWarning
     ///     Missing files on which no inertia depends.
     /// MimicWarning
@@ -224,7 +224,8 @@ impl PyScene {
     /// The equality constraints connect, weld and joint (linear) become rigid connections with their names or "equality
     /// 0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
     /// joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
-    /// inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls.
+    /// inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls, also those
+    /// of keyframes. scene.initial() is qpos0, and scene.initial(keyframe) the qpos of a keyframe.
     ///
     /// With `contacts`, a collider has the name of its geom, or "geom3" and so on; a mesh stands for its convex hull.
     /// contype, conaffinity, filterparent, <exclude>, <pair>, priority, condim, margin, gap and the flag override have
@@ -387,9 +388,10 @@ impl PyScene {
     ///     Parts that URDF cannot represent: connections, contacts, screw and universal joints, springs of joints with
     ///     several coordinates, losses of a floating base. The message names the part.
     #[doc = section!(Notes)]
-    /// The free joint of a floating base is not written: read the file with floating_base=True. Armature, stiffness and
-    /// rest are attributes of <dynamics>, which other programs ignore. Shapes are copied from the URDF of the scene if
-    /// it still exists. A revolute joint without limits is written as continuous.
+    /// The free joint of a floating base is not written: read the file with floating_base=True. The start and the
+    /// keyframes are not written, with a ModelWarning. Armature, stiffness and rest are attributes of <dynamics>, which
+    /// other programs ignore. Shapes are copied from the URDF of the scene if it still exists. A revolute joint without
+    /// limits is written as continuous.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> copy = phipsi.Scene.from_urdf(scene.to_urdf())
@@ -463,8 +465,8 @@ methods_in_python! {
     /// Show a configuration or a motion of the robot in a browser; needs the extra phipsi[view].
     #[doc = section!(Parameters)]
     /// motion : (nq,) or (k, nq) array_like, or Trajectory, optional
-    ///     A configuration, configurations at the times t, or a trajectory of one state. None: the neutral
-    ///     configuration.
+    ///     A configuration, configurations at the times t, or a trajectory of one state. None: the start,
+    ///     initial().
     /// t : (k,) array_like, optional
     ///     Times of the configurations, s.
     /// forces : tuple of two (k, n, 3) array_like, optional

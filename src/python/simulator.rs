@@ -12,7 +12,7 @@ use super::motion::Room;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use super::stepping::{Blocks, Keywords, Stopped, about, set_outcome, stop_impacts, warn_of_limits};
+use super::stepping::{Blocks, Keywords, Stopped, about, set_outcome, stop_impacts, warn_of_limits, warn_of_start};
 use super::threads::free;
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
@@ -132,7 +132,8 @@ impl PyScene {
         let held = Held(scene.clone_ref(py));
         let moving = detached(py, || Simulator::new(held, settings, &all_q, &all_qd))?;
         let moving = moving.map_err(|error| of_batch(py, &error, &batch))?;
-        warn_of_limits(py, moving.limit_warning(0..moving.states()))?;
+        let all = 0..moving.states();
+        warn_of_start(py, [moving.limit_warning(all.clone()), moving.contact_warning(all)])?;
         own.warn_of_linkage(py)?;
         let moving = Mutex::new(moving);
         Ok(PySimulator { scene, batch, dt, method, moving })
@@ -303,8 +304,8 @@ impl PySimulator {
     ///     Selection of states as in array[states] = q: a mask, an index, a list of indices or a slice. None: all.
     #[doc = raises!(arguments)]
     #[doc = section!(Warns)]
-    /// LimitWarning
-    ///     Joints that start outside of limits that are stops.
+    /// ContactWarning, LimitWarning
+    ///     Contacts that start below their surface, and joints that start outside of limits that are stops.
     #[doc = section!(Notes)]
     /// If the call raises, all states are unchanged.
     #[doc = section!(Examples)]
@@ -336,10 +337,10 @@ impl PySimulator {
             detached(py, || moving.reset(&chosen, &q, &qd))?
         };
         outcome.map_err(|error| fault(py, error, &self.batch))?;
-        let warning = guard.limit_warning(chosen.iter().copied());
+        let warnings = [guard.limit_warning(chosen.iter().copied()), guard.contact_warning(chosen)];
         // The lock is released first, because a handler of warnings can call the simulator.
         drop(guard);
-        warn_of_limits(py, warning)
+        warn_of_start(py, warnings)
     }
 
     /// Current joint positions, (..., nq), rad or m, a copy.

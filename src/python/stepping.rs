@@ -197,9 +197,16 @@ pub(super) fn about<'py>(scene: &Bound<'py, PyScene>, settings: &Settings) -> Py
     Ok(fields)
 }
 
-/// Issues the warning of [`Rollout::limit_warning`](crate::motion::Rollout::limit_warning), if there is one.
+/// Issues a warning about joint limits, if there is one.
 pub(super) fn warn_of_limits(py: Python<'_>, warning: Option<String>) -> PyResult<()> {
     warning.map_or(Ok(()), |text| warn_as(py, "LimitWarning", &text))
+}
+
+/// Issues the warnings of [`Rollout::limit_warning`](crate::motion::Rollout::limit_warning) and
+/// [`Rollout::contact_warning`](crate::motion::Rollout::contact_warning) about a start, if there are any.
+pub(super) fn warn_of_start(py: Python<'_>, [limits, contacts]: [Option<String>; 2]) -> PyResult<()> {
+    warn_of_limits(py, limits)?;
+    contacts.map_or(Ok(()), |text| warn_as(py, "ContactWarning", &text))
 }
 
 /// Sets the fields of a trajectory that are known at its end: works, numbers of substeps, impacts on stops.

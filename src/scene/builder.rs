@@ -9,6 +9,7 @@ use super::description::{JointDescription, LinkDescription, MimicJoints, SceneWa
 use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
 use super::properties::Properties;
+use super::start::Start;
 use crate::error::{Error, in_language, known_names};
 use crate::joints::JointKind;
 use crate::model::Simplifications;
@@ -62,6 +63,8 @@ pub struct SceneBuilder {
     pub(super) contacts: Vec<Contact>,
     /// Shapes that touch, and their rules.
     pub(super) collisions: ColliderRules,
+    /// The start and the keyframes.
+    pub(super) starts: Vec<Start>,
     pub(super) gravity: Vector3<f64>,
     pub(super) floating_base: bool,
     pub(super) strict: bool,
@@ -100,6 +103,7 @@ impl SceneBuilder {
             connections: Vec::new(),
             contacts: Vec::new(),
             collisions: ColliderRules::default(),
+            starts: Vec::new(),
             gravity: Vector3::new(0.0, 0.0, -9.81),
             floating_base: false,
             strict: false,
@@ -185,6 +189,17 @@ impl SceneBuilder {
         &self.collisions.colliders
     }
 
+    /// Sets the start, or adds a keyframe; replaces the one with the same name. The joints that it names can be added
+    /// later; [`SceneBuilder::build`] checks it.
+    #[must_use]
+    pub fn start(mut self, start: Start) -> Self {
+        match self.starts.iter_mut().find(|other| other.keyframe == start.keyframe) {
+            Some(other) => *other = start,
+            None => self.starts.push(start),
+        }
+        self
+    }
+
     /// Sets gravity in the base frame, m/s^2.
     #[must_use]
     pub fn gravity(mut self, gravity: [f64; 3]) -> Self {
@@ -258,6 +273,10 @@ impl SceneBuilder {
     /// - Contacts: a duplicate name, a link that is unknown or cannot move, two links that are rigidly attached to each
     ///   other, a zero normal, an invalid frame, values that are not finite, a negative radius or friction, a size that
     ///   is not positive, a restitution outside 0 to 1.
+    /// - Starts: a wrong number of values.
+    ///
+    /// [`Error::Argument`] and [`Error::NotFinite`], named after the start, for an unknown joint, a quaternion that is
+    /// not of unit norm, values that are not finite, and joints that follow others (mimic) and are elsewhere.
     pub fn build(self) -> Result<Scene, Error> {
         memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
         let tree = self.check_tree().map_err(|error| self.with_notes(error))?;
@@ -271,8 +290,9 @@ impl SceneBuilder {
         }
         let warnings = self.warnings(&tree)?;
         let mimic_joints = self.mimic_joints;
-        let scene = assemble(Scene::unfilled(self, warnings), &tree)?.connected()?.touching()?.colliding()?;
-        if mimic_joints == MimicJoints::Coupled { Scene::coupled(scene) } else { Ok(scene) }
+        let scene =
+            assemble(Scene::unfilled(self, warnings), &tree)?.connected()?.touching()?.colliding()?.starting()?;
+        if mimic_joints == MimicJoints::Coupled { Scene::coupled(scene)?.following() } else { Ok(scene) }
     }
 
     /// Returns the (joint, child link) pairs of every link, and the root link.
@@ -388,6 +408,9 @@ accessors!(SceneBuilder {
 
     /// The contacts added so far.
     pub view contacts(contacts): &[Contact];
+
+    /// The start and the keyframes added so far.
+    pub view starts(starts): &[Start];
 
     /// Adds a free joint between the base and the root link. Its name is [`ROOT_JOINT`], followed by the number of "_"
     /// that makes it unique.

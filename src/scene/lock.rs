@@ -20,7 +20,8 @@ impl Scene {
     /// one body. Links locked to the base are removed from the dynamics. M, bias and accelerations equal those of this
     /// scene without the rows of the locked joints and with zero velocities there. Joints that follow a locked joint
     /// are locked with it. Connections remain unless both ends are locked to each other, and contacts remain unless
-    /// their link cannot move, or cannot move against the other link.
+    /// their link cannot move, or cannot move against the other link. The start and the keyframes of the other joints
+    /// remain.
     ///
     /// ```
     /// # fn main() -> Result<(), phipsi::Error> {
@@ -64,6 +65,7 @@ impl Scene {
                 description.origin = tidy(&moved);
             }
         }
+        source.starts.iter_mut().for_each(|start| start.forget(joints));
         self.lock_connections(&mut source, joints, q)?;
         self.lock_contacts(&mut source)?;
         source.build()

@@ -50,6 +50,7 @@ mod payload;
 pub(crate) mod properties;
 mod shared;
 mod spring;
+mod start;
 #[cfg(feature = "urdf")]
 mod urdf;
 mod whole_check;
@@ -70,6 +71,7 @@ pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic
 pub(crate) use joint_forces::JointForces;
 pub use properties::Property;
 pub use spring::Spring;
+pub use start::Start;
 
 use self::collider::Colliders;
 use self::constraint::Constraints;

@@ -19,7 +19,7 @@ TASKS = {
     "Names and sizes": ("nq", "nv", "joint_names", "body_names", "link_names", "q_index", "v_index", "joint", "joints", "link", "links", "plan"),
     "Properties": ("gravity", "limits", "armature", "damping", "friction", "stiffness", "rest", "tolerance", "total_mass"),
     "Modified copies": ("with_properties", "with_payload", "with_inertias", "lock", "without_constraints", "without_contacts"),
-    "Configurations": ("neutral", "random_configuration", "integrate", "difference"),
+    "Configurations": ("neutral", "initial", "initial_velocity", "keyframes", "random_configuration", "integrate", "difference"),
     "Forward kinematics: where is a link, such as the end effector": ("placement", "placements"),
     "Velocities, accelerations and Jacobians of links": ("velocity", "acceleration", "jacobian", "jacobian_rate", "jacobian_rate_product"),
     "Center of mass and momentum": (

@@ -213,7 +213,7 @@ def _same(found: Any, expected: Any) -> bool:
 
 #: Methods without a state: constructors, names and indices, pictures. `check` and `identify` have separate tests.
 WITHOUT_STATE = frozenset(
-    ["check", "constraint_rows", "excitation", "from_mujoco", "from_pinocchio", "from_urdf", "joint", "link", "neutral", "q_index", "random_configuration", "show", "v_index", "without_constraints", "without_contacts"]
+    ["check", "constraint_rows", "excitation", "from_mujoco", "from_pinocchio", "from_urdf", "initial", "initial_velocity", "joint", "link", "neutral", "q_index", "random_configuration", "show", "v_index", "without_constraints", "without_contacts"]
 )
 
 MEANING = {

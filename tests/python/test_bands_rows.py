@@ -17,6 +17,9 @@ from phipsi.estimation.trajectories import with_bands
 from scipy.stats import chi2
 from tolerances import assert_near, slope_of_order_4
 
+#: Differences with respect to a start move contacts below their surface.
+pytestmark = pytest.mark.filterwarnings("ignore::phipsi.errors.ContactWarning")
+
 JOINTS = {"armature": 1e-4, "damping": 4e-4, "friction": 1e-4, "offset": 9e-4}
 NOISE = 0.3
 

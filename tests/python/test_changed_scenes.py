@@ -384,3 +384,91 @@ def test_a_real_file_goes_round(tmp_path: Path) -> None:
     with pytest.warns(phipsi.errors.MimicWarning):
         again = scene.to_builder().build()
     assert_equal_scenes(again, scene)
+
+
+def started() -> phipsi.Scene:
+    """A floating robot with a start and two keyframes."""
+    builder = floating().to_builder().start({"joint2": 0.3, "joint5": -0.2, "root_joint": [1, 2, 3, 0, 0, 0.6, 0.8]}, {"joint5": 0.5})
+    builder.start({"joint5": 0.7}, keyframe="one").start({"joint2": 0.1}, {"joint2": [2.0], "root_joint": range(6)}, keyframe="two")
+    return builder.build()
+
+
+def test_starts_remain_in_changed_scenes() -> None:
+    scene = started()
+    two, five, root = (scene.q_index(name) for name in ("joint2", "joint5", "root_joint"))
+    assert scene.keyframes == ("one", "two")
+    # Joints that a keyframe does not name are as in the start.
+    expected = scene.neutral()
+    expected[two], expected[five], expected[root] = 0.3, -0.2, [1, 2, 3, 0, 0, 0.6, 0.8]
+    assert_same_bits(scene.initial(), expected)
+    expected[five] = 0.7
+    assert_same_bits(scene.initial("one"), expected)
+    expected[two], expected[five] = 0.1, -0.2
+    assert_same_bits(scene.initial(1), expected)
+    rates = np.zeros(scene.nv)
+    rates[scene.v_index("joint5")] = 0.5
+    assert_same_bits(scene.initial_velocity(), rates)
+    rates[scene.v_index("joint2")], rates[scene.v_index("root_joint")] = 2.0, np.arange(6.0)
+    assert_same_bits(scene.initial_velocity("two"), rates)
+    changed = {
+        "builder": scene.to_builder().build(),
+        "pickle": pickle.loads(pickle.dumps(scene)),
+        "pickled builder": pickle.loads(pickle.dumps(scene.to_builder())).build(),
+        "payload": scene.with_payload("joint5" if "joint5" in scene.link_names else scene.body_names[3], 0.1),
+        "properties": scene.with_properties(armature=0.3),
+        "gravity": scene.to_builder().build(gravity=(0, 0, 1)),
+        "without contacts": scene.without_contacts().without_constraints(),
+    }
+    for name, other in changed.items():
+        assert other.keyframes == scene.keyframes, name
+        for keyframe in (None, *scene.keyframes):
+            assert_same_bits(other.initial(keyframe), scene.initial(keyframe))
+            assert_same_bits(other.initial_velocity(keyframe), scene.initial_velocity(keyframe))
+
+
+@pytest.mark.parametrize("joint", ["joint5", "root_joint"])
+def test_locked_joints_leave_the_starts(joint: str) -> None:
+    scene = started()
+    locked = scene.lock([joint], scene.initial("two"))
+    assert locked.keyframes == ("one", "two")
+    for keyframe in (None, "one", "two"):
+        assert_same_bits(locked.initial(keyframe), np.delete(scene.initial(keyframe), scene.q_index(joint)))
+        assert_same_bits(locked.initial_velocity(keyframe), np.delete(scene.initial_velocity(keyframe), scene.v_index(joint)))
+
+
+def test_a_start_with_the_same_name_replaces_the_first_one() -> None:
+    builder = phipsi.scenes.chain(2).to_builder().start({"j0": 1.0}).start({"j0": 2.0}, keyframe="k").start({"j1": 3.0}).start({}, keyframe="k")
+    scene = builder.build()
+    assert scene.keyframes == ("k",)
+    assert_same_bits(scene.initial("k"), np.array([0.0, 3.0]))
+
+
+def test_joints_that_follow_have_no_start_of_their_own(urdf: phipsi.Scene) -> None:
+    """grip = -0.5 shoulder + 0.25."""
+    builder = urdf.to_builder().start({"shoulder": 0.2, "grip": 0.15}).start({"shoulder": 0.4}, {"shoulder": 1.0}, keyframe="k")
+    with pytest.raises(ArgumentError, match='keyframe "k": found 0.15 at index 1; expected 0.0'):
+        builder.build(mimic="couple")
+    coupled = builder.start({"shoulder": 0.4, "grip": 0.05}, keyframe="k").start({"shoulder": 0.2}).build(mimic="couple")
+    assert_same_bits(coupled.initial("k"), np.array([0.4]))
+    assert coupled.initial_velocity("k").shape == (1,)
+    with pytest.raises(ArgumentError, match='start: found 0.3 at index 1; expected 0.15.*follows another'):
+        builder.start({"shoulder": 0.2, "grip": 0.3}).build(mimic="couple")
+
+
+@pytest.mark.parametrize(
+    ("start", "error", "message"),
+    [
+        ({"q": {"knee": 1.0}, "keyframe": "a"}, ArgumentError, 'keyframe "a": found "knee"; expected one of "root_joint", "j0", "j1"'),
+        ({"q": {"j0": [1.0, 2.0]}}, SceneError, 'start: found 2 numbers for q of joint "j0"; expected 1'),
+        ({"qd": {"j0": []}, "keyframe": "a"}, SceneError, 'keyframe "a": found 0 numbers for qd of joint "j0"; expected 1'),
+        ({"q": {"j1": np.nan}}, NotFiniteError, "q of start"),
+        ({"qd": {"j1": np.inf}, "keyframe": "a"}, NotFiniteError, 'qd of keyframe "a"'),
+        ({"q": {"root_joint": [0.0] * 7}}, ArgumentError, "q of start: found a quaternion of norm 0"),
+        ({"q": [0.0, 1.0]}, ArgumentError, r"q: found \[0.0, 1.0\]; expected a dict"),
+        ({"q": {3: 1.0}}, ArgumentError, "q: found the key 3; expected names of joints"),
+        ({"qd": {"j0": [[1.0]]}}, ShapeError, r'qd\["j0"\]: found shape \(1, 1\)'),
+    ],
+)  # fmt: skip
+def test_starts_that_cannot_be_are_refused(start: dict[str, Any], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        phipsi.scenes.chain(2).to_builder().start(**start).build(floating_base=True)

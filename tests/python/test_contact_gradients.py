@@ -15,6 +15,9 @@ from tolerances import CONTACT_GRADIENT, REDUNDANT_GRADIENT, assert_near, assert
 import phipsi
 from phipsi.errors import ArgumentError
 
+#: Differences with respect to a start move contacts below their surface.
+pytestmark = pytest.mark.filterwarnings("ignore::phipsi.errors.ContactWarning")
+
 OPEN, STICKING, SLIDING = phipsi.ContactState
 
 

@@ -16,6 +16,9 @@ from tolerances import CONTACT_GRADIENT, assert_near
 
 import phipsi
 
+#: Differences with respect to a start move contacts below their surface.
+pytestmark = pytest.mark.filterwarnings("ignore::phipsi.errors.ContactWarning")
+
 OPEN, STICKING, SLIDING = phipsi.ContactState
 
 

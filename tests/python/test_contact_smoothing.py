@@ -16,7 +16,7 @@ from contact_robots import Robot, Run, arm, ball, block, contact, parameters, qu
 from tolerances import CONTACT, CONTACT_GRADIENT, SMOOTHED_ENERGY, SMOOTHED_LAW, SMOOTHED_REST, assert_same_bits
 
 import phipsi
-from phipsi.errors import ArgumentError
+from phipsi.errors import ArgumentError, ContactWarning
 
 G = 9.81
 DOWN = (0.0, 0.0, -G)
@@ -179,7 +179,8 @@ def test_without_smoothing_nothing_changes() -> None:
 def test_a_penetration_is_removed_slowly() -> None:
     s = 1e-4
     scene = Robot({"ball": parameters(0.5, (0, 0, 0), np.eye(3) * 2e-3)}, {"ground": contact("ball", (0, 0, 0), 0.3, radius=0.1)}, gravity=DOWN).build()
-    path = scene.simulate(floating(0, 0, 0.09), np.zeros(6), dt=1e-3, steps=2000, smoothing=s)
+    with pytest.warns(ContactWarning, match='"ground" 0.010000 m deep; the steps move them out slowly'):
+        path = scene.simulate(floating(0, 0, 0.09), np.zeros(6), dt=1e-3, steps=2000, smoothing=s)
     assert path.contacts is not None
     gap = path.contacts.gap["ground"]
     # Below the plane, the force is that of a gap of dt times the speed beyond sqrt(g s), which settles at s.

@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import copy
 import pickle
+import warnings
 
 import numpy as np
 import pytest
 
 import phipsi
-from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, SceneError, ShapeError, SimulationError
+from phipsi.errors import ArgumentError, BadStateWarning, ContactWarning, NotFiniteError, SceneError, ShapeError, SimulationError
 
 G = 9.81
 EDGES = np.array([0.4, 0.3, 0.2])
@@ -249,7 +250,8 @@ def test_contacts_belong_to_the_scene() -> None:
 
 
 def test_starts_under_a_plane_are_moved_out_and_told() -> None:
-    path = box(0.5).simulate(at(z=0.09), along(0), dt=1e-3, steps=10)
+    with pytest.warns(ContactWarning, match="0.010000 m deep"):
+        path = box(0.5).simulate(at(z=0.09), along(0), dt=1e-3, steps=10)
     assert np.isclose(path.contacts.depth, 0.01) and abs(path.q[-1, 2] - 0.1) < 1e-9 and np.abs(path.qd[-1]).max() < 1e-9
 
 
@@ -337,3 +339,19 @@ def test_a_step_without_impulses_that_meet_the_law_is_an_error_that_names_it() -
     path = caught.value.trajectory
     assert 0 < caught.value.step < 2000 and len(path) == caught.value.step + 1 == len(path.contacts.gap["corner0"])
     assert len(path.contacts.state["corner0"]) == len(path)
+
+
+def test_a_start_below_the_surface_warns_with_names_and_depth() -> None:
+    scene = box()
+    with pytest.warns(ContactWarning, match=r'q: found contact "corner0" 0.300000 m deep and 7 more; the first step moves them out at once; .*scene.initial'):
+        simulator = scene.simulator(at(z=-0.2), dt=1e-3)
+    with pytest.warns(ContactWarning, match='contact "corner0" 0.050000 m deep and 3 more'):
+        scene.simulate(np.stack([at(), at(z=0.05)]), along(), dt=1e-3, steps=1)
+    with pytest.warns(ContactWarning, match='contact "corner0" 0.000010 m deep and 3 more'):
+        simulator.reset(at(z=0.1 - 1e-5))
+    # On the surface to within rounding, and above it.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for z in (0.1, 0.1 - 1e-7, 0.2):
+            scene.simulate(at(z=z), along(), dt=1e-3, steps=1)
+            simulator.reset(at(z=z))

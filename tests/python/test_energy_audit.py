@@ -332,6 +332,7 @@ def test_friction_of_contacts_takes_energy_also_in_jams(seed: int) -> None:
     with warnings.catch_warnings():
         # A start below the ground can wedge a joint outside of its limits.
         warnings.simplefilter("ignore", phipsi.errors.LimitWarning)
+        warnings.simplefilter("ignore", phipsi.errors.ContactWarning)
         path = scene.simulate(q, qd, steps=250, **given)
     assert path.contacts is not None and path.contacts.converged
     assert path.contacts.lost_in_friction >= -1e-12 and path.contacts.lost_in_impacts >= 0.0

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from mujoco_models import ARM, FLOATING, random_model, shipped
 
-from tolerances import assert_near, inverse, product, recursion, size
+from tolerances import assert_near, assert_same_bits, inverse, product, recursion, size
 
 import phipsi
 import phipsi.mujoco
@@ -399,3 +399,72 @@ def test_missing_meshes_that_no_inertia_depends_on(tmp_path: Path) -> None:
     file.write_text(without.format('<geom size=".1"/>').replace('name="part"', 'name="part" density="0"'))
     with pytest.warns(MeshWarning):
         assert phipsi.load(file).total_mass == pytest.approx(1000.0 * 4.0 / 3.0 * np.pi * 0.1**3)
+
+
+KEYS = """<keyframe><key name="home" qpos="{}"/><key qvel="{}" ctrl="{}"/><key name="both" qpos="{}" qvel="{}"/></keyframe>"""
+
+
+def with_keys(text: str, seed: int = 0) -> str:
+    """A model with keyframes of random states: positions alone, velocities alone, and both."""
+    model, draw = mujoco.MjModel.from_xml_string(text), np.random.default_rng(seed)
+    qpos, qvel = np.tile(model.qpos0, (2, 1)), draw.standard_normal((2, model.nv))
+    for q in qpos:
+        mujoco.mj_integratePos(model, q, draw.standard_normal(model.nv), 1.0)
+    numbers = [" ".join(map(repr, row.tolist())) for row in (qpos[0], qvel[0], np.ones(model.nu), qpos[1], qvel[1])]
+    return text.replace("</mujoco>", KEYS.format(*numbers) + "</mujoco>")
+
+
+@pytest.mark.parametrize("text", [ARM, FLOATING, MODELS["free-all"], random_model(3), random_model(5)])
+def test_a_scene_starts_where_mujoco_starts(text: str) -> None:
+    model = mujoco.MjModel.from_xml_string(with_keys(text))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "source: found .* at the free joint", ModelWarning)
+        scene = phipsi.load(model)
+    data, names = mujoco.MjData(model), phipsi._mjcf.Names(model)
+    assert scene.keyframes == ("home", "key1", "both")
+    for at, keyframe in enumerate((None, *scene.keyframes)):
+        mujoco.mj_resetData(model, data) if keyframe is None else mujoco.mj_resetDataKeyframe(model, data, at - 1)
+        mujoco.mj_forward(model, data)
+        places = scene.placements(scene.initial(keyframe))
+        for body, name in enumerate(names.bodies):
+            assert_near(places[name][:3, 3], data.xpos[body], recursion(scene.nv, size(data.xpos)))
+            assert_near(places[name][:3, :3], data.xmat[body].reshape(3, 3), recursion(scene.nv, 1.0))
+        q, qd = phipsi.mujoco.to_state(scene, data.qpos, data.qvel)
+        assert_same_bits(scene.initial(keyframe), q)
+        assert_same_bits(scene.initial_velocity(keyframe), qd)
+        if keyframe is not None:
+            assert_same_bits(scene.initial(np.int64(at - 1)), q)
+    assert np.any(scene.initial() != scene.neutral()) and np.any(scene.initial_velocity("both"))
+
+
+def test_quaternions_of_a_start_have_any_length_as_in_mujoco() -> None:
+    model = mujoco.MjModel.from_xml_string(FLOATING)
+    model.qpos0[3:7] *= 1.3
+    mujoco.mj_kinematics(model, data := mujoco.MjData(model))
+    scene = phipsi.load(model)
+    assert_near(scene.placement(scene.initial(), "trunk")[:3, :3], data.body("trunk").xmat.reshape(3, 3), recursion(scene.nv, 1.0))
+
+
+@pytest.mark.parametrize("name", ["Home", 3, -1, 0.5])
+def test_an_unknown_keyframe_lists_the_names(name: object) -> None:
+    scene = phipsi.load(with_keys(ARM))
+    for call in (scene.initial, scene.initial_velocity):
+        with pytest.raises(ArgumentError, match=f'keyframe: found .*{name}.*; expected one of "home", "key1", "both"'):
+            call(name)  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match="keyframe: found .*; expected none, because the scene has no keyframes"):
+        phipsi.load(ARM).initial(name)  # type: ignore[arg-type]
+
+
+def test_parts_of_keyframes_that_are_not_read_are_named() -> None:
+    text = """<mujoco><worldbody><body name="target" mocap="true" pos="0 0 1"/><body><joint name="j"/><geom size=".1" contype="0"/></body></worldbody>
+      <actuator><general joint="j" dyntype="integrator"/></actuator><keyframe><key name="k" qpos="1" {}/><key name="plain" qpos="0.5" ctrl="1"/></keyframe></mujoco>"""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert phipsi.load(text.format("")).initial("k") == 1.0
+    for part, given in (("time", 'time="2"'), ("act", 'act="1"'), ("mpos", 'mpos="0 0 2"'), ("mquat", 'mquat="0 1 0 0"')):
+        with pytest.warns(ModelWarning, match=rf"{part} of the keyframe 'k': only qpos and qvel are read; use ignore=\('keyframes',\)"):
+            scene = phipsi.load(text.format(given))
+        assert scene.initial("k") == 1.0
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            phipsi.load(text.format(given), ignore=["keyframes"])

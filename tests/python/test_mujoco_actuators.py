@@ -57,6 +57,15 @@ def test_controls_by_name(both: tuple[phipsi.Scene, Any]) -> None:
         found.torques({"servos": 1.0})
 
 
+def test_controls_of_keyframes() -> None:
+    text = MODEL.format(more="").replace("</mujoco>", '<keyframe><key name="home" ctrl="0.1 0.2 0.3 0.4"/><key/></keyframe></mujoco>')
+    found = phipsi.mujoco.actuators(phipsi.load(text), text)
+    data = mujoco.MjData(model := mujoco.MjModel.from_xml_string(text))
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    assert_near(found.keyframes["home"], data.ctrl, 0.0)
+    assert_near(found.keyframes["key1"], np.zeros(4), 0.0)
+
+
 def test_a_control_of_wrong_length(both: tuple[phipsi.Scene, Any]) -> None:
     with pytest.raises(ShapeError, match=r"ctrl: found shape \(3,\); expected \(..., 4\)"):
         phipsi.mujoco.actuators(*both).torques([0.0, 0.0, 0.0])

@@ -13,7 +13,7 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, simulate, view_robot  # noqa: F401  # the last registers its command
+from phipsi.report import commands, ik, simulate, view_robot  # noqa: F401  # the others register their commands
 from tolerances import assert_near, assert_same_bits
 
 
@@ -261,7 +261,7 @@ def test_contacts_that_never_touch_take_no_room(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     scene = phipsi.load(file, contacts="plane")
     path = phipsi.Trajectory.load(tmp_path / "trajectory.npz", scene)
-    expected = scene.simulate(scene.neutral(), np.zeros(6), dt=1e-3, steps=20)
+    expected = scene.simulate(scene.initial(), np.zeros(6), dt=1e-3, steps=20)
     assert len(scene.contact_names) == 20 and path.contacts is not None and expected.contacts is not None
     touching = [name for name in scene.contact_names if expected.contacts.state[name].any()]
     assert 0 < len(touching) <= 4
@@ -293,3 +293,63 @@ def test_files_name_their_joints(tmp_path: Path) -> None:
     np.savez(tmp_path / "motion.npz", t=[0.0, 0.1], q=np.stack([q[order]] * 2), joint_names=["x", *names[1:]])
     view = CliRunner().invoke(commands.group, ["view", "--motion", str(tmp_path / "motion.npz"), "-o", str(tmp_path / "page.html")])
     assert view.exit_code == 2 and "--motion: found no joint 'joint4'" in view.output
+
+
+STANDING = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/><body name="trunk" pos="0 0 0.5"><freejoint/><geom name="ball" size="0.1"/>
+<body name="leg"><joint name="knee" axis="0 1 0" ref="0.4"/><geom size="0.05" pos="0 0 -0.2" contype="0" conaffinity="0"/></body></body></worldbody>
+<keyframe><key name="low" qpos="0 0 0.3 1 0 0 0 0.7" qvel="1 0 0 0 0 0 2"/></keyframe></mujoco>"""
+
+
+@pytest.mark.parametrize("keyframe", [None, "low"])
+def test_a_model_starts_at_its_own_start(tmp_path: Path, keyframe: str | None) -> None:
+    """Not at q = 0, with the ball inside of the floor."""
+    mujoco = pytest.importorskip("mujoco")
+    (file := tmp_path / "standing.xml").write_text(STANDING, encoding="utf-8")
+    chosen = () if keyframe is None else ("--keyframe", keyframe)
+    result = run(file, "-o", tmp_path / "out", "--contacts", "plane", "--time", 0.01, *chosen)
+    assert result.exit_code == 0 and "deep" not in result.output, result.output
+    data = mujoco.MjData(model := mujoco.MjModel.from_xml_string(STANDING))
+    if keyframe is not None:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    scene = phipsi.load(file, contacts="plane")
+    q, qd = phipsi.mujoco.to_state(scene, data.qpos, data.qvel)
+    with np.load(tmp_path / "out" / "trajectory.npz") as found:
+        assert_same_bits(found["q"][0], q)
+        assert_same_bits(found["qd"][0], qd)
+    # A state file wins; missing joints and keys are those of the keyframe.
+    (state := tmp_path / "state.json").write_text('{"q": {"knee": 0.1}}')
+    again = run(file, "-o", tmp_path / "again", "--time", 0.01, "--ignore", "contacts", "--state", state, *chosen)
+    assert again.exit_code == 0, again.output
+    q[-1] = 0.1
+    with np.load(tmp_path / "again" / "trajectory.npz") as found:
+        assert_same_bits(found["q"][0], q)
+        assert_same_bits(found["qd"][0], qd)
+
+
+def test_an_unknown_keyframe_and_a_start_inside_of_the_floor(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    (file := tmp_path / "standing.xml").write_text(STANDING.replace("0 0 0.3 1", "0 0 0.04 1"), encoding="utf-8")
+    wrong = run(file, "-o", tmp_path / "out", "--contacts", "plane", "--keyframe", "high")
+    assert wrong.exit_code == 2 and 'keyframe: found "high"; expected one of "low"' in wrong.output
+    inside = run(file, "-o", tmp_path / "out", "--contacts", "plane", "--keyframe", "low", "--time", 0.01)
+    assert inside.exit_code == 0 and 'contact "ball" 0.060000 m deep' in " ".join(inside.output.split())
+
+
+def test_inverse_kinematics_and_views_begin_at_a_keyframe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mujoco")
+    pytest.importorskip("viser")
+    (file := tmp_path / "standing.xml").write_text(STANDING, encoding="utf-8")
+    scene = phipsi.load(file, ignore=["contacts"])
+    for keyframe, chosen in ((None, []), ("low", ["--keyframe", "low"])):
+        q, read = scene.initial(keyframe), [str(file), "--ignore", "contacts", *chosen]
+        target = map(str, scene.placement(q, "leg")[:3, 3])
+        result = CliRunner().invoke(commands.group, ["ik", *read[:1], "leg", *read[1:], "--position", *target, "--starts", "1", "--json"])
+        assert result.exit_code == 0, result.output
+        assert_near(np.array(json.loads(result.stdout)["q"]), q, 1e-15)
+        shown: list[np.ndarray] = []
+        monkeypatch.setattr(phipsi.view.player.picture, "write", lambda _, motion, *__, shown=shown: shown.append(motion.q))
+        result = CliRunner().invoke(commands.group, ["view", *read, "-o", str(tmp_path / "page.png")])
+        assert result.exit_code == 0, result.output
+        assert_same_bits(shown[0], q[None])
+    both = CliRunner().invoke(commands.group, ["view", str(file), "--ignore", "contacts", "--keyframe", "low", "--motion", "missing.npz"])
+    assert both.exit_code == 2 and "--keyframe: found a keyframe and --motion" in both.output

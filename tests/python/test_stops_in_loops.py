@@ -179,6 +179,7 @@ def test_a_leg_folds_to_the_stop_of_its_knee_and_stays_there() -> None:
     assert reported.q[:, 2].max() > 1.3 and reported.stops == []
 
 
+@pytest.mark.filterwarnings("ignore:q. found contact .* 0.0000:phipsi.errors.ContactWarning")
 def test_simulators_and_batches_stop_as_single_runs_do() -> None:
     q = np.array([[0.5526, -0.4, 0.8], [0.6, -0.3, 0.5], [0.7, 0.1, 0.2]])
     scene = leg(0.9)

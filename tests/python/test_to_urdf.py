@@ -157,3 +157,10 @@ def test_contacts_are_refused_by_name() -> None:
         scene.to_urdf()
     assert caught.value.argument == "scene"
     assert phipsi.Scene.from_urdf(scene.without_contacts().to_urdf()).nv == 1
+
+
+def test_a_start_is_not_written_with_a_warning() -> None:
+    builder = phipsi.scenes.chain(2).to_builder()
+    for scene in (builder.start({"j0": 0.5}).build(), builder.start().start({}, keyframe="k").build()):
+        with pytest.warns(phipsi.errors.ModelWarning, match="found a start or keyframes, which URDF cannot represent"):
+            scene.to_urdf()

@@ -336,6 +336,8 @@ def test_the_command(tmp_path: Path) -> None:
         assert "__VISER_EMBED_DATA__" in (tmp_path / "page.html").read_text(encoding="utf-8")
     result = run(commands.group, ["view", "-o", str(tmp_path / "page.html"), "--motion", str(tmp_path / "index.html")])
     assert result.exit_code == 2 and "--motion" in result.output
+    result = run(commands.group, ["view", "-o", str(tmp_path / "page.html"), "--keyframe", "home"])
+    assert result.exit_code == 2 and 'keyframe: found "home"; expected none, because the scene has no keyframes' in result.output
 
 
 # In a browser
@@ -498,3 +500,8 @@ def test_colors_of_a_geom_come_before_those_of_its_material(tmp_path: Path) -> N
     )
     colors = [tuple(shape.mesh.visual.material.baseColorFactor[:3]) for shape in shapes_of(phipsi.load(file), None)]
     assert colors == [(0, 0, 255), (255, 0, 0), (128, 128, 128)]
+
+
+def test_a_robot_is_shown_at_its_start() -> None:
+    scene = phipsi.scenes.chain(2).to_builder().start({"j0": 0.5}).build()
+    assert_near(Motion(scene, None, None).q, np.array([[0.5, 0.0]]), 0.0)

@@ -128,6 +128,7 @@ def FLOATING(command: Callable[..., Any]) -> Callable[..., Any]:
 MIMIC = click.option(
     "--mimic", type=click.Choice(("couple", "free")), help="Whether joints of a URDF with <mimic> are coupled or free.  [default: free, with a warning]"
 )
+KEYFRAME = click.option("--keyframe", metavar="NAME", help="Keyframe of a MuJoCo model to start from: its positions and velocities.  [default: start of the file]")
 SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random states.")
 COUNT = click.IntRange(1, 100_000)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print all values as JSON.")

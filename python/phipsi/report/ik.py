@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import tasks
 from .._pose import from_rpy
-from .commands import JSON, BEYOND, FLOATING, MIMIC, BadInput, Mimic, _load, _typed_errors, echo_json, group
+from .commands import JSON, BEYOND, FLOATING, KEYFRAME, MIMIC, BadInput, Mimic, _load, _typed_errors, echo_json, group
 from .motion import read_state
 from .text import plural
 
@@ -22,7 +22,8 @@ from .text import plural
 @MIMIC
 @click.option("--position", nargs=3, type=float, metavar="X Y Z", help="Target of the origin of the link, m.")
 @click.option("--rpy", nargs=3, type=float, metavar="R P Y", help="Target orientation of the link, rad: Rz(Y) Ry(P) Rx(R).")
-@click.option("--state", type=click.Path(path_type=Path, dir_okay=False), help="First starting configuration: JSON or npz with q.  [default: neutral]")
+@click.option("--state", type=click.Path(path_type=Path, dir_okay=False), help="First starting configuration: JSON or npz with q.  [default: that of --keyframe]")
+@KEYFRAME
 @click.option("--starts", type=click.IntRange(1), default=100, show_default=True, help="Largest number of starting configurations.")
 @click.option("--limits/--no-limits", default=True, help="Whether joints stay within their limits.")
 @JSON
@@ -34,6 +35,7 @@ def ik(
     position: tuple[float, float, float] | None,
     rpy: tuple[float, float, float] | None,
     state: Path | None,
+    keyframe: str | None,
     starts: int,
     limits: bool,
     as_json: bool,
@@ -46,7 +48,7 @@ def ik(
     if position is None and rpy is None:
         raise BadInput("--position, --rpy: found neither; expected at least one of them")
     with _typed_errors():
-        q0 = read_state(state, scene).get("q") if state is not None else None
+        q0 = read_state(state, scene, keyframe)["q"]
         wanted: list[Any] = []
         if position is not None:
             wanted.append(tasks.Position(link, position))

@@ -31,6 +31,8 @@ def info(robot: Path | None, floating_base: bool, mimic: Mimic | None, as_json: 
         echo_json(found)
         return
     click.echo(f"{name}: {scene.nv} degrees of freedom ({scene.nq} coordinates), {len(scene.link_names)} links, {scene.total_mass:.4g} kg moving mass")
+    if scene.keyframes:
+        click.echo(f"keyframes: {', '.join(scene.keyframes)}")
     rows = [
         (
             escape(joint["name"]), joint["type"], escape(joint["child"]), _span(joint["q"]), joint["unit"],
@@ -56,6 +58,7 @@ def about(scene: Scene) -> dict[str, Any]:
         "nv": scene.nv,
         "mass": scene.total_mass,
         "gravity": scene.gravity,
+        "keyframes": scene.keyframes,
         "links": scene.link_names,
         "link_properties": [{"name": link.name, "parent": link.parent, "joint": link.joint, "mass": link.mass, "com": link.com} for link in scene.links.values()],
         "joints": [

@@ -30,14 +30,14 @@ SHARE = 0.01
 FLASHES = 9
 
 
-def read_state(path: Path, scene: Scene) -> dict[str, Array]:
-    """q, qd and tau of a state file, JSON or npz; neutral and zeros for missing keys.
+def read_state(path: Path | None, scene: Scene, keyframe: str | None = None) -> dict[str, Array]:
+    """q, qd and tau of a state file, JSON or npz; q and qd of the start or of a keyframe, and zeros, for missing keys.
 
     In JSON each value is a list, or a mapping from joint names to a number or a list. Lists are in the order of the key
     joint_names, if there is one. Raises ArgumentError with file and key.
     """
-    state = {"q": scene.neutral(), "qd": np.zeros(scene.nv), "tau": np.zeros(scene.nv)}
-    given = dict(_read(path, "a state", (*KEYS, "joint_names")))
+    state = {"q": scene.initial(keyframe), "qd": scene.initial_velocity(keyframe), "tau": np.zeros(scene.nv)}
+    given = {} if path is None else dict(_read(path, "a state", (*KEYS, "joint_names")))
     names = given.pop("joint_names", None)
     for key, value in given.items():
         name, usual = f"{path}: {key}", state[key]

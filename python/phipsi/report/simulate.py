@@ -15,7 +15,7 @@ from .. import errors
 from .._core import Scene
 from .._motion import PD, Trajectory
 from . import motion, pipeline
-from .commands import BEYOND, FLOATING, JSON, MIMIC, ROBOT, STOPPED, BadInput, Mimic, _as_options, _load, _typed_errors, check_pages, echo_json, folder, group
+from .commands import BEYOND, FLOATING, JSON, KEYFRAME, MIMIC, ROBOT, STOPPED, BadInput, Mimic, _as_options, _load, _typed_errors, check_pages, echo_json, folder, group
 from .progress import Silent, reporter
 from .run import RUN, Run
 from .states import Array
@@ -36,8 +36,9 @@ ROWS = 2000
 @FLOATING
 @MIMIC
 @click.option(
-    "--state", type=click.Path(path_type=Path, dir_okay=False), help="Initial state: JSON or npz with q, qd, tau.  [default: neutral, at rest]"
+    "--state", type=click.Path(path_type=Path, dir_okay=False), help="Initial state: JSON or npz with q, qd, tau.  [default: that of --keyframe]"
 )
+@KEYFRAME
 @click.option("--time", "duration", type=float, default=2.0, show_default=True, help="Duration, s.")
 @click.option("--dt", type=float, default=1e-3, show_default=True, help="Step size, s.")
 @click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True, help="Integration method.")
@@ -60,6 +61,7 @@ def simulate(
     floating_base: bool,
     mimic: Mimic | None,
     state: Path | None,
+    keyframe: str | None,
     duration: float,
     dt: float,
     method: Any,
@@ -77,7 +79,8 @@ def simulate(
     """Simulate a robot; write a page with the robot in motion and curves over time, and trajectory.npz.
 
     Damping, friction, stiffness and armature are those of the file. The state file contains q, qd and tau (constant),
-    each as a list or, in JSON, as a mapping from joint names: {"q": {"elbow": 0.5}}. A state that violates the
+    each as a list or, in JSON, as a mapping from joint names: {"q": {"elbow": 0.5}}. Missing joints and keys
+    are those of the keyframe, or of the start of the file. Controls of a keyframe are not applied. A state that violates the
     connections of a MuJoCo model is projected onto them. With --covariance or --noise, the page shows 95 % bands of the
     first-order error, and trajectory.npz contains standard deviations. The page reports the energy balance and the estimated error;
     a warning is printed if the integration error exceeds 1 % of the exchanged energy. Ctrl-C stops the simulation and
@@ -97,13 +100,13 @@ def simulate(
     every = record_every or max(1, steps // ROWS)
     code, path, said = 0, None, None
     with _typed_errors(), folder(output):
-        start = motion.read_state(state, scene) if state is not None else {}
+        start = motion.read_state(state, scene, keyframe)
         uncertainty = motion.read_uncertainty(unsure, noise)
         if check is not None:
             if uncertainty is None:
                 raise BadInput(f"--check: found {check} without uncertainties; expected --covariance or --noise")
             uncertainty = replace(uncertainty, check=check)
-        q, qd = start.get("q", scene.neutral()), start.get("qd", np.zeros(scene.nv))
+        q, qd = start["q"], start["qd"]
         if scene.constraint_names:
             nearest = scene.project(q, qd)
             q, qd = nearest.q, np.asarray(nearest.qd)
@@ -112,7 +115,7 @@ def simulate(
             with reporter(console) as says, warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 path = scene.simulate(
-                    q, qd, dt=dt, steps=steps, tau=start.get("tau"), method=method, record_every=every, pd=law,
+                    q, qd, dt=dt, steps=steps, tau=start["tau"], method=method, record_every=every, pd=law,
                     limits=limits, restitution=restitution, accuracy=accuracy, progress=says.counter("Simulating"),
                     covariance=uncertainty,
                 )  # fmt: skip
@@ -127,7 +130,7 @@ def simulate(
         for text in dict.fromkeys(str(one.message) for one in caught):
             line(console, f"warning: {_as_options(text)}", "yellow")
         files = motion.write(path, output, table=table)
-        torque = np.zeros_like(path.qd) + start.get("tau", 0.0)
+        torque = np.zeros_like(path.qd) + start["tau"]
         if hold is not None:
             kp, kd = _gains(scene, *hold)
             torque = torque + kp * scene.difference(path.q, q) - kd * path.qd

@@ -68,7 +68,7 @@ class Motion:
 
     def __init__(self, scene: Scene, motion: Any, t: ArrayLike | None, forces: tuple[ArrayLike, ArrayLike] | None = None) -> None:
         self._path = motion if isinstance(motion, Trajectory) else None
-        given = scene.neutral() if motion is None else motion
+        given = scene.initial() if motion is None else motion
         if isinstance(given, Trajectory):
             if t is not None:
                 raise ArgumentError("t: found times in addition to a Trajectory; expected None, because a Trajectory has times")
@@ -435,7 +435,7 @@ def page(
     scene : Scene
         The scene.
     motion : Trajectory or array_like, optional
-        Trajectory of one state, configurations (k, nq), or one configuration (nq,); None: neutral.
+        Trajectory of one state, configurations (k, nq), or one configuration (nq,); None: scene.initial().
     t : array_like, (k,), optional
         Times of the configurations, s.
     forces : tuple of array_like, optional

@@ -51,6 +51,7 @@ pub use report::ContactReport;
 pub(super) use report::{RECORD, begin, width};
 pub use reverse::ModeChange;
 pub(super) use reverse::{ContactReverse, check_reproduced};
+pub(super) use shapes::Shapes;
 pub(super) use smoothing::Smoothing;
 pub(super) use stepper::{ContactStepper, record};
 pub(super) use switching::Switching;

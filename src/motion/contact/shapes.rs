@@ -37,7 +37,7 @@ pub(super) struct PairOf {
 }
 
 /// Scratch memory for the shapes of one state.
-pub(super) struct Shapes {
+pub(in crate::motion) struct Shapes {
     all: Arc<Colliders>,
     /// Distance of the farthest point of each collider from the origin of its body, m.
     radii: Vec<f64>,
@@ -56,8 +56,8 @@ pub(super) struct Shapes {
     paths: HashMap<[Option<usize>; 2], Arc<[usize]>>,
     names: HashMap<[usize; 2], Arc<str>>,
     /// The contacts that were found, and their pairs.
-    pub points: Vec<ContactPoint>,
-    pub pairs: Vec<PairOf>,
+    pub(super) points: Vec<ContactPoint>,
+    pub(super) pairs: Vec<PairOf>,
     /// The least gap of the last search, m; infinite if there is none.
     pub least: f64,
 }
@@ -88,6 +88,14 @@ impl Shapes {
             least: f64::INFINITY,
             all: Arc::clone(all),
         })
+    }
+
+    /// The pairs that penetrate each other at a state, and their depth at each point, m.
+    pub fn depths(&mut self, scene: &Scene, state: (&[f64], &[f64])) -> Vec<([usize; 2], f64)> {
+        self.find_within(scene, 1.0, state, |_, _| Range { displacement: 0.0, change: 0.0 });
+        let model = scene.model();
+        let depth = |(point, pair): (&ContactPoint, &PairOf)| (pair.colliders, -point.touch_at(model, state.0).gap);
+        self.points.iter().zip(&self.pairs).map(depth).filter(|(_, depth)| *depth > 0.0).collect()
     }
 
     /// Poses and velocities at a state.
@@ -122,7 +130,13 @@ impl Shapes {
     }
 
     /// Finds the contacts that a step from a state can reach, for the ranges of a body at a distance from its origin.
-    pub fn find_within(&mut self, scene: &Scene, h: f64, state: (&[f64], &[f64]), of: impl Fn(usize, f64) -> Range) {
+    pub(super) fn find_within(
+        &mut self,
+        scene: &Scene,
+        h: f64,
+        state: (&[f64], &[f64]),
+        of: impl Fn(usize, f64) -> Range,
+    ) {
         self.place(scene, state);
         for (at, collider) in self.all.all.iter().enumerate() {
             let none = Range { displacement: 0.0, change: 0.0 };
