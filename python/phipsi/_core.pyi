@@ -16,6 +16,7 @@ from ._results import (
     Accuracy,
     ConstrainedDynamics,
     ConstrainedInverseDynamics,
+    Distances,
     Energy,
     Estimate,
     ForwardDynamicsDerivatives,
@@ -2447,6 +2448,14 @@ class Scene:
                [-0.05]])
         """
 
+    def distances(
+        self,
+        q: ArrayLike,
+        *,
+        pairs: tuple[str, str] | Collection[tuple[str, str]] | None = None,
+        limit: float | None = None,
+        errors: _Errors = "raise",
+    ) -> Distances: ...
     def contact_velocities(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """Velocity of each contact relative to its surface, at the point of the link nearest to it, in the base frame.
 
