@@ -355,7 +355,9 @@ impl Tasks<'_> {
         if found.distance < lower {
             rows.errors[at] = (found.distance - lower) / deviation;
             scene.distance_gradient(&self.on_tree(q), pair, &found, &mut rows.columns, row);
-            row.iter_mut().for_each(|entry| *entry /= deviation);
+            for entry in row {
+                *entry /= deviation;
+            }
             rows.position_error = rows.position_error.max(lower - found.distance);
         }
         Ok(())

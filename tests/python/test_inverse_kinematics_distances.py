@@ -98,11 +98,15 @@ def test_lower_bounds_are_a_batch_and_errors_are_reported() -> None:
 
 def test_coupled_joints_and_covariance() -> None:
     scene = arm(mimic=True).build(mimic="couple")
-    start = np.array([1.4, 0.3, 0.2])
-    assert scene.distances(start).distance.min() < 0
-    found = scene.inverse_kinematics(tasks.Distance(), start, posture=1.0, tolerance=1e-3, covariance=True)
-    assert found.reached and found.covariance is not None and np.isfinite(found.covariance).all()
-    assert scene.distances(found.q).distance.min() >= -1e-3
+    q = np.random.default_rng(3).uniform(-2, 2, (400, scene.nq))
+    least = scene.distances(q).distance.min(axis=-1)
+    starts = q[least < -0.01][:5]
+    assert len(starts) == 5
+    found = scene.inverse_kinematics(tasks.Distance(), starts)
+    assert np.all(found.reached) and scene.distances(found.q).distance.min() >= -1e-9
+    near = scene.inverse_kinematics(tasks.Distance(), starts[0], posture=1.0, tolerance=1e-3, covariance=True)
+    assert near.covariance is not None and np.isfinite(near.covariance).all()
+    assert scene.distances(near.q).distance.min() >= -1e-3
 
 
 def test_refused_arguments_are_named() -> None:
