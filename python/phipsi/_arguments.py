@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ._core import Scene
 
 __all__ = [
-    "array_of", "check_result", "check_tree", "flags", "has_followers", "is_masked", "leading", "names_of", "not_numbers", "numbers", "split_mask", "states_of", "vectors",
+    "array_of", "check_result", "check_tree", "collider_pairs", "flags", "has_followers", "is_masked", "leading", "names_of", "not_numbers", "numbers", "split_mask", "states_of", "vectors",
     "whole",
 ]  # fmt: skip
 
@@ -67,6 +67,18 @@ def whole(name: str, value: Any, least: int, expected: str = "", most: int = 2**
     if value > most:
         raise _refused(name, f"{value!r}", f"{expected} and at most {most:g}")
     return int(value)
+
+
+def collider_pairs(name: str, value: Any) -> list[tuple[str, str]]:
+    """Pairs of names of colliders, of which one may be given alone."""
+    try:
+        given = list(value)
+        pairs = [tuple(given)] if given and all(isinstance(of, str) for of in given) else [tuple(of) for of in given]
+    except TypeError:
+        pairs = [()]
+    if isinstance(value, (str, Mapping)) or not all(len(of) == 2 and all(isinstance(end, str) for end in of) for of in pairs):
+        raise _refused(name, f"{value!r}", "the names of two colliders, or a sequence of such pairs")
+    return pairs
 
 
 def names_of(value: Iterable[Any]) -> tuple[Any, ...]:

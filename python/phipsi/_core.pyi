@@ -16,6 +16,7 @@ from ._results import (
     Accuracy,
     ConstrainedDynamics,
     ConstrainedInverseDynamics,
+    Distances,
     Energy,
     Estimate,
     ForwardDynamicsDerivatives,
@@ -2505,6 +2506,60 @@ class Scene:
                [-0.05]])
         """
 
+    def distances(
+        self,
+        q: ArrayLike,
+        *,
+        pairs: tuple[str, str] | Collection[tuple[str, str]] | None = None,
+        limit: float | None = None,
+        errors: _Errors = "raise",
+    ) -> Distances:
+        """Signed distances of colliders, their nearest points, and the derivatives of the distances.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        pairs : (str, str) or sequence of (str, str), optional
+            Names of two colliders, or of k pairs of them. None: all pairs that can touch.
+        limit : float, optional
+            Largest distance of interest, m. Pairs beyond it cost little: their distance is infinite, their points and
+            normal are NaN, and their gradient is zero. None: no limit.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        distances : phipsi.Distances
+            pairs, distance, first, second, normal and gradient, in the order of the pairs. The normal is a unit vector
+            from the first collider to the second, in the base frame.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown collider, a collider with itself, two colliders that are half spaces or height fields, or a limit
+            that is not a number.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        The distance of colliders that overlap is minus the length of the least translation that separates them. A pair
+        of named colliders need not be able to touch. O(N), and one search for nearest points per pair.
+
+        Distances of half spaces, spheres, capsules, boxes and hulls are exact to rounding, and so are gradients where
+        the distance is differentiable. Pairs with a cylinder are iterated: to about 1e-7 of their size, and to about
+        1e-3 in the normal and the gradient.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+        >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
+        >>> scene = builder.collider("ground", phipsi.shapes.HalfSpace()).build(floating_base=True)
+        >>> found = scene.distances([0, 0, 0.3, 0, 0, 0, 1])
+        >>> found.pairs, found.distance.round(3), found.gradient.round(3)
+        ((('ball', 'ground'),), array([0.2]), array([[0., 0., 1., 0., 0., 0.]]))
+        """
     def contact_velocities(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """Velocity of each contact relative to its surface, at the point of the link nearest to it, in the base frame.
 
@@ -3422,7 +3477,6 @@ class Scene:
     def _contacts(self) -> list[tuple[Any, ...]]: ...
     def _collisions(self) -> tuple[Any, ...]: ...
     def _touching(self) -> list[tuple[list[str], float, float, float]]: ...
-    def _overlapping(self) -> list[tuple[list[str], float]]: ...
     def _contact_points(self, q: ArrayLike) -> _Array: ...
     def to_builder(self) -> SceneBuilder:
         """Create a builder that has the links, joints, gravity, base and simplifications of the scene.
@@ -3633,8 +3687,8 @@ class Scene:
         Parameters
         ----------
         tasks : task or list of tasks
-            Tasks of phipsi.tasks: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition. Leading
-            axes of their targets are a batch, which broadcasts with that of q0.
+            Tasks of phipsi.tasks: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition, Distance.
+            Leading axes of their targets are a batch, which broadcasts with that of q0.
         q0 : (..., nq) array_like, optional
             First start; the neutral configuration by default. A start outside of the limits begins at them.
         follow : bool, default False

@@ -14,6 +14,7 @@ __all__ = [
     "Accuracy",
     "ConstrainedDynamics",
     "ConstrainedInverseDynamics",
+    "Distances",
     "Energy",
     "Estimate",
     "ForwardDynamicsDerivatives",
@@ -145,6 +146,41 @@ class Projection(NamedTuple):
     """Joint velocities, (..., nv); None if none were given."""
     rank: NDArray[np.int64] | int
     """Number of independent constraints in this configuration."""
+
+
+class Distances(NamedTuple):
+    """Signed distances of k pairs of colliders, in the order of the pairs.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import phipsi
+    >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
+    >>> scene = builder.collider("ground", phipsi.shapes.HalfSpace()).build(floating_base=True)
+    >>> found = scene.distances([0, 0, 0.3, 0, 0, 0, 1])
+    >>> found.first.round(3), found.second.round(3), found.normal.round(3)
+    (array([[0. , 0. , 0.2]]), array([[0., 0., 0.]]), array([[ 0.,  0., -1.]]))
+    """
+
+    pairs: tuple[tuple[str, str], ...]
+    """Names of the first and the second collider of each pair."""
+    distance: NDArray[np.float64]
+    """Distance, (..., k), m; negative for penetration, infinite beyond the limit."""
+    first: NDArray[np.float64]
+    """Nearest point of the first collider in the base frame, (..., k, 3), m; NaN beyond the limit. Nearest points of
+    parallel faces are not unique.
+    """
+    second: NDArray[np.float64]
+    """Nearest point of the second collider in the base frame, (..., k, 3), m; NaN beyond the limit."""
+    normal: NDArray[np.float64]
+    """Unit normal from the first collider to the second in the base frame, (..., k, 3), also for colliders that overlap:
+    second - first = distance * normal. NaN beyond the limit.
+    """
+    gradient: NDArray[np.float64]
+    """Derivative of the distance in the tangent space of q, (..., k, nv): n . (J2 - J1) for the Jacobians of the nearest
+    points. Zero beyond the limit. Exact where the distance is differentiable.
+    """
 
 
 class Energy(NamedTuple):
@@ -484,3 +520,8 @@ def constrained_inverse_dynamics(numbers: NDArray[np.float64], nv: int, rows: di
 def projection(numbers: NDArray[np.float64], nq: int, is_moving: bool) -> Projection:
     q, qd, rank = numbers[..., :nq].copy(), numbers[..., nq:-1].copy(), numbers[..., -1]
     return Projection(q, qd if is_moving else None, _count(rank))
+
+
+def distances_of(pairs: tuple[tuple[str, str], ...], numbers: NDArray[np.float64]) -> Distances:
+    first, second, normal = (numbers[..., at : at + 3].copy() for at in (1, 4, 7))
+    return Distances(pairs, numbers[..., 0].copy(), first, second, normal, numbers[..., 10:].copy())

@@ -60,7 +60,8 @@ def with_colliders(scene: Scene, text: str, file: Path | None, contacts: str, st
     reader.report(strict)
     made = _built(builder)
     is_fixed = all(joint.parent is not None for joint in scene.joints.values())
-    overlaps = [of for of, depth in made._overlapping() if depth > DEPTH and (is_fixed or GROUND not in of)]
+    near = made.distances(made.neutral(), limit=0.0)
+    overlaps = [of for of, distance in zip(near.pairs, near.distance, strict=True) if distance < -DEPTH and (is_fixed or GROUND not in of)]
     if not overlaps:
         return made
     pairs = sorted({tuple(carriers.get(name) or GROUND for name in of) for of in overlaps})

@@ -20,15 +20,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._arguments import numbers
+from ._arguments import collider_pairs, numbers
 from .errors import ArgumentError, NotFiniteError, ShapeError, of_argument
 
-__all__ = ["CenterOfMass", "Direction", "InverseKinematics", "JointPosition", "LookAt", "Orientation", "Pose", "Position", "Task"]
+__all__ = ["CenterOfMass", "Direction", "Distance", "InverseKinematics", "JointPosition", "LookAt", "Orientation", "Pose", "Position", "Task"]
 
 _Array = NDArray[np.float64]
 
 #: Default standard deviation of a task, m and rad.
 DEVIATION = 1e-3
+#: The same of a distance.
+DISTANCE_DEVIATION = 1e-4
 ORIGIN, FORWARD = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -196,6 +198,34 @@ class JointPosition(NamedTuple):
     """Standard deviation, rad or m."""
 
 
+class Distance(NamedTuple):
+    """Task: two colliders are at least a given distance apart, so that a solution avoids the table and the robot itself.
+
+    The error is zero from `lower` on, and lower - distance below it. It is reported as a position error.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> builder = phipsi.SceneBuilder().link("rail").link("slide", mass=1.0).joint("x", "prismatic", "rail", "slide", axis="x")
+    >>> builder = builder.collider("slide", phipsi.shapes.Sphere(0.1), link="slide").collider("wall", phipsi.shapes.Sphere(0.1))
+    >>> scene = builder.build()
+    >>> found = scene.inverse_kinematics(phipsi.tasks.Distance(lower=0.05), [0.1])
+    >>> found.reached, found.q.round(3)
+    (True, array([0.25]))
+    """
+
+    pair: tuple[str, str] | Sequence[tuple[str, str]] | None = None
+    """Names of two colliders, or a sequence of such pairs; None: all pairs that can touch."""
+    lower: ArrayLike = 0.0
+    """Least distance, (...), m; negative for a largest penetration. It is met to within the tolerance: add a margin if
+    the colliders must not touch.
+    """
+    position: float = DISTANCE_DEVIATION
+    """Standard deviation, m. It is smaller than those of other tasks by default: of a target inside of the table,
+    the result is in front of the table, to within a percent of the error of the target.
+    """
+
+
 class InverseKinematics(NamedTuple):
     """Result of inverse kinematics.
 
@@ -230,12 +260,12 @@ class InverseKinematics(NamedTuple):
     """
 
 
-Task: TypeAlias = Pose | Position | Orientation | Direction | LookAt | CenterOfMass | JointPosition
+Task: TypeAlias = Pose | Position | Orientation | Direction | LookAt | CenterOfMass | JointPosition | Distance
 
 #: Name of each kind on the Rust side, and the number of values of a target.
 KINDS: dict[type, tuple[str, int]] = {
     Pose: ("pose", 16), Position: ("position", 3), Orientation: ("orientation", 9), Direction: ("direction", 3), LookAt: ("look-at", 3),
-    CenterOfMass: ("center-of-mass", 3), JointPosition: ("joint", 1),
+    CenterOfMass: ("center-of-mass", 3), JointPosition: ("joint", 1), Distance: ("distance", 1),
 }  # fmt: skip
 
 #: Trailing axes of targets that are matrices.
@@ -257,7 +287,7 @@ def unpacked(tasks: Any) -> list[_Unpacked]:
     with its values in the last axis, their number, and the link that the target is relative to.
     """
     given = [tasks] if type(tasks) in KINDS else list(tasks)
-    return [_one(at, task) for at, task in enumerate(given)]
+    return [part for at, task in enumerate(given) for part in (_distances(at, task) if type(task) is Distance else [_one(at, task)])]
 
 
 def _one(at: int, task: Any) -> _Unpacked:
@@ -283,6 +313,17 @@ def _one(at: int, task: Any) -> _Unpacked:
     position, rotation = float(getattr(task, "position", deviation)), float(getattr(task, "rotation", deviation))
     on = task.joint if kind == "joint" else getattr(task, "link", "")
     return kind, name, on, point, axis, position, rotation, target, width, getattr(task, "relative_to", None)
+
+
+def _distances(at: int, task: Distance) -> list[_Unpacked]:
+    name = f"tasks[{at}]"
+    pairs = [("", None)] if task.pair is None else collider_pairs(f"{name}.pair", task.pair)
+    if not pairs:
+        raise of_argument(ArgumentError, f"{name}.pair", "found no pair; expected the names of two colliders, a sequence of such pairs, or None for all pairs")
+    lower = _numbers(name, "lower", task.lower)[..., None]
+    position = float(task.position)
+    # The second collider is in the place of the link that a task is relative to.
+    return [("distance", name, first, ORIGIN, FORWARD, position, DEVIATION, lower, 1, second) for first, second in pairs]
 
 
 def _numbers(name: str, field: str, value: ArrayLike) -> _Array:

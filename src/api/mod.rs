@@ -2,6 +2,7 @@
 //! joint that caused them.
 
 mod centroidal;
+mod colliders;
 mod constraints;
 mod contacts;
 mod declared;
@@ -21,6 +22,7 @@ mod quantities;
 #[cfg(feature = "estimation")]
 mod uncertainty;
 
+pub use colliders::ColliderDistance;
 pub use constraints::{Constrained, Projection};
 pub use links::OnLink;
 #[cfg(feature = "derivatives")]

@@ -14,9 +14,11 @@ mod narrow;
 mod polygon;
 mod polyhedron;
 mod solid;
+#[cfg(feature = "collision")]
+mod touching;
 
 pub(crate) use geometry::Geometry;
-pub(crate) use narrow::{Against, Near, Nearest, contacts, distance};
+pub(crate) use narrow::{Against, Near, contacts, distance};
 pub use solid::Solid;
 
 #[cfg(all(test, feature = "collision"))]

@@ -101,7 +101,7 @@ pub(crate) fn distance(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, lim
             let on_b = Vector3::new(low[0], low[1], gap);
             (gap <= limit).then_some(Nearest { on_a, on_b, normal: Vector3::z(), distance: gap })
         }
-        (_, Kind::HalfSpace) | (_, Kind::Heights(_)) if !matches!(a.kind, Kind::Heights(_)) => {
+        (_, Kind::HalfSpace | Kind::Heights(_)) if !matches!(a.kind, Kind::Heights(_)) => {
             Some(distance(b, a, &b_in_a.inverse(), limit)?.exchanged(&b_in_a.inverse()))
         }
         (Kind::Heights(of), _) => {
@@ -205,7 +205,7 @@ impl Geometry {
     }
 
     /// The farthest point in a direction, without rounding.
-    fn farthest(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+    pub(super) fn farthest(&self, direction: &Vector3<f64>) -> Vector3<f64> {
         let lines = |half: f64| Vector3::new(0.0, 0.0, half.copysign(direction[2]));
         match &self.kind {
             Kind::HalfSpace | Kind::Heights(_) | Kind::Sphere => Vector3::zeros(),

@@ -30,6 +30,7 @@ mod closure;
 mod descent;
 mod direction;
 mod limits;
+mod rotation;
 mod starts;
 mod step;
 mod task;

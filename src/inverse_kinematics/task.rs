@@ -1,13 +1,15 @@
 //! Tasks: targets for links, their errors, and the derivatives of the errors.
 
 use super::direction::{DirectionError, direction_error};
-use crate::error::{Error, check_finite, check_positive, number};
+use super::rotation::{inverse_right_jacobian, nearest_rotation};
+use crate::error::{Error, check_finite, check_positive};
 use crate::kinematics::{Frame, local_jacobian};
 use crate::scene::{JointKind, Scene};
 use crate::setters::setters;
 use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3, Vector6};
+use std::borrow::Cow;
 
 /// The target of a task. Positions, directions and rotations are in the base frame, or in the frame that a [`Task`] is
 /// relative to.
@@ -62,6 +64,13 @@ pub enum Goal {
         /// Position, rad or m.
         target: f64,
     },
+    /// Two colliders are at least a given distance apart: the error is zero beyond it.
+    Distance {
+        /// Indices of the colliders, as those of [`Scene::collider_pairs`].
+        pair: [usize; 2],
+        /// Least distance, m; negative for a largest penetration.
+        lower: f64,
+    },
 }
 
 /// A goal with its standard deviations.
@@ -70,12 +79,12 @@ pub enum Goal {
 pub struct Task {
     /// The target.
     pub goal: Goal,
-    /// Standard deviation of positions and of prismatic joint coordinates, m.
+    /// Standard deviation of positions, distances and prismatic joint coordinates, m.
     pub position: f64,
     /// Standard deviation of rotations and directions, rad.
     pub rotation: f64,
-    /// The frame on a link in which targets are expressed; `None` for the base frame. Not allowed for centers of mass
-    /// and joints.
+    /// The frame on a link in which targets are expressed; `None` for the base frame. Not allowed for centers of mass,
+    /// joints and distances.
     pub relative_to: Option<Frame<f64>>,
 }
 
@@ -159,6 +168,10 @@ impl Task {
                 finite("target", at, target.as_slice())
             }
             Goal::CenterOfMass(target) => finite("target", at, target.as_slice()),
+            Goal::Distance { pair, lower } => {
+                finite("lower", at, &[*lower])?;
+                scene.check_collider_pair("pair", *pair).map_err(|error| error.of_argument(&name("pair")))
+            }
             Goal::Joint { joint, target } => {
                 finite("target", at, &[*target])?;
                 match scene.joints().get(*joint) {
@@ -182,7 +195,7 @@ impl Task {
     fn rows(&self) -> usize {
         match self.goal {
             Goal::Pose { .. } => 6,
-            Goal::Joint { .. } => 1,
+            Goal::Joint { .. } | Goal::Distance { .. } => 1,
             _ => 3,
         }
     }
@@ -195,39 +208,6 @@ pub fn turns(kind: JointKind, axis: usize) -> bool {
 
 /// Largest accepted deviation of axes from unit length.
 const UNIT: f64 = 1e-6;
-/// Largest accepted deviation of the entries of a rotation from those of the nearest rotation, and of quaternions from
-/// unit norm: three decimals suffice.
-const ROTATION: f64 = 1e-3;
-/// Rotations this close to orthonormal, by R^T R, are used unchanged.
-const ORTHONORMAL: f64 = 1e-14;
-
-/// The rotation nearest to a matrix, if no entry differs by more than [`ROTATION`]; else a description of the
-/// deviation.
-fn nearest_rotation(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, String> {
-    let apart = |matrix: &Matrix3<f64>| (matrix.transpose() * matrix - Matrix3::identity()).abs().max();
-    let before = apart(matrix);
-    if before <= ORTHONORMAL && matrix.determinant() > 0.0 {
-        return Ok(*matrix);
-    }
-    if !(before <= 10.0 * ROTATION) {
-        return Err(format!("a matrix with R^T R - 1 up to {}", number(before)));
-    }
-    if matrix.determinant() < 0.0 {
-        return Err("a reflection, of determinant -1".to_owned());
-    }
-    // Newton's iteration for the polar factor, which squares the deviation in each step.
-    let mut rotation = *matrix;
-    for _ in 0..4 {
-        rotation = rotation * (Matrix3::identity() * 3.0 - rotation.transpose() * rotation) * 0.5;
-    }
-    let moved = (rotation - matrix).abs().max();
-    if moved <= ROTATION {
-        Ok(rotation)
-    } else {
-        Err(format!("a matrix that is {} from the nearest rotation", number(moved)))
-    }
-}
-
 /// Checks that the numbers of a task are finite. The name is formatted only on failure, so that a successful call does
 /// not allocate.
 fn finite(what: &str, at: usize, values: &[f64]) -> Result<(), Error> {
@@ -258,6 +238,9 @@ pub struct Rows {
     six: Vec<f64>,
     /// The Jacobian of the frame that a task is relative to, (6 x nv).
     reference: Vec<f64>,
+    /// Poses of the bodies in the base frame, for distances.
+    bodies: Vec<RigidShift<f64>>,
+    columns: Vec<f64>,
 }
 
 impl Tasks<'_> {
@@ -281,6 +264,10 @@ impl Tasks<'_> {
         rows.reference.resize(6 * nv, f64::NAN);
         (rows.position_error, rows.rotation_error) = (0.0, 0.0);
         let mut at = 0;
+        if self.each.iter().any(|task| matches!(task.goal, Goal::Distance { .. })) {
+            rows.bodies.resize(self.scene.model().bodies.len(), RigidShift::identity());
+            self.scene.place_bodies(&self.on_tree(q), &mut rows.bodies);
+        }
         for task in self.each {
             self.one(workspace, q, task, at, rows)?;
             at += task.rows();
@@ -345,8 +332,40 @@ impl Tasks<'_> {
                 let largest = if turns { &mut rows.rotation_error } else { &mut rows.position_error };
                 *largest = largest.max(off.abs());
             }
+            Goal::Distance { pair, lower } => self.distance(q, (*pair, *lower), task.position, at, rows)?,
         }
         Ok(())
+    }
+
+    /// The error of a distance: zero with zero derivatives from `lower` on.
+    fn distance(
+        &self,
+        q: &[f64],
+        (pair, lower): ([usize; 2], f64),
+        deviation: f64,
+        at: usize,
+        rows: &mut Rows,
+    ) -> Result<(), Error> {
+        let (scene, nv) = (self.scene, nv(self));
+        let row = &mut rows.jacobian[at * nv..(at + 1) * nv];
+        rows.errors[at] = 0.0;
+        row.fill(0.0);
+        let Some(colliders) = scene.tree().placed_colliders() else { return Ok(()) };
+        let found = scene.distance_of_pair(colliders, &rows.bodies, pair, lower)?;
+        if found.distance < lower {
+            rows.errors[at] = (found.distance - lower) / deviation;
+            scene.distance_gradient(&self.on_tree(q), pair, &found, &mut rows.columns, row);
+            for entry in row {
+                *entry /= deviation;
+            }
+            rows.position_error = rows.position_error.max(lower - found.distance);
+        }
+        Ok(())
+    }
+
+    /// The configuration of the tree.
+    fn on_tree<'a>(&self, q: &'a [f64]) -> Cow<'a, [f64]> {
+        self.scene.coupling().map_or(Cow::Borrowed(q), |coupling| coupling.configuration(q).into())
     }
 
     /// Pose of a frame relative to the reference frame of its task, and its Jacobian in its own axes, (6 x nv),
@@ -455,21 +474,6 @@ impl Rows {
     }
 }
 
-/// Inverse right Jacobian Jr^-1(t) = 1 + t~/2 + (1 - |t|/2 cot(|t|/2)) / |t|^2 t~^2: the derivative of a rotation
-/// vector is Jr^-1 w.
-fn inverse_right_jacobian(t: &Vector3<f64>) -> Matrix3<f64> {
-    let square = t.norm_squared();
-    let angle = square.sqrt();
-    // The series, where the closed form cancels.
-    let share = if angle < 1e-2 {
-        1.0 / 12.0 + square / 720.0 + square * square / 30240.0
-    } else {
-        (1.0 - 0.5 * angle / (0.5 * angle).tan()) / square
-    };
-    let cross = t.cross_matrix();
-    Matrix3::identity() + cross * 0.5 + cross * cross * share
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -563,18 +567,6 @@ mod tests {
                     );
                 }
             }
-        }
-    }
-
-    #[test]
-    fn the_series_meets_the_formula() {
-        for angle in [0.99e-2_f64, 1.01e-2] {
-            let t = Vector3::new(0.6, 0.0, 0.8) * angle;
-            // Jr Jr^-1 = 1, with Jr = 1 - (1 - cos)/a^2 t~ + (a - sin)/a^3 t~^2.
-            let cross = t.cross_matrix();
-            let right = Matrix3::identity() - cross * ((1.0 - angle.cos()) / angle.powi(2))
-                + cross * cross * ((angle - angle.sin()) / angle.powi(3));
-            assert!((right * inverse_right_jacobian(&t) - Matrix3::identity()).abs().max() < 1e-13);
         }
     }
 }

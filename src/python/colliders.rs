@@ -1,15 +1,24 @@
-//! Colliders: the methods of `SceneBuilder` that add them, and their tuples for pickling.
+//! Colliders: the methods of `SceneBuilder` that add them, their tuples for pickling, and their distances.
 
 use super::builder::PySceneBuilder;
 use super::connection_tuple::{FrameTuple, frame_from, frame_tuple};
 use super::object::{Object, imported};
 use super::scene::PyScene;
-use crate::collision::distance;
-use crate::error::Error;
-use crate::kinematics::{Frame, placement};
+use crate::api::ColliderDistance;
+use crate::error::{Error, known_names};
+use crate::memory;
 use crate::scene::{Collider, ColliderPair, Solid};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
+
+/// Values per pair of distances: the distance, two points and the normal.
+const OF_PAIR: usize = 10;
+
+/// Approximate time per pair, ns.
+const DISTANCE: usize = 1_000;
+
+/// How a scene gets colliders.
+const NO_COLLIDERS: &str = "a scene with colliders: SceneBuilder.collider, or phipsi.load(..., contacts=\"all\")";
 
 /// A shape as numbers: its kind, its lengths, and the points of a hull or the heights of a field.
 type SolidTuple = (String, Vec<f64>, Vec<[f64; 3]>);
@@ -246,27 +255,100 @@ impl PyScene {
         pairs.map(named).collect()
     }
 
-    /// The pairs of colliders that can touch and overlap at the neutral configuration: names and depth, m.
-    fn _overlapping(&self) -> Vec<([&str; 2], f64)> {
-        let Some(shapes) = self.scene.shapes() else { return Vec::new() };
-        let (n, neutral) = (shapes.all.len(), self.scene.neutral());
-        let places = shapes.all.iter().map(|of| match of.body {
-            None => of.frame,
-            body => placement(self.scene.model(), &neutral, &Frame { body, placement: of.frame }),
-        });
-        let places: Vec<_> = places.collect();
-        let pairs = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))).filter(|&(i, j)| shapes.can_touch(i, j));
-        let deep = |(i, j): (usize, usize)| {
-            let (a, b) = (&shapes.all[i], &shapes.all[j]);
-            let found = distance(&a.geometry, &b.geometry, &places[i].inverse().compose(&places[j]), 0.0)?;
-            Some(([&*a.name, &*b.name], -found.distance))
-        };
-        pairs.filter_map(deep).collect()
+    /// Signed distances of colliders, their nearest points, and the derivatives of the distances.
+    #[doc = parameters!(q)]
+    /// pairs : (str, str) or sequence of (str, str), optional
+    ///     Names of two colliders, or of k pairs of them. None: all pairs that can touch.
+    /// limit : float, optional
+    ///     Largest distance of interest, m. Pairs beyond it cost little: their distance is infinite, their points and
+    ///     normal are NaN, and their gradient is zero. None: no limit.
+    #[doc = entries!(errors)]
+    #[doc = section!(Returns)]
+    /// distances : phipsi.Distances
+    ///     pairs, distance, first, second, normal and gradient, in the order of the pairs. The normal is a unit vector
+    ///     from the first collider to the second, in the base frame.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     An unknown collider, a collider with itself, two colliders that are half spaces or height fields, or a limit
+    ///     that is not a number.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// The distance of colliders that overlap is minus the length of the least translation that separates them. A pair
+    /// of named colliders need not be able to touch. O(N), and one search for nearest points per pair.
+    ///
+    /// Distances of half spaces, spheres, capsules, boxes and hulls are exact to rounding, and so are gradients where
+    /// the distance is differentiable. Pairs with a cylinder are iterated: to about 1e-7 of their size, and to about
+    /// 1e-3 in the normal and the gradient.
+    #[doc = section!(Examples)]
+    /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+    /// >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
+    /// >>> scene = builder.collider("ground", phipsi.shapes.HalfSpace()).build(floating_base=True)
+    /// >>> found = scene.distances([0, 0, 0.3, 0, 0, 0, 1])
+    /// >>> found.pairs, found.distance.round(3), found.gradient.round(3)
+    /// ((('ball', 'ground'),), array([0.2]), array([[0., 0., 1., 0., 0., 0.]]))
+    #[pyo3(signature = (q, *, pairs=None, limit=None, errors="raise"))]
+    fn distances<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        pairs: Option<&Object<'py>>,
+        limit: Option<f64>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let read = |pairs: &Object<'py>| imported!(py, "phipsi._arguments", "collider_pairs")?.call1(("pairs", pairs));
+        let named: Option<Vec<[String; 2]>> = pairs.map(|pairs| read(pairs)?.extract()).transpose()?;
+        let pairs = self.collider_pairs("pairs", named.as_deref())?;
+        let limit = limit.unwrap_or(f64::INFINITY);
+        self.scene.check_distances(&pairs, limit)?;
+        let (k, nv) = (pairs.len(), self.scene.nv());
+        memory::room("pairs", memory::bytes_of::<f64>(&[k, OF_PAIR + nv]))?;
+        let cost = DISTANCE.saturating_mul(k).saturating_add(self.size().saturating_mul(20));
+        let call = self.call([self.configuration("q", q)?], cost, errors)?;
+        let all = call.array(py, &[k, OF_PAIR + nv], |scene, scratch, [q], out| {
+            let mut found = vec![ColliderDistance::default(); k];
+            let mut gradients = vec![f64::NAN; k * nv];
+            scene.collider_distances(&mut scratch.workspace, q, &pairs, limit, &mut found)?;
+            scene.collider_distance_gradients(q, &pairs, &found, &mut gradients)?;
+            for (at, (out, found)) in out.chunks_exact_mut(OF_PAIR + nv).zip(&found).enumerate() {
+                out[0] = found.distance;
+                for (out, vector) in out[1..OF_PAIR].chunks_exact_mut(3).zip([found.first, found.second, found.normal])
+                {
+                    out.copy_from_slice(vector.as_slice());
+                }
+                out[OF_PAIR..].copy_from_slice(&gradients[at * nv..(at + 1) * nv]);
+            }
+            Ok(())
+        })?;
+        let name = |at: usize| self.scene.colliders()[at].name.as_str();
+        let names: Vec<(&str, &str)> = pairs.iter().map(|&[i, j]| (name(i), name(j))).collect();
+        imported!(py, "phipsi._results", "distances_of")?.call1((PyTuple::new(py, names)?, all))
     }
 
     /// The colliders, their pairs and rules, as plain tuples.
     #[pyo3(name = "_collisions")]
     fn collisions_as_given(&self) -> CollisionTuple {
         collision_tuple(self.scene.source())
+    }
+}
+
+impl PyScene {
+    /// The indices of pairs of colliders by name; `None`: all that can touch, at least one.
+    pub(super) fn collider_pairs(&self, name: &str, pairs: Option<&[[String; 2]]>) -> Result<Vec<[usize; 2]>, Error> {
+        let names = || self.scene.colliders().iter().map(|of| of.name.as_str());
+        let index = |wanted: &String| {
+            names().position(|known| known == wanted).ok_or_else(|| {
+                let found = format!("{wanted:?}, which does not exist");
+                let expected = format!("names of colliders: {}", known_names(wanted, names(), 8));
+                Error::argument(name, found, if names().len() == 0 { NO_COLLIDERS.to_owned() } else { expected })
+            })
+        };
+        let Some(pairs) = pairs else {
+            let all = self.scene.collider_pairs();
+            if all.is_empty() {
+                return Err(Error::argument(name, "None in a scene without colliders that can touch", NO_COLLIDERS));
+            }
+            return Ok(all);
+        };
+        pairs.iter().map(|[first, second]| Ok([index(first)?, index(second)?])).collect()
     }
 }

@@ -30,7 +30,8 @@ const METRICS: [(&str, Metric); 2] = [("coordinates", Metric::Coordinates), ("ma
 const BESIDE: usize = 5;
 
 /// A task from phipsi.tasks: kind, name, link or joint, point, axis, deviations, target, number of its entries, and the
-/// link to which it is relative.
+/// link to which it is relative. A
+/// distance has the names of its colliders instead of the links, and none for all pairs.
 type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<'py>, usize, Option<String>);
 
 #[pymethods]
@@ -38,8 +39,8 @@ impl PyScene {
     /// Most probable joint positions that reach tasks, within joint limits and with closed connections.
     #[doc = section!(Parameters)]
     /// tasks : task or list of tasks
-    ///     Tasks of phipsi.tasks: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition. Leading
-    ///     axes of their targets are a batch, which broadcasts with that of q0.
+    ///     Tasks of phipsi.tasks: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition, Distance.
+    ///     Leading axes of their targets are a batch, which broadcasts with that of q0.
     /// q0 : (..., nq) array_like, optional
     ///     First start; the neutral configuration by default. A start outside of the limits begins at them.
     /// follow : bool, default False
@@ -248,7 +249,27 @@ impl PyScene {
         }
         let mut inputs = vec![self.configuration(name, q)?];
         let mut fixed = Vec::with_capacity(given.len());
+        let mut rest = Vec::new();
         for (kind, name, on, point, axis, position, rotation, target, width, relative_to) in given {
+            if kind == "distance" {
+                let pair = relative_to.map(|second| [on, second]);
+                let pairs = self.collider_pairs(&format!("{name}.pair"), pair.as_ref().map(std::slice::from_ref))?;
+                for (at, pair) in pairs.into_iter().enumerate() {
+                    self.scene.check_collider_pair(&format!("{name}.pair"), pair)?;
+                    let goal = Goal::Distance { pair, lower: f64::NAN };
+                    let task = Task { goal, position, rotation, relative_to: None };
+                    task.check_deviations(fixed.len())?;
+                    let input = Input::new(format!("{name}.lower"), &target, width)?;
+                    // The index of every other task is that of the caller.
+                    if at == 0 {
+                        fixed.push(task);
+                        inputs.push(input);
+                    } else {
+                        rest.push((task, input));
+                    }
+                }
+                continue;
+            }
             let mut task = aimless(&self.scene, &kind, &name, &on, point, axis, position, rotation)?;
             if let Some(link) = relative_to {
                 let frame = self.scene.frame(&link.as_str().into());
@@ -257,6 +278,10 @@ impl PyScene {
             task.check_deviations(fixed.len())?;
             fixed.push(task);
             inputs.push(Input::new(format!("{name}.target"), &target, width)?);
+        }
+        for (task, input) in rest {
+            fixed.push(task);
+            inputs.push(input);
         }
         Ok((fixed, inputs))
     }
@@ -361,7 +386,8 @@ fn all_aimed<'a>(tasks: &[Task], of: &dyn Fn(usize) -> &'a [f64]) -> Result<Vec<
 /// Task with the target of one state.
 fn aimed(task: &Task, at: usize, numbers: &[f64]) -> Result<Task, Error> {
     let mut task = *task;
-    let name = || format!("target of task {at}");
+    let what = if matches!(task.goal, Goal::Distance { .. }) { "lower" } else { "target" };
+    let name = || format!("{what} of task {at}");
     check_finite(&name(), numbers)?;
     match &mut task.goal {
         Goal::Pose { target, .. } => {
@@ -385,7 +411,7 @@ fn aimed(task: &Task, at: usize, numbers: &[f64]) -> Result<Task, Error> {
         Goal::Position { target, .. } | Goal::LookAt { target, .. } | Goal::CenterOfMass(target) => {
             *target = Vector3::from_column_slice(numbers);
         }
-        Goal::Joint { target, .. } => *target = numbers[0],
+        Goal::Joint { target, .. } | Goal::Distance { lower: target, .. } => *target = numbers[0],
     }
     Ok(task)
 }

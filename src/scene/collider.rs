@@ -131,6 +131,8 @@ pub(crate) struct Colliders {
     given: HashMap<(usize, usize), PairValues>,
     /// The largest margin, m.
     pub margin: f64,
+    /// True if a pair can touch.
+    touches: bool,
 }
 
 impl Colliders {
@@ -190,12 +192,17 @@ impl Scene {
 
     /// The colliders by index, if any of them can touch another.
     pub(crate) fn shapes(&self) -> Option<&Arc<Colliders>> {
+        self.placed_colliders().filter(|of| of.touches)
+    }
+
+    /// The colliders by index, if there are any.
+    pub(crate) fn placed_colliders(&self) -> Option<&Arc<Colliders>> {
         self.shapes.as_ref()
     }
 
     /// True if it has contacts, or colliders that can touch.
     pub(crate) fn touches(&self) -> bool {
-        !self.contacts().is_empty() || self.shapes.is_some()
+        !self.contacts().is_empty() || self.shapes().is_some()
     }
 
     /// Adds the colliders to the scene of an assembled tree, after checking them.
@@ -226,7 +233,7 @@ impl Scene {
             }
         }
         let (mut given, mut margin) = (HashMap::new(), 0.0_f64);
-        let free = Colliders { all, touch, given: HashMap::new(), margin };
+        let free = Colliders { all, touch, given: HashMap::new(), margin, touches: false };
         for pair in &rules.pairs {
             let [i, j] = [0, 1].map(|end| index.get(pair.colliders[end].as_str()).copied().unwrap_or_default());
             let mixed = free.values(i, j);
@@ -245,9 +252,8 @@ impl Scene {
         for &(i, j) in given.keys() {
             (touch[i * n + j], touch[j * n + i]) = (true, true);
         }
-        if touch.iter().any(|&may| may) {
-            self.shapes = Some(Arc::new(Colliders { all, touch, given, margin }));
-        }
+        let touches = touch.iter().any(|&may| may);
+        self.shapes = Some(Arc::new(Colliders { all, touch, given, margin, touches }));
         Ok(self)
     }
 

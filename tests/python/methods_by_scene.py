@@ -82,6 +82,7 @@ CALLS: dict[str, Call] = {
     "contact_velocities": lambda scene, s: scene.contact_velocities(s.q, s.qd),
     "contact_gram": lambda scene, s: scene.contact_gram(s.q),
     "coriolis_matrix": lambda scene, s: scene.coriolis_matrix(s.q, s.qd),
+    "distances": lambda scene, s: scene.distances(s.q, pairs=("rod", "wall")),
     "difference": lambda scene, s: scene.difference(s.q, scene.neutral()),
     "energy": lambda scene, s: scene.energy(s.q, s.qd),
     "estimate": lambda scene, s: scene.estimate(s.q, s.qd, s.tau, noise=0.1).acceleration,
@@ -159,7 +160,9 @@ def _links(builder: phipsi.SceneBuilder, mimic: dict[str, Any] | None = None) ->
     for name, parent, at, length in (("crank", "ground", (0, 0, 0), 0.2), ("coupler", "crank", (0, 0, 0.2), 0.4), ("rocker", "ground", (0.3, 0, 0), 0.3)):
         builder.link(name, 1.0, (0.01, 0, 0.4 * length), np.diag([0.01, 0.012, 0.003]))
         builder.joint(name, "revolute", parent, name, xyz=at, axis=(0, 1, 0), lower=-3.0, upper=3.0, damping=0.1, **(mimic or {} if name == "rocker" else {}))
-    return builder
+    # They cannot touch: simulations are those without them.
+    ball = phipsi.shapes.Sphere(0.05)
+    return builder.collider("rod", ball, link="coupler", groups=0, mask=0).collider("wall", ball, groups=0, mask=0)
 
 
 def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:

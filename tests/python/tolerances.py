@@ -39,6 +39,16 @@ and to the distance for positions.
 """
 
 
+ITERATED = 2e-7
+"""Distance of shapes with round edges, for sizes of some tenths: the largest difference of the bounds on it."""
+
+SMOOTH_POINT = 1e-4
+"""Nearest points of shapes with round edges, perpendicular to the distance, for the same sizes."""
+
+SMOOTH_NORMAL = 2e-3
+"""Normal of shapes with round edges: of the order of the square root of the error of the distance."""
+
+
 def product(n: int, scale: float) -> float:
     """For products and sums over n terms without a solve."""
     return 64.0 * max(n, 1) * EPS * scale
