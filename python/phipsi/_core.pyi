@@ -5231,7 +5231,7 @@ class SceneBuilder:
 
         Notes
         -----
-        Contacts act in simulations only. Shapes that touch whatever they reach are added by collider(). The normal of
+        Contacts act in simulations only. collider() adds shapes that touch all others. The normal of
         a sphere or box is the direction from its nearest point to the center of the sphere on `link`; for a center
         inside of a box, the normal of the nearest face. Forces are those on `link`. build() raises SceneError for
         duplicate names, links that are unknown or cannot move, two links that are rigidly attached to each other, a

@@ -4,7 +4,7 @@ use crate::collision::distance;
 use crate::error::{Error, check_length};
 use crate::kinematics::{Frame, local_jacobian, placements_base_to_tip, placements_on_base};
 use crate::scene::Scene;
-use crate::scene::collider::{Colliders, Placed};
+use crate::scene::collider_pairs::{Colliders, Placed};
 use crate::spatial::{RigidShift, angular, linear};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};

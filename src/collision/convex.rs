@@ -1,16 +1,14 @@
-//! Nearest points, penetration depths and convex hulls by parry3d.
+//! Nearest points and penetration depths by parry3d.
 
 use super::geometry::{Geometry, Kind};
-use super::narrow::Nearest;
-use super::polyhedron::{Face, Polyhedron};
+use super::nearest::Nearest;
 use super::touching::settled;
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 use parry3d_f64::math::{Mat3, Pose, Rot3, Vector};
 use parry3d_f64::query::details::contact_support_map_support_map_with_params;
 use parry3d_f64::query::gjk::{CsoPoint, GJKResult, VoronoiSimplex};
-use parry3d_f64::shape::{ConvexPolyhedron, SupportMap};
-use parry3d_f64::transformation::try_convex_hull;
+use parry3d_f64::shape::SupportMap;
 
 fn to_parry(x: &Vector3<f64>) -> Vector {
     Vector::new(x[0], x[1], x[2])
@@ -79,28 +77,4 @@ fn search(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, limit: f64) -> S
         }
         _ => Search::Failed,
     }
-}
-
-/// The convex hull of points.
-pub(super) fn hull(points: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
-    let expected = "at least four points that are not in one plane";
-    let flat = || ("whose points have no volume".to_owned(), expected);
-    let first = points.first().ok_or_else(flat)?;
-    let size = points.iter().fold(0.0_f64, |size, x| size.max((x - first).amax()));
-    if !(size > 0.0) {
-        return Err(flat());
-    }
-    // At a scale of one: tolerances of parry3d are absolute.
-    let scaled: Vec<Vector> = points.iter().map(|x| to_parry(&((x - first) / size))).collect();
-    let (corners, triangles) = try_convex_hull(&scaled).map_err(|_| flat())?;
-    let made = ConvexPolyhedron::from_convex_mesh(corners, &triangles).ok_or_else(flat)?;
-    let corners: Vec<Vector3<f64>> = made.points().iter().map(|&x| from_parry(x) * size + first).collect();
-    let faces = made.faces().iter().map(|face| {
-        let range =
-            face.first_vertex_or_edge as usize..(face.first_vertex_or_edge + face.num_vertices_or_edges) as usize;
-        let corners = made.vertices_adj_to_face()[range].iter().map(|&i| i as usize).collect();
-        Face { normal: from_parry(face.normal).normalize(), corners }
-    });
-    let faces: Vec<Face> = faces.filter(|face| face.normal.iter().all(|x| x.is_finite())).collect();
-    if faces.len() < 4 { Err(flat()) } else { Ok(Polyhedron::new(corners, faces)) }
 }

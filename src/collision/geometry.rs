@@ -1,7 +1,7 @@
 //! A shape with what its contacts are computed from.
 
 #[cfg(feature = "collision")]
-use super::convex;
+use super::hull;
 use super::polyhedron::Polyhedron;
 use super::solid::Solid;
 use crate::spatial::RigidShift;
@@ -45,7 +45,7 @@ pub(crate) struct Heights {
 }
 
 impl Geometry {
-    /// Returns what is wrong with the shape, and what is expected.
+    /// Returns the fault of the shape, and the expected value.
     pub fn new(solid: &Solid) -> Result<Self, (String, &'static str)> {
         let kind = match solid {
             Solid::HalfSpace => Kind::HalfSpace,
@@ -56,7 +56,7 @@ impl Geometry {
                 Kind::Box(half, Arc::new(Polyhedron::of_box(&half)))
             }
             Solid::Cylinder { radius, length } => Kind::Cylinder(0.5 * length, *radius),
-            Solid::Hull { points } => Kind::Hull(Arc::new(hull(points)?)),
+            Solid::Hull { points } => Kind::Hull(Arc::new(hull_of(points)?)),
             Solid::Heights { heights, columns, size } => {
                 Kind::Heights(Arc::new(Heights { heights: heights.clone(), columns: *columns, size: *size }))
             }
@@ -172,11 +172,11 @@ pub(super) fn rim(height: f64, radius: f64, first: &Vector3<f64>) -> Vec<Vector3
 }
 
 #[cfg(feature = "collision")]
-fn hull(points: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
-    convex::hull(points)
+fn hull_of(points: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
+    hull::hull(points)
 }
 
 #[cfg(not(feature = "collision"))]
-fn hull(_: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
+fn hull_of(_: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
     Ok(Polyhedron::of_box(&Vector3::repeat(f64::NAN)))
 }

@@ -10,7 +10,10 @@
 #[cfg(feature = "collision")]
 mod convex;
 mod geometry;
+#[cfg(feature = "collision")]
+mod hull;
 mod narrow;
+mod nearest;
 mod polygon;
 mod polyhedron;
 mod solid;

@@ -7,6 +7,7 @@
 #[cfg(feature = "collision")]
 use super::convex;
 use super::geometry::{Geometry, Heights, Kind, rim};
+use super::nearest::Nearest;
 use super::polygon::{clip, spanning};
 use super::polyhedron::Polyhedron;
 use crate::spatial::RigidShift;
@@ -29,13 +30,13 @@ pub(crate) struct Near {
     /// Center and radius of the sphere, or the point, in the frame of its shape.
     pub center: Vector3<f64>,
     pub radius: f64,
-    /// What it can touch, in the frame of the other shape.
+    /// The surface on the other shape, in its frame.
     pub against: Against,
     /// Distance, m; negative for penetration.
     pub gap: f64,
 }
 
-/// What a sphere can touch on the other shape.
+/// A surface that a sphere touches on the other shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Against {
     /// A plane n . x = offset.
@@ -49,35 +50,6 @@ pub(crate) enum Against {
     },
     /// The box that the other shape is.
     Box(Vector3<f64>),
-}
-
-/// The nearest points of two shapes, in the frame of the first.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Nearest {
-    pub on_a: Vector3<f64>,
-    pub on_b: Vector3<f64>,
-    /// Unit normal from the first shape to the second.
-    pub normal: Vector3<f64>,
-    /// Distance, m; negative for penetration.
-    pub distance: f64,
-}
-
-impl Nearest {
-    /// The same with the shapes exchanged, for the pose of b in the frame of a.
-    fn exchanged(&self, b_in_a: &RigidShift<f64>) -> Self {
-        let into = |x: &Vector3<f64>| b_in_a.rotate_back(&(x - b_in_a.lever));
-        Self { on_a: into(&self.on_b), on_b: into(&self.on_a), normal: -b_in_a.rotate_back(&self.normal), ..*self }
-    }
-
-    /// The nearest points of the shapes with their roundings.
-    fn rounded(&self, a: f64, b: f64) -> Self {
-        Self {
-            on_a: self.on_a + self.normal * a,
-            on_b: self.on_b - self.normal * b,
-            distance: self.distance - a - b,
-            ..*self
-        }
-    }
 }
 
 #[cfg(feature = "collision")]
@@ -328,7 +300,7 @@ fn on_plane(
 fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, out: &mut Vec<Near>) {
     let first = out.len();
     let core_reach = reach + a.rounding + b.rounding;
-    let Some(found) = separation(a, b, b_in_a, core_reach) else { return };
+    let Some(found) = nearest(a, b, b_in_a, core_reach) else { return };
     let (normal, into_b) = (found.normal, -b_in_a.rotate_back(&found.normal));
     // A normal between points that almost touch has the rounding errors of their positions.
     let size = a.half.norm().min(1e6) + b.half.norm().min(1e6);
@@ -363,47 +335,6 @@ fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, o
     if out.len() == first {
         on_features(a, b, b_in_a, reach, &found, out);
     }
-}
-
-/// The nearest points without roundings; for two boxes along the axis of the largest separation, if they overlap.
-fn separation(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, limit: f64) -> Option<Nearest> {
-    let found = nearest(a, b, b_in_a, limit)?;
-    let size = a.half.norm() + b.half.norm();
-    if found.distance > 1e-6 * size || a.rounding + b.rounding > 0.0 {
-        return Some(found);
-    }
-    // Of the faces near the normal, that of the least depth: rounding errors decide between the others.
-    let (Some(of_a), Some(of_b)) = (a.polyhedron(), b.polyhedron()) else { return Some(found) };
-    let back = b_in_a.inverse();
-    let depths = |one: &Polyhedron, other: &Geometry, pose: &RigidShift<f64>| {
-        let each = one.faces.iter().map(|face| {
-            let low = pose.rotate(&other.farthest(&pose.rotate_back(&-face.normal))) + pose.lever;
-            (face.normal.dot(&(low - one.corners[face.corners[0]])), face.normal)
-        });
-        each.max_by(|x, y| x.0.total_cmp(&y.0))
-    };
-    let few = of_a.faces.len() <= 64 && of_b.faces.len() <= 64;
-    if !few {
-        return Some(found);
-    }
-    let best = |x: Option<(f64, Vector3<f64>)>, turn: &dyn Fn(Vector3<f64>) -> Vector3<f64>| {
-        x.map(|(depth, normal)| (depth, turn(normal)))
-    };
-    let by_a = best(depths(of_a, b, b_in_a), &|n| n);
-    let by_b = best(depths(of_b, a, &back), &|n| -b_in_a.rotate(&n));
-    let (depth, normal) = match (by_a, by_b) {
-        (Some(a), Some(b)) => {
-            if a.0 > b.0 + 1e-9 * size {
-                a
-            } else {
-                b
-            }
-        }
-        (Some(a), None) | (None, Some(a)) => a,
-        _ => return Some(found),
-    };
-    // An edge against an edge is less deep than every face.
-    if depth < found.distance - 1e-9 * size { Some(found) } else { Some(Nearest { normal, distance: depth, ..found }) }
 }
 
 /// The contact of edges, corners and round sides: one point, or two of parallel lines.

@@ -71,7 +71,7 @@ impl Solid {
         matches!(self, Self::HalfSpace | Self::Heights { .. })
     }
 
-    /// What is wrong with its numbers, and what is expected.
+    /// A fault of its numbers: the value found, and the expected one.
     pub(crate) fn fault(&self) -> Option<(String, &'static str)> {
         let length = |what: &str, value: f64| {
             (!(value.is_finite() && value > 0.0))

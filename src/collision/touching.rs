@@ -6,7 +6,7 @@
 //! of faces, of pairs of edges, and of round sides.
 
 use super::geometry::{Geometry, Kind};
-use super::narrow::Nearest;
+use super::nearest::Nearest;
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_4;

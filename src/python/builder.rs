@@ -1,7 +1,7 @@
 //! The class `SceneBuilder`: creates scenes from code.
 
 use super::choice::{choose, read_mimic, refuse_unknown};
-use super::colliders::colliders_of_link;
+use super::collider_tuple::colliders_of_link;
 use super::cost::WORTH_DETACHING;
 use super::description::{Description, counted, joint_kind, left_out};
 use super::interrupts::detached_checked;

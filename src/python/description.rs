@@ -1,7 +1,7 @@
 //! A scene as plain tuples of numbers and names, for pickling, and as one line, for `repr`.
 
 use super::choice::{choose, name_of_mimic, names, read_mimic};
-use super::colliders::{CollisionTuple, collision_tuple, with_collisions};
+use super::collider_tuple::{CollisionTuple, collision_tuple, with_collisions};
 use super::connection_tuple::{ConnectionTuple, FrameTuple, connection_of, connection_tuple, frame_from, frame_tuple};
 use super::contact_tuple::{ContactTuple, contact_of, contact_tuple};
 use super::object::Object;

@@ -27,6 +27,7 @@ mod centroidal;
 mod changes;
 mod choice;
 mod codegen;
+mod collider_tuple;
 mod colliders;
 mod configuration;
 mod connection_tuple;

@@ -32,7 +32,8 @@
 mod assembly;
 mod builder;
 mod checks;
-pub(crate) mod collider;
+mod collider;
+pub(crate) mod collider_pairs;
 mod configuration;
 mod connection;
 pub(crate) mod constraint;
@@ -73,7 +74,7 @@ pub use properties::Property;
 pub use spring::Spring;
 pub use start::Start;
 
-use self::collider::Colliders;
+use self::collider_pairs::Colliders;
 use self::constraint::Constraints;
 use self::contact_point::ContactPoint;
 use self::shared::Shared;

@@ -25,6 +25,7 @@ ROOMS = (
     "filter",
     "contact",
     "accuracy",
+    "collision",
     "joints",
     "model",
     "kinematics",

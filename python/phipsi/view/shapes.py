@@ -77,7 +77,7 @@ def shapes_of(scene: Scene, urdf: str | os.PathLike[str] | None, collision: bool
     """
     # If any link has a shape, links without shapes are frames, or motors inside other links.
     drawn = [] if collision else of_file(scene, urdf) or stand_ins(scene)
-    return [*drawn, *of_colliders(scene, fixed_only=not collision and scene.file is None) if collision or scene.file is None else ()]
+    return drawn + of_colliders(scene, fixed_only=not collision) if collision or scene.file is None else drawn
 
 
 def poses(scene: Scene, q: _Array) -> dict[str, _Array]:

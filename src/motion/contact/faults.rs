@@ -36,7 +36,7 @@ pub(super) fn check_movable(
     Err((String::new(), error))
 }
 
-/// The first contact of shapes that joints and connections cannot move: it is left out.
+/// The first contact of shapes that joints and connections cannot move, which the step omits.
 pub(super) fn held_still(points: &[ContactPoint], near: &[usize], lengths: &[f64]) -> Option<usize> {
     (0..near.len()).find(|&at| !lengths[at].is_finite() && points.get(near[at]).is_some_and(|point| point.found))
 }

@@ -19,7 +19,7 @@ pub(super) struct Shaped {
     pub scene: Scene,
     /// Number of the contacts that the scene names.
     pub named: usize,
-    /// What all contacts of the step store.
+    /// The stored values of all contacts of the step.
     kept: Vec<f64>,
 }
 

@@ -3,13 +3,13 @@
 //! A pair is examined if the boxes about its shapes, enlarged by how far the shapes can move in the step, overlap. Its
 //! points have the features that are near at the start of the step. A pair that is apart at the start and does not meet
 //! on its way has no contact: a ball that passes a box is not deflected. Points that no joint moves along their normal
-//! are left out.
+//! are omitted.
 
 use super::reach::touching_gap;
 use crate::collision::{Against, Near, contacts, distance};
 use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::scene::Scene;
-use crate::scene::collider::{Colliders, Placed};
+use crate::scene::collider_pairs::{Colliders, Placed};
 use crate::scene::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes};
 use crate::spatial::{RigidShift, angular, linear, zero};
 use nalgebra::{Rotation3, Vector3, Vector6};
@@ -22,7 +22,7 @@ const MOST_LOOKS: usize = 32;
 /// A velocity below this, relative to its terms, is rounding.
 const STILL: f64 = 1e-12;
 
-/// How far a shape can move in a step, m, and by how much its velocity can change, m/s.
+/// Bounds of the displacement of a shape in a step, m, and of the change of its velocity, m/s.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Range {
     pub displacement: f64,
