@@ -271,7 +271,7 @@ pub use accuracy::{Accuracy, Bound, ESTIMATE_SPREAD};
 pub use algorithm::{Algorithm, Arguments, KinematicQuantity};
 #[cfg(feature = "derivatives")]
 pub use algorithm::{Derivatives, Products};
-pub use api::{BodyWrenches, Constrained, OnLink, Projection, TaskFrame};
+pub use api::{BodyWrenches, ColliderDistance, Constrained, OnLink, Projection, TaskFrame};
 #[cfg(feature = "derivatives")]
 pub use api::{DerivativeMatrices, RowMajor};
 pub use error::{ConstraintViolation, Error, MemoryRequest};

@@ -2547,8 +2547,8 @@ class Scene:
         The distance of colliders that overlap is minus the length of the least translation that separates them. A pair
         of named colliders need not be able to touch. O(N), and one search for nearest points per pair.
 
-        Distances of half spaces, spheres, capsules, boxes and hulls are exact to rounding, and so are gradients where
-        the distance is differentiable. Pairs with a cylinder are iterated: to about 1e-7 of their size, and to about
+        Distances of half spaces, spheres, capsules, boxes and hulls are exact to 1e-8 of their size or better, and so
+        are gradients where the distance is differentiable. Pairs with a cylinder are iterated: to about 1e-7 of their size, and to about
         1e-3 in the normal and the gradient.
 
         Examples

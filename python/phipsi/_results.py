@@ -159,8 +159,8 @@ class Distances(NamedTuple):
     >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
     >>> scene = builder.collider("ground", phipsi.shapes.HalfSpace()).build(floating_base=True)
     >>> found = scene.distances([0, 0, 0.3, 0, 0, 0, 1])
-    >>> found.first.round(3), found.second.round(3), found.normal.round(3)
-    (array([[0. , 0. , 0.2]]), array([[0., 0., 0.]]), array([[ 0.,  0., -1.]]))
+    >>> found.first.round(3), found.second.round(3)
+    (array([[0. , 0. , 0.2]]), array([[0., 0., 0.]]))
     """
 
     pairs: tuple[tuple[str, str], ...]
