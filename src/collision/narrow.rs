@@ -115,6 +115,9 @@ pub(crate) fn contacts(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, rea
             let normal = b_in_a.rotate_back(&Vector3::z());
             // n . x = offset in the frame of b.
             let offset = -b_in_a.lever[2];
+            if normal.dot(&b.center) - normal.abs().dot(&b.half) - offset > reach {
+                return;
+            }
             let plane = Plane { normal, offset, sides: &[] };
             let against = Against::Plane { normal: Vector3::z(), offset: 0.0 };
             on_plane(b, &plane, reach, (false, against), out);
@@ -269,7 +272,7 @@ fn on_plane(
             rim(-half.copysign(n[2]), *radius, &lowest)
         }
         Kind::Box(_, of) | Kind::Hull(of) => {
-            let mut low: Vec<Vector3<f64>> = of.corners.iter().filter(|x| height(x) <= reach).copied().collect();
+            let mut low = of.below(n, reach + plane.offset);
             if !sides.is_empty() {
                 low.retain(|x| !clip(vec![*x], sides, n).is_empty());
                 // Where the sides cut the lowest face.

@@ -5,6 +5,10 @@ use nalgebra::Vector3;
 /// The largest number of points of contact of a pair.
 pub(crate) const MOST: usize = 8;
 
+/// Of more points, first the extremes in some directions are chosen.
+const MANY: usize = 24;
+const DIRECTIONS: usize = 16;
+
 /// Points up to this distance beyond a side belong to a polygon, relative to its size: its rim belongs to it.
 const RIM: f64 = 1e-9;
 
@@ -45,15 +49,38 @@ pub(crate) fn clip(mut points: Vec<Vector3<f64>>, face: &[Vector3<f64>], normal:
     points
 }
 
+/// The points farthest in some directions across a normal, and the lowest one.
+fn extremes(points: &[Vector3<f64>], lowest: usize, normal: &Vector3<f64>) -> Vec<usize> {
+    let mut axis = Vector3::zeros();
+    axis[normal.iamin()] = 1.0;
+    let first = normal.cross(&axis).normalize();
+    let second = normal.cross(&first);
+    let mut found = vec![lowest];
+    for i in 0..DIRECTIONS {
+        #[allow(clippy::cast_precision_loss)] // a small count
+        let (sin, cos) = (std::f64::consts::TAU * i as f64 / DIRECTIONS as f64).sin_cos();
+        let toward = first * cos + second * sin;
+        let far = |&i: &usize, &j: &usize| points[i].dot(&toward).total_cmp(&points[j].dot(&toward));
+        found.extend((0..points.len()).max_by(far).filter(|best| !found.contains(best)));
+    }
+    found
+}
+
 /// At most [`MOST`] indices of points: the lowest, the one farthest from it, and those that enlarge the area most, seen
 /// along a normal.
 pub(crate) fn spanning(points: &[Vector3<f64>], gaps: &[f64], normal: &Vector3<f64>) -> Vec<usize> {
     if points.len() <= MOST {
         return (0..points.len()).collect();
     }
+    let lowest = (0..points.len()).min_by(|&i, &j| gaps[i].total_cmp(&gaps[j])).unwrap_or_default();
+    if points.len() > MANY {
+        let some = extremes(points, lowest, normal);
+        let picked = |i: &usize| (points[*i], gaps[*i]);
+        let (few, of_few): (Vec<_>, Vec<_>) = some.iter().map(picked).unzip();
+        return spanning(&few, &of_few, normal).into_iter().map(|i| some[i]).collect();
+    }
     let flat = |x: &Vector3<f64>| x - normal * normal.dot(x);
     let points: Vec<_> = points.iter().map(flat).collect();
-    let lowest = (0..points.len()).min_by(|&i, &j| gaps[i].total_cmp(&gaps[j])).unwrap_or_default();
     let mut chosen = vec![lowest];
     let far = |i: usize| (points[i] - points[lowest]).norm();
     if let Some(farthest) = (0..points.len()).max_by(|&i, &j| far(i).total_cmp(&far(j))) {

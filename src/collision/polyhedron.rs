@@ -66,19 +66,43 @@ impl Polyhedron {
 
     /// The corner farthest in a direction.
     pub fn farthest(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+        self.corners[self.farthest_index(direction)]
+    }
+
+    fn farthest_index(&self, direction: &Vector3<f64>) -> usize {
         let height = |i: usize| self.corners[i].dot(direction);
         if self.next.is_empty() {
             let best = (0..self.corners.len()).max_by(|&i, &j| height(i).total_cmp(&height(j)));
-            return self.corners[best.unwrap_or_default()];
+            return best.unwrap_or_default();
         }
         let mut at = 0;
         loop {
             let best = self.next[at].iter().copied().max_by(|&i, &j| height(i).total_cmp(&height(j)));
             match best {
                 Some(best) if height(best) > height(at) => at = best,
-                _ => return self.corners[at],
+                _ => return at,
             }
         }
+    }
+
+    /// The corners below a height along a normal: those that edges below it join with the lowest one.
+    pub fn below(&self, normal: &Vector3<f64>, height: f64) -> Vec<Vector3<f64>> {
+        let is_below = |i: usize| self.corners[i].dot(normal) <= height;
+        if self.next.is_empty() {
+            return (0..self.corners.len()).filter(|&i| is_below(i)).map(|i| self.corners[i]).collect();
+        }
+        let lowest = self.farthest_index(&-normal);
+        let mut found = if is_below(lowest) { vec![lowest] } else { Vec::new() };
+        let mut at = 0;
+        while at < found.len() {
+            for &i in &self.next[found[at]] {
+                if is_below(i) && !found.contains(&i) {
+                    found.push(i);
+                }
+            }
+            at += 1;
+        }
+        found.into_iter().map(|i| self.corners[i]).collect()
     }
 
     /// The face whose normal is nearest to a direction.

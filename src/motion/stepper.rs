@@ -2,7 +2,7 @@
 
 use super::closed_steps::{ClosedScratch, ClosedSteps};
 use super::connected::Connected;
-use super::contact::{ContactStepper, Switching, Touching};
+use super::contact::{ContactStepper, Shapes, Switching, Touching};
 use super::division::{Substeps, TreeSteps};
 use super::events::{Event, Events};
 use super::faults::{LARGEST_STEP, fault_of};
@@ -72,6 +72,16 @@ impl Stepper {
         }
         let (form, arm, lanes) = (self.form, self.arm, self.lanes());
         self.switching.get_or_insert_with(|| Box::new(Switching::new(job.scene, (form, arm), lanes))).run(job)
+    }
+
+    /// The contact steps of one state, whose shapes may know its contacts.
+    pub fn shaped_steps(&mut self, job: Job<'_, '_>, shapes: &mut Box<Shapes>) -> Result<(), StepFault> {
+        let touching =
+            self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)));
+        touching.exchange(shapes);
+        let made = touching.run(job);
+        touching.exchange(shapes);
+        made
     }
 
     /// The steps of a job, all by the method of its settings.

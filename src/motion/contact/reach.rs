@@ -114,7 +114,7 @@ pub(super) struct Reach {
     start: Placed,
     end: Placed,
     bounds: Vec<Bounds>,
-    shapes: Option<Box<Shapes>>,
+    pub shapes: Option<Box<Shapes>>,
 }
 
 impl Reach {

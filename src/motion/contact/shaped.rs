@@ -15,7 +15,7 @@ const MOST_REPEATS: usize = 3;
 
 /// The shapes of a scene, and the scene with the contacts of a step.
 pub(super) struct Shaped {
-    shapes: Shapes,
+    pub shapes: Box<Shapes>,
     pub scene: Scene,
     /// Number of the contacts that the scene names.
     pub named: usize,
@@ -25,7 +25,7 @@ pub(super) struct Shaped {
 
 impl Shaped {
     pub fn new(scene: &Scene) -> Option<Self> {
-        let (shapes, scene) = (Shapes::new(scene)?, scene.clone());
+        let (shapes, scene) = (Box::new(Shapes::new(scene)?), scene.clone());
         Some(Self { shapes, named: scene.contact_points.len(), scene, kept: Vec::new() })
     }
 

@@ -58,6 +58,9 @@ pub(in crate::motion) struct Shapes {
     /// The contacts that were found, and their pairs.
     pub(super) points: Vec<ContactPoint>,
     pub(super) pairs: Vec<PairOf>,
+    /// The state of the last search by [`Shapes::find`].
+    found_at: (Vec<f64>, Vec<f64>),
+    step: f64,
     /// The least gap of the last search, m; infinite if there is none.
     pub least: f64,
 }
@@ -85,6 +88,8 @@ impl Shapes {
             names: HashMap::new(),
             points: Vec::new(),
             pairs: Vec::new(),
+            found_at: (Vec::new(), Vec::new()),
+            step: f64::NAN,
             least: f64::INFINITY,
             all: Arc::clone(all),
         })
@@ -124,9 +129,17 @@ impl Shapes {
 
     /// Finds the contacts that a step of `h` from a state can reach.
     pub fn find(&mut self, scene: &Scene, h: f64, state: (&[f64], &[f64])) {
+        if self.step.to_bits() == h.to_bits() && self.found_at.0 == state.0 && self.found_at.1 == state.1 {
+            return;
+        }
         self.place(scene, state);
         self.range(scene, h);
         self.search(scene, h);
+        self.step = h;
+        self.found_at.0.clear();
+        self.found_at.0.extend_from_slice(state.0);
+        self.found_at.1.clear();
+        self.found_at.1.extend_from_slice(state.1);
     }
 
     /// Finds the contacts that a step from a state can reach, for the ranges of a body at a distance from its origin.
@@ -165,6 +178,7 @@ impl Shapes {
     }
 
     fn search(&mut self, scene: &Scene, h: f64) {
+        self.step = f64::NAN;
         self.points.clear();
         self.pairs.clear();
         self.least = f64::INFINITY;

@@ -10,6 +10,7 @@ use super::closed::{onto_connections, positions_onto_connections};
 use super::project::{along_surfaces, onto_surfaces, out_of_planes};
 use super::report::RECORD;
 use super::shaped::Shaped;
+use super::shapes::Shapes;
 use super::step::ContactStep;
 use crate::dynamics::contacts::{ContactScratch, slip};
 use crate::error::Error;
@@ -32,6 +33,13 @@ impl ContactStepper {
             scratch: Scratch::new(scene.model(), settings),
             touching: ContactStep::new(scene, settings, form),
             shaped: Shaped::new(scene).map(Box::new),
+        }
+    }
+
+    /// Exchanges the shapes with those of the same state, which may know its contacts.
+    pub fn exchange(&mut self, shapes: &mut Box<Shapes>) {
+        if let Some(shaped) = &mut self.shaped {
+            std::mem::swap(&mut shaped.shapes, shapes);
         }
     }
 

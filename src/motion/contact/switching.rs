@@ -123,6 +123,19 @@ impl Switching {
                     outcome = fault;
                 }
             }
+        } else if acting != 0 && job.scene.shapes().is_some() {
+            for lane in (0..job.states.len()).filter(|lane| acting >> lane & 1 == 1) {
+                let Self { part, touching, reaches, .. } = self;
+                let Some(shapes) = &mut reaches[lane].shapes else { continue };
+                part.take(job, 1 << lane, (width, width));
+                let touched = touching.shaped_steps(part.job(job, settings, n), shapes);
+                job.current[lane * width..][..width].copy_from_slice(&part.current);
+                if let Err(fault) = touched
+                    && outcome.as_ref().err().is_none_or(|known| fault.state < known.state)
+                {
+                    outcome = Err(fault);
+                }
+            }
         } else if acting != 0 {
             self.part.take(job, acting, (width, width));
             let touched = self.touching.steps(self.part.job(job, settings, n));
