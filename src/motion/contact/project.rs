@@ -22,6 +22,12 @@ const STEPS: usize = 5;
 /// Effort of one solve; further Newton steps correct its residual.
 const ROUGH: Effort = Effort { tolerance: 1e-6, attempts: usize::MAX, iterations: usize::MAX };
 
+/// Effort for shapes, which can be in places where no displacement separates them, such as a peg in a narrower hole.
+const BOUNDED: Effort = Effort { attempts: 1, ..ROUGH };
+
+/// The factor by which a Newton step for such shapes has to reduce the penetration.
+const LESS: f64 = 0.9;
+
 /// Displaces `q` with the least kinetic energy until the contacts `touching` have no gap, in a few Newton steps, each
 /// followed by a projection onto the connections.
 pub(super) fn onto_surfaces(
@@ -114,6 +120,7 @@ pub(super) fn out_of_planes(
     let (mut depth, mut iterations) = (0.0, 0);
     // No displacement corrects contacts that no joint moves along their normal.
     let mut held_still: Vec<usize> = Vec::new();
+    let mut before = f64::NEG_INFINITY;
     for k in 0..=STEPS {
         positions_onto_connections(scene, (model, workspace), rows, q, moves.as_deref_mut())?;
         rows.place(model, points, q);
@@ -124,9 +131,11 @@ pub(super) fn out_of_planes(
         if k == 0 {
             depth = -lowest;
         }
-        if !(lowest < -TOUCHES) || k == STEPS {
+        let is_stuck = lowest < LESS * before && points.iter().any(|point| point.found);
+        if !(lowest < -TOUCHES) || k == STEPS || is_stuck {
             break;
         }
+        before = lowest;
         // The displacement can push contacts under the surface whose gap is below the largest penetration.
         let mut near: Vec<usize> = (0..rows.gaps.len()).filter(|&i| rows.gaps[i] < depth).collect();
         factorised(scene, (model, q), workspace)?;
@@ -145,7 +154,8 @@ pub(super) fn out_of_planes(
         if cone.lengths().iter().any(|r| !r.is_finite()) {
             break;
         }
-        let (push, solved) = cone.solve(&c, &Limits::beside(&c), ROUGH);
+        let effort = if points.iter().any(|point| point.found) { BOUNDED } else { ROUGH };
+        let (push, solved) = cone.solve(&c, &Limits::beside(&c), effort);
         iterations += solved.iterations;
         rows.respond(model, workspace, &push);
         if let Some(moves) = &mut moves {
