@@ -44,8 +44,8 @@ STUDY ?=
 # (on an aarch64 machine they do not exist); release wheels (make manylinux) and make check have all kernels.
 AVX512 := $(if $(shell grep -m1 -w avx512vl /proc/cpuinfo 2>/dev/null || sysctl -n hw.optional.avx512vl 2>/dev/null | grep -w 1),$(comma)avx512)
 # Rust tests without Python.
-FEATURES := urdf,parallel,dense,stochastic$(AVX512)
-ALL_FEATURES := urdf,parallel,dense,stochastic,avx512
+FEATURES := collision,urdf,parallel,dense,stochastic$(AVX512)
+ALL_FEATURES := collision,urdf,parallel,dense,stochastic,avx512
 VENV := .venv
 BIN := $(VENV)/bin
 PEERS := .venv-peers/bin/python

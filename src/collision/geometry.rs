@@ -39,7 +39,7 @@ pub(crate) enum Kind {
 /// The triangles of a height field.
 #[derive(Debug, Clone)]
 pub(crate) struct Heights {
-    pub heights: Arc<[f64]>,
+    pub values: Arc<[f64]>,
     pub columns: usize,
     pub size: [f64; 2],
 }
@@ -58,7 +58,7 @@ impl Geometry {
             Solid::Cylinder { radius, length } => Kind::Cylinder(0.5 * length, *radius),
             Solid::Hull { points } => Kind::Hull(Arc::new(hull_of(points)?)),
             Solid::Heights { heights, columns, size } => {
-                Kind::Heights(Arc::new(Heights { heights: heights.clone(), columns: *columns, size: *size }))
+                Kind::Heights(Arc::new(Heights { values: heights.clone(), columns: *columns, size: *size }))
             }
         };
         let rounding = match solid {
@@ -116,7 +116,7 @@ impl Kind {
             }
             Self::Heights(of) => {
                 let (low, high) =
-                    of.heights.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &z| (l.min(z), h.max(z)));
+                    of.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &z| (l.min(z), h.max(z)));
                 let half = [0.5 * of.size[0], 0.5 * of.size[1]];
                 // Everything below the surface.
                 let depth = of.size[0].max(of.size[1]);
@@ -129,7 +129,7 @@ impl Kind {
 
 impl Heights {
     pub fn rows(&self) -> usize {
-        self.heights.len() / self.columns
+        self.values.len() / self.columns
     }
 
     /// A point of the grid.
@@ -137,7 +137,7 @@ impl Heights {
         #[allow(clippy::cast_precision_loss)] // indices of a grid
         let along = |at: usize, count: usize, size: f64| size * (at as f64 / (count - 1) as f64 - 0.5);
         let (x, y) = (along(column, self.columns, self.size[0]), along(row, self.rows(), self.size[1]));
-        Vector3::new(x, y, self.heights[row * self.columns + column])
+        Vector3::new(x, y, self.values[row * self.columns + column])
     }
 
     /// The triangles above a rectangle, each with its normal upward.

@@ -38,7 +38,7 @@ impl Shaped {
         kept: &mut [f64],
     ) -> Result<(), (String, Error)> {
         self.shapes.find(&self.scene, settings.step, (&s.q, &s.v));
-        let (start, totals) = (kept.to_vec(), s.totals.clone());
+        let (start, totals) = (kept.to_vec(), s.totals);
         for repeats in (0..MOST_REPEATS).rev() {
             self.shapes.put(self.named, &mut self.scene.contact_points);
             report::widen(kept, self.named, self.scene.contact_points.len(), &mut self.kept);
@@ -51,7 +51,7 @@ impl Shaped {
             }
             self.shapes.search_again(&self.scene, settings.step, &s.v);
             kept.copy_from_slice(&start);
-            s.totals.copy_from_slice(&totals);
+            s.totals = totals;
         }
         Ok(())
     }
