@@ -93,12 +93,15 @@ impl Polyhedron {
         }
         let lowest = self.farthest_index(&-normal);
         let mut found = if is_below(lowest) { vec![lowest] } else { Vec::new() };
+        let mut known = vec![false; if found.is_empty() { 0 } else { self.corners.len() }];
+        known.iter_mut().skip(lowest).take(1).for_each(|known| *known = true);
         let mut at = 0;
         while at < found.len() {
             for &i in &self.next[found[at]] {
-                if is_below(i) && !found.contains(&i) {
+                if !known[i] && is_below(i) {
                     found.push(i);
                 }
+                known[i] = true;
             }
             at += 1;
         }

@@ -65,8 +65,8 @@ const LEAST_PROXIMAL: f64 = 1e-14;
 /// The active-set method ends without success at a residual above this.
 const FAR: f64 = 0.1;
 
-/// With more redundant contacts than the first, a residual below the second ends a solve that does not reach the
-/// tolerance: the other methods would factorize G of all contacts hundreds of times.
+/// With more contacts than the first, the tolerance is at least the second: rounding keeps stacks from smaller residuals,
+/// and the methods that follow would factorize G of all contacts hundreds of times.
 const MANY: usize = 64;
 const GOOD: f64 = 1e-8;
 
@@ -90,6 +90,8 @@ impl<'a> Search<'a> {
         let solved = SolveReport { residual: f64::INFINITY, converged: false, ..SolveReport::nothing() };
         let mut best = DVector::zeros(c.len());
         cone.project(&mut best, &limits.least);
+        let least = if cone.len() > MANY { GOOD } else { 0.0 };
+        let effort = Effort { tolerance: effort.tolerance.max(least), ..effort };
         Self { cone, c, limits, effort, proximal: PROXIMAL, best, solved }
     }
 
@@ -346,15 +348,14 @@ impl Cone {
         let mut springs = Search::new(&on_springs, c, limits, effort);
         let mut done = springs.newton(start);
         done = (done || springs.solved.residual < CLOSE) && search.finish(&springs.best);
-        let is_close = |search: &Search<'_>| self.len() > MANY && search.solved.residual <= GOOD;
-        if !done && !springs.solved.converged && !is_close(&search) {
+        if !done && !springs.solved.converged {
             springs.globally();
             done = search.finish(&springs.best);
         }
         search.solved.iterations += springs.solved.iterations;
         let mut near = springs.best;
         for part in STIFFER.iter().take(effort.attempts) {
-            if done || is_close(&search) {
+            if done {
                 break;
             }
             let stiffer = self.on_springs(*part);
