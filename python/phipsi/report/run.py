@@ -211,7 +211,7 @@ def _energy(run: Run) -> Sequence[Block]:
     share = 100.0 * float(audit.relative_error)
     verdict = f"The remainder, the error of the integrator, is {share:.2g} % of the energy exchanged."
     if audit.relative_error > motion.SHARE:
-        verdict += " **That is more than 1 %: use a smaller step or error control.**"
+        verdict += f" That is more than 1 %: use a smaller step{motion.or_control(run.path.scene, ' or error control')}."
     blocks: list[Block] = [Table(("work or change", "J"), rows, 1), verdict]
     if run.path.estimated_error > 0.0:
         blocks.append(f"Sum of the estimated errors of all substeps: {float(run.path.estimated_error):.1e} rad or m.")

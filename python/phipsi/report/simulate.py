@@ -190,7 +190,7 @@ def _tell(name: str, path: Trajectory) -> None:
         click.echo("work: " + ", ".join(f"{kind} {work:.4g} J" for kind, work in works.items()))
     if audit.relative_error > motion.SHARE:
         click.echo(
-            f"warning: the integrator's error is {float(audit.remainder):.3g} J, {100 * float(audit.relative_error):.1f} % of the energy exchanged; use a smaller --dt or --accuracy",
+            f"warning: the integrator's error is {float(audit.remainder):.3g} J, {100 * float(audit.relative_error):.1f} % of the energy exchanged; use a smaller --dt{motion.or_control(path.scene, ' or --accuracy')}",
             err=True,
         )
     if path.bands is not None:
