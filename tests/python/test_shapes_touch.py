@@ -384,3 +384,29 @@ def test_shapes_do_not_act_on_dynamics_and_linearizations():
     assert np.array_equal(scene.forward_dynamics(q, qd, tau), bare.forward_dynamics(q, qd, tau))
     for ours, theirs in zip(scene.linearize(q, qd, tau), bare.linearize(q, qd, tau), strict=True):
         assert np.array_equal(ours, theirs)
+
+
+HULL = shapes.Hull([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])
+
+
+@pytest.mark.parametrize("shape", [CUBE, shapes.Sphere(0.1), shapes.Cylinder(0.1, 0.2), shapes.Capsule(0.05, 0.1), HULL])
+@pytest.mark.parametrize("ground", [shapes.HalfSpace(), shapes.Box((2.0, 2.0, 1.0), xyz=(0, 0, -0.5)), shapes.HeightField(np.zeros((3, 3)), (2.0, 2.0))])
+def test_a_start_in_penetration_names_pair_and_depth(shape, ground):
+    """Every shape reaches 0.1 m below its center. The first step moves it out, without a velocity."""
+    builder = phipsi.SceneBuilder().link("a", mass=1.0, inertia=0.01 * np.eye(3))
+    scene = builder.collider("ground", ground).collider("a", shape, link="a").build(floating_base=True)
+    with pytest.warns(phipsi.errors.ContactWarning, match='colliders "ground" and "a" 0.030000 m deep'):
+        path = scene.simulate(at((0.0, 0.0, 0.07)), np.zeros(6), dt=1e-3, steps=2)
+    assert np.abs(path.q[-1, :3] - [0.0, 0.0, 0.1]).max() < 1e-8 and np.abs(path.qd).max() < 1e-6
+    assert abs(path.contacts.depth - 0.03) < 1e-8
+
+
+def test_the_deepest_pair_of_a_batch_is_named_first():
+    scene = on_ground(("a", CUBE), ("b", CUBE))
+    q = np.stack([at((0, 0, 0.1), (1, 0, 0.1)), at((0, 0, 0.09), (0.17, 0, 0.09))])
+    message = 'colliders "a" and "b" 0.030000 m deep and 2 more'
+    with pytest.warns(phipsi.errors.ContactWarning, match=message):
+        scene.simulate(q, np.zeros((2, 12)), dt=1e-3, steps=1)
+    simulator = scene.simulator(q[0], np.zeros(12), dt=1e-3)
+    with pytest.warns(phipsi.errors.ContactWarning, match=message):
+        simulator.reset(q[1], np.zeros(12))
