@@ -410,3 +410,16 @@ def test_the_deepest_pair_of_a_batch_is_named_first():
     simulator = scene.simulator(q[0], np.zeros(12), dt=1e-3)
     with pytest.warns(phipsi.errors.ContactWarning, match=message):
         simulator.reset(q[1], np.zeros(12))
+
+
+def test_forces_of_connections_and_shapes_carry_a_body_together():
+    """A beam on the ground, held up at one end: both forces are the weight."""
+    builder = phipsi.SceneBuilder().link("beam", mass=2.0, inertia=0.02 * np.eye(3)).collider("ground", shapes.HalfSpace())
+    builder = builder.collider("beam", shapes.Box((0.4, 0.2, 0.2)), link="beam")
+    scene = builder.connect("hook", "point", "beam", xyz=(0.2, 0, 0), other_xyz=(0.2, 0, 0.1)).build(floating_base=True)
+    path = scene.simulate(at((0, 0, 0.1)), np.zeros(6), dt=1e-3, steps=20)
+    hook, of = path.constraint_forces()["hook"], path.contacts.shapes
+    assert of.pairs() == [("ground", "beam")]
+    for row in range(1, 21):
+        on_ground_force = of.force[of.row == row].sum(axis=0)
+        assert np.allclose(hook[row] - on_ground_force, [0.0, 0.0, 2.0 * G], rtol=0, atol=1e-6) and hook[row, 2] > 1.0
