@@ -167,7 +167,7 @@ def test_a_start_is_not_written_with_a_warning() -> None:
 
 
 def test_colliders_come_back() -> None:
-    """Those of links; others are named. The shape of a link is drawn, too."""
+    """The colliders of links; a warning names the others. The shape of a link also has a visual element."""
     shapes = phipsi.shapes
     builder = phipsi.SceneBuilder().link("base", shape=shapes.Box((0.4, 0.3, 0.2), rpy=(0.1, 0.2, 0.3)), collide=True, friction=0.4)
     builder.link("arm", 1.0, inertia=np.eye(3)).joint("hinge", "revolute", "base", "arm", axis=(0, 1, 0), xyz=(0, 0, 0.5))

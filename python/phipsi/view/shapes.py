@@ -192,7 +192,8 @@ def extent(scene: Scene, shapes: Sequence[Shape], rows: _Array) -> Extent:
     size = robot_size(scene)
     some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
     placements = poses(scene, some)
-    corners, fixed = [place[:, None, :3, 3] for link, place in placements.items() if link != BASE or len(placements) == 1], []
+    corners = [place[:, None, :3, 3] for link, place in placements.items() if link != BASE or len(placements) == 1]
+    fixed = list[_Array]()
     for shape in shapes:
         place, vertices = placements[shape.link] @ shape.place, np.asarray(shape.mesh.vertices)
         found = vertices[:: len(vertices) // VERTICES + 1]
