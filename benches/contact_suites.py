@@ -25,7 +25,7 @@ CRITERIA = """## Criteria
 
 - **Signorini** (ContactBench): the largest product of normal impulse and normal velocity of a contact at the end of a step, J; zero if contacts neither pull nor press on a surface that they leave.
 - **Maximal dissipation** (ContactBench): the largest power times the step that friction could dissipate in addition within its cone, mu p_n |v_t| + p_t v_t, J; zero if friction opposes the slip with its full force, or the contact sticks.
-- **Penetration** (rigidity, ContactBench): the largest depth of a contact below its plane, m.
+- **Penetration** (rigidity, ContactBench): the largest depth of a shape below the floor, m.
 - **Distance to the stop**: the difference from v^2 / (2 mu g); a method of order 1 has an error of up to v dt / 2.
 - **Velocity at the end** of the dragged cube: the difference from the integral of the force minus the friction bound, for the forces as they are held over the steps.
 - **Largest rise of the energy**: of a passive body, from any row to a later one, J.
@@ -39,7 +39,7 @@ CRITERIA = """## Criteria
 """
 MODELS = """## Models
 
-Both programs have the same MJCF model: `Scene.from_mujoco(contacts="plane")` reads what MuJoCo simulates, and all energies, momenta and depths are computed by phipsi from the states of either program. All contacts have elliptic cones.
+Both programs have the same MJCF model: `Scene.from_mujoco(contacts="plane")` reads its geoms as colliders, and all energies, momenta and depths are computed by phipsi from the states of either program. The scenes of bouncing and falling balls and of piles name their contacts, because MuJoCo has no coefficient of restitution and piles are a test of many named contacts. All contacts have elliptic cones.
 
 - *Default*: MuJoCo's `solref`, `solimp`, `impratio` 1, at most 100 iterations of Newton's method, tolerance 1e-8.
 - *Hard*: `solref` with a time constant of twice the step, the shortest that MuJoCo allows, `solimp` 0.99 0.9999 1e-4, `impratio` 100, at most 300 iterations, tolerance 1e-12. Longer time constants reduce the bounces of sliding bodies, and increase the penetration of impacts.
@@ -51,7 +51,7 @@ Differences from the original suites:
 
 - Rolling: the 25 balls are on the ground instead of on the box, and gravity is inclined such that all bodies are pushed by 15 N per kg along the direction of the original force.
 - Thousand balls: balls do not collide with each other. phipsi simulates a batch of 1,000 states of one ball, MuJoCo one model with 1,000 balls.
-- Piles: 3 x 3 x 3 and 6 x 6 x 6 balls without friction and restitution, which fall from 5 cm; the larger pile with steps of 4 ms only. phipsi searches no pairs: the model names one contact per pair of balls (23,220 for 216 balls), and each costs time in every step. Contacts that are coupled are solved as one dense system, so a pile takes time cubic in the number of active contacts.
+- Piles: 3 x 3 x 3 and 6 x 6 x 6 balls without friction and restitution, which fall from 5 cm; the larger pile with steps of 4 ms only. phipsi searches no pairs here: the scene names one contact per pair of balls (23,220 for 216 balls), and each costs time in every step. Contacts that are coupled are solved as one dense system, so a pile takes time cubic in the number of active contacts.
 - ANYmal: the model is ANYmal B of example-robot-data with the spheres of its feet. The controller of the standing robot is a spring and a damper per joint, with the original gains. For the energy, the robot is thrown with moving joints instead of lifted by a force; for the momentum, it collides with a frictionless plane instead of a ball.
 """
 LIMITS = """## Limitations

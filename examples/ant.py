@@ -17,7 +17,9 @@ kp, kd = (np.array([0.0] * 6 + [gain] * (scene.nv - 6)) for gain in (150.0, 8.0)
 path = scene.simulate(start, np.zeros(scene.nv), dt=1e-3, duration=1.5, pd=phipsi.PD(kp, kd, stance))
 
 assert path.contacts is not None
-weight = sum(force[-1, 2] for force in path.contacts.force.values())
+touching = path.contacts.shapes
+on_floor = touching.row == len(path) - 1  # the floor is the first collider of each pair: the force on it
+weight = -touching.force[on_floor, 2].sum()
 print(f"standing at {path.q[-1, 2]:.3f} m; the floor carries {weight:.1f} N of {9.81 * scene.total_mass:.1f} N")
 assert np.isclose(weight, 9.81 * scene.total_mass, rtol=0.02) and np.abs(path.qd[-1]).max() < 0.05
 

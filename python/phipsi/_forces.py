@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core
 from ._core import Scene
 from ._motion import Trajectory
+from ._motion_parts import ShapeContacts
 from .errors import ArgumentError, ShapeError
 
 _Array = NDArray[np.float64]
@@ -25,7 +26,7 @@ class Forces(NamedTuple):
     force: _Array
     """Forces, (k, n, 3), N; NaN where a force is unknown."""
     names: tuple[str, ...] = ()
-    """Names of the contacts or connections."""
+    """Names of the contacts or connections, (n,); empty for points of shapes, which differ from row to row."""
 
 
 def given(at: ArrayLike, force: ArrayLike, rows: int) -> Forces:
@@ -48,13 +49,9 @@ def of_motion(path: Trajectory, rows: NDArray[np.int_]) -> Forces | None:
         at, force = scene._contact_points(path.q[rows]), np.zeros((len(rows), 0, 3))
         if scene.contact_names:
             force = np.stack([path.contacts.force[name][rows] for name in scene.contact_names], axis=1)
-        shapes = path.contacts.shapes
-        per_row = [np.flatnonzero(shapes.row == row) for row in rows]
-        most = max((len(which) for which in per_row), default=0)
-        there, push = np.zeros((len(rows), most, 3)), np.zeros((len(rows), most, 3))
-        for k, which in enumerate(per_row):
-            there[k, : len(which)], push[k, : len(which)] = shapes.point[which], shapes.force[which]
-        return Forces("contact", np.concatenate([at, there], axis=1), np.concatenate([force, push], axis=1), scene.contact_names)
+        there, push = _of_shapes(scene, path.contacts.shapes, rows)
+        names = (*scene.contact_names, *[""] * there.shape[1])
+        return Forces("contact", np.concatenate([at, there], axis=1), np.concatenate([force, push], axis=1), names)
     if not scene.constraint_names:
         return None
     try:
@@ -66,6 +63,43 @@ def of_motion(path: Trajectory, rows: NDArray[np.int_]) -> Forces | None:
         return None
     at, force = (np.stack(parts, axis=1) for parts in zip(*found.values(), strict=True))
     return Forces("connection", at, force, tuple(found))
+
+
+def of_pairs(path: Trajectory) -> dict[tuple[str, str], _Array]:
+    """Forces of the pairs of colliders that touch in recorded rows of a single-state trajectory, on the first collider,
+    (rows, 3), N, by the names of the colliders; the largest force first.
+    """
+    if path.contacts is None:
+        return {}
+    shapes, found = path.contacts.shapes, dict[tuple[str, str], _Array]()
+    for pair in shapes.pairs():
+        which = np.all(shapes.pair == [shapes.names.index(name) for name in pair], axis=1)
+        found[pair] = np.zeros((len(path), 3))
+        np.add.at(found[pair], shapes.row[which], shapes.force[which])
+    return dict(sorted(found.items(), key=lambda one: -float(np.linalg.norm(one[1], axis=1).max())))
+
+
+def _of_shapes(scene: Scene, shapes: ShapeContacts, rows: NDArray[np.int_]) -> tuple[_Array, _Array]:
+    """Points at which shapes touch and the forces there, (k, n, 3) each; zero where a row has fewer points.
+
+    The force is that on the first collider, or on the second if the base carries the first.
+    """
+    begin, end = (np.searchsorted(shapes.row, rows, side) for side in ("left", "right"))
+    at, force = (np.zeros((len(rows), int(np.max(end - begin, initial=0)), 3)) for _ in range(2))
+    joints = {joint.child: joint for joint in scene.joints.values()}
+
+    def moves(link: str | None) -> bool:
+        while link in joints:
+            if joints[link].type != "fixed":
+                return True
+            link = joints[link].parent
+        return False
+
+    sign = np.array([1.0 if moves(link) else -1.0 for _, link, *_ in scene._collisions()[0]])
+    push = sign[shapes.pair[:, 0], None] * shapes.force
+    for k, (first, last) in enumerate(zip(begin, end, strict=True)):
+        at[k, : last - first], force[k, : last - first] = shapes.point[first:last], push[first:last]
+    return at, force
 
 
 def _connections(scene: Scene, q: _Array, forces: dict[str, _Array]) -> dict[str, tuple[_Array, _Array]]:

@@ -565,7 +565,7 @@ def contacts_of(given: tuple[tuple[str, ...], tuple[str, ...]], rows: _Array, to
     gap, slip, force, impulse = by_name
     state = {name: each[..., i, 10].astype(np.int8) for i, name in enumerate(names)}
     solved = residual, converged > 0, iterations.astype(np.int_)
-    return ContactMotion(gap, slip, force, impulse, state, *solved, *rest, shape_contacts(colliders, shapes))
+    return ContactMotion(gap, slip, force, impulse, state, *solved, *rest, shapes=shape_contacts(colliders, shapes))  # type: ignore[misc]
 
 
 #: Indices of the gap, slip velocity, force and impulse in the values of a contact.

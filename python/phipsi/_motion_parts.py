@@ -413,12 +413,12 @@ def contact_wrenches(scene: Scene, q: _Array, contacts: ContactMotion) -> dict[s
         of = np.array([links[i] if links[i] in places else "" for i in shapes.pair[:, end]], dtype=object)
         for body in set(of.tolist()) - {""}:
             which = of == body
-            at = shapes.state[which], shapes.row[which]
-            place = places[body].reshape(-1, rows, 4, 4)[at]
+            row = shapes.state[which], shapes.row[which]
+            place = places[body].reshape(-1, rows, 4, 4)[row]
             force, moment = sign * shapes.force[which], sign * np.cross(shapes.point[which] - place[:, :3, 3], shapes.force[which])
-            local = np.concatenate([np.einsum("kji,kj->ki", place[:, :3, :3], vector) for vector in (moment, force)], axis=-1)
+            wrench = np.concatenate([np.einsum("kji,kj->ki", place[:, :3, :3], vector) for vector in (moment, force)], axis=-1)
             total = np.zeros((int(np.prod(batch)), rows, 6))
-            np.add.at(total, at, local)
+            np.add.at(total, row, wrench)
             wrenches[body] = wrenches.get(body, 0.0) + total.reshape(*batch, rows, 6)
     return wrenches
 

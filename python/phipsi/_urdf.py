@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ._pose import angles
 from ._xacro import expanded_again
 from ._results import Joint
+from ._urdf_colliders import GROUND
 from .errors import ArgumentError, ModelWarning, of_argument, warn
 from .shapes import has_text, texts_of
 
@@ -27,6 +28,8 @@ KINDS = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating", "
 ADDED = ("acceleration", "deceleration", "jerk")
 #: Properties of a free joint that URDF cannot store if floating_base=True creates the joint.
 LOSSES = ("armature", "damping", "friction", "stiffness")
+#: Solids of URDF and the names of their lengths.
+SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 
 
 def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str:
@@ -41,6 +44,7 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
         warn("scene: found a start or keyframes, which URDF cannot represent; they are not written", ModelWarning)
     robot = ElementTree.Element("robot", name=name)
     shapes, materials = _shapes(scene)
+    _add_colliders(scene, shapes)
     robot.extend(materials)
     for link in scene.links.values():
         element = _child(robot, "link", name=link.name)
@@ -93,6 +97,31 @@ def _shapes(scene: Scene) -> tuple[dict[str, list[ElementTree.Element]], list[El
             shapes.setdefault(link.get("name", ""), []).extend(shape for shape in link if shape.tag in ("visual", "collision"))
         materials += robot.findall("material")
     return shapes, materials
+
+
+def _add_colliders(scene: Scene, shapes: dict[str, list[ElementTree.Element]]) -> None:
+    """Add the colliders of links of which the file has no <collision>; warn of those that URDF cannot represent."""
+    known, lost = {link for link, found in shapes.items() if any(one.tag == "collision" for one in found)}, []
+    for name, link, (turn, origin), (kind, numbers, _), friction, restitution, *_ in scene._collisions()[0]:
+        if link in known or (name, link, kind) == (GROUND, None, "half space"):
+            continue
+        if link is None or kind not in SOLIDS:
+            lost.append(name)
+            continue
+        element = ElementTree.Element("collision")
+        _child(element, "origin", xyz=_text(origin), rpy=_text(angles(np.reshape(turn, (3, 3)))))
+        lengths = {"size": _text(numbers)} if kind == "box" else dict(zip(SOLIDS[kind], map(_text, numbers)))
+        _child(_child(element, "geometry"), kind, **lengths)
+        found = shapes.setdefault(link, [])
+        found.append(element)
+        if not any(one.tag == "contact" for one in found):
+            contact = ElementTree.Element("contact")
+            for what, value in (("lateral_friction", friction), ("restitution", restitution)):
+                _child(contact, what, value=_text(value))
+            found.append(contact)
+    if lost:
+        more = f" and {len(lost) - 8} more" if len(lost) > 8 else ""
+        warn(f"scene: found colliders ({', '.join(map(repr, lost[:8]))}{more}), which URDF cannot represent; they are not written", ModelWarning)
 
 
 def _check_root(joint: Joint) -> None:

@@ -392,7 +392,9 @@ def to_urdf(link: str, shape: Shape | Sequence[Shape]) -> str:
         for one in shapes:
             _visual(element, one)
     except (TypeError, ValueError) as error:
-        if not isinstance(error, ArgumentError):
+        if isinstance(shape, Hull | HalfSpace | HeightField):
+            error = ArgumentError(f"found {type(shape).__name__}; {EXPECTED}: SceneBuilder.collider takes others")
+        elif not isinstance(error, ArgumentError):
             error = ArgumentError(f"found {type(shape).__name__}; {EXPECTED}")
         raise ArgumentError(f"shape of link {link!r}: {error}") from None
     return ElementTree.tostring(robot, encoding="unicode")

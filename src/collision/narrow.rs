@@ -9,12 +9,18 @@ use super::convex;
 use super::geometry::{Geometry, Heights, Kind, rim};
 use super::nearest::Nearest;
 use super::polygon::{clip, spanning};
-use super::polyhedron::Polyhedron;
+use super::polyhedron::{Face, Polyhedron};
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 
 /// The largest angle between the normal of the nearest points and that of a face that touches.
 const ALIGNED: f64 = 1e-4;
+
+/// A face in whose plane another shape slides has a gap of at most this, relative to the smaller shape, and a normal whose
+/// cosine is below the second. Polyhedra with more faces are not searched for it.
+const SLIDES: f64 = 1e-7;
+const OTHER: f64 = 0.99;
+const FEW_FACES: usize = 64;
 
 /// The end of a cylinder lies flat at a smaller sine of its angle.
 const FLAT: f64 = 0.05;
@@ -314,6 +320,19 @@ fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, o
         let sine = face.0.cross(toward).norm();
         (face.0.dot(toward) > 0.0 && sine <= slack).then_some((sine, face))
     };
+    let back = b_in_a.inverse();
+    let least = SLIDES * a.half.norm().min(b.half.norm());
+    if found.distance - a.rounding - b.rounding >= -least {
+        let along_a = sliding(a, b, b_in_a, &normal, least).map(|face| (b, face, *b_in_a, false));
+        let slides = along_a.or_else(|| sliding(b, a, &back, &into_b, least).map(|face| (a, face, back, true)));
+        if let Some((point, face, pose, against_b)) = slides {
+            // Nothing holds shapes that touch along a common rim in both directions.
+            if found.distance - a.rounding - b.rounding > least {
+                on_face(point, face, &pose, reach, against_b, out);
+            }
+            return;
+        }
+    }
     let (on_a, on_b) = (aligned(a, &normal), aligned(b, &into_b));
     let by_b = match (&on_a, &on_b) {
         (Some(a), Some(b)) => b.0 <= a.0 + ALIGNED,
@@ -321,23 +340,53 @@ fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, o
         _ => false,
     };
     let (point, face, pose, against_b) = match (on_a, on_b) {
-        (_, Some((_, face))) if by_b => (a, face, b_in_a.inverse(), true),
+        (_, Some((_, face))) if by_b => (a, face, back, true),
         (Some((_, face)), _) => (b, face, *b_in_a, false),
         _ => {
             on_features(a, b, b_in_a, reach, &found, out);
             return;
         }
     };
-    // `pose` is that of the shape with the point in the frame of the face.
-    let (face_normal, corners) = face;
+    on_face(point, face, &pose, reach, against_b, out);
+    if out.len() == first {
+        on_features(a, b, b_in_a, reach, &found, out);
+    }
+}
+
+/// The contacts of a shape with a face of another, given by its normal and corners; `pose` is that of the shape in the
+/// frame of the face.
+fn on_face(
+    shape: &Geometry,
+    (face_normal, corners): (Vector3<f64>, Vec<Vector3<f64>>),
+    pose: &RigidShift<f64>,
+    reach: f64,
+    on_first: bool,
+    out: &mut Vec<Near>,
+) {
     let offset = face_normal.dot(&corners[0]);
     let normal = pose.rotate_back(&face_normal);
     let sides: Vec<Vector3<f64>> = corners.iter().map(|x| pose.rotate_back(&(x - pose.lever))).collect();
     let plane = Plane { normal, offset: offset - face_normal.dot(&pose.lever), sides: &sides };
-    on_plane(point, &plane, reach, (against_b, Against::Plane { normal: face_normal, offset }), out);
-    if out.len() == first {
-        on_features(a, b, b_in_a, reach, &found, out);
-    }
+    on_plane(shape, &plane, reach, (on_first, Against::Plane { normal: face_normal, offset }), out);
+}
+
+/// The face of one shape in whose plane the other slides, if their nearest points have another normal: a box that slides
+/// over flush tiles does not hit their sides.
+fn sliding(
+    one: &Geometry,
+    other: &Geometry,
+    other_in_one: &RigidShift<f64>,
+    normal: &Vector3<f64>,
+    slack: f64,
+) -> Option<(Vector3<f64>, Vec<Vector3<f64>>)> {
+    let of = one.polyhedron().filter(|of| of.faces.len() <= FEW_FACES)?;
+    let touches = |face: &&Face| {
+        let n = &face.normal;
+        let low = other_in_one.rotate(&other.farthest(&other_in_one.rotate_back(&-n))) + other_in_one.lever;
+        let gap = n.dot(&(low - of.corners[face.corners[0]])) - other.rounding;
+        gap.abs() <= slack && n.dot(normal) < OTHER
+    };
+    of.faces.iter().find(touches).map(|face| (face.normal, of.polygon(face)))
 }
 
 /// The contact of edges, corners and round sides: one point, or two of parallel lines.

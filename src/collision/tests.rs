@@ -64,6 +64,21 @@ fn a_turned_cube_touches_in_the_corners_of_the_common_area() {
 }
 
 #[test]
+fn a_cube_that_slides_toward_a_flush_tile_does_not_hit_its_side() {
+    let (tile, cube) = (made(&cube(0.2)), made(&cube(0.1)));
+    for depth in [0.0, 1e-10, -1e-10] {
+        // Beside the tile, at the height of its upper side, and beyond the seam.
+        assert!(found(&tile, &cube, &at(0.151, 0.0, 0.15 - depth), 0.01).is_empty(), "{depth}");
+        assert!(found(&tile, &cube, &at(0.15, 0.0, 0.15 - depth), 0.01).is_empty(), "{depth}");
+        let over = found(&tile, &cube, &at(0.149, 0.0, 0.15 - depth), 0.01);
+        assert!(over.len() == 4, "{over:?}");
+    }
+    // A lower cube hits the side.
+    let hit = found(&tile, &cube, &at(0.151, 0.0, 0.14), 0.01);
+    assert!(hit.len() == 4 && hit.iter().all(|near| (near.gap - 1e-3).abs() <= 1e-12), "{hit:?}");
+}
+
+#[test]
 fn edges_that_cross_touch_in_one_point() {
     let (a, b) = (made(&cube(0.2)), made(&cube(0.2)));
     // Both stand on an edge, which cross at a right angle.

@@ -41,7 +41,7 @@ TASKS = {
         "constraint_names", "constraint_rows", "project", "constraint_error", "constraint_jacobian", "constraint_bias", "constrained_dynamics",
         "constrained_inverse_dynamics", "constrained_mass_matrix_inverse",
     ),
-    "Contacts": ("contact_names", "contact_gaps", "contact_velocities", "contact_gram", "distances"),
+    "Contacts": ("contact_names", "contact_gaps", "contact_velocities", "contact_gram", "collider_names", "distances"),
     "Identification, estimation and observers": (
         "identify", "regressor", "excitation", "estimate", "observer", "momentum_observer", "forward_dynamics_variance", "inverse_dynamics_variance",
     ),

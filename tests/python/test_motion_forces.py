@@ -7,7 +7,7 @@ import phipsi
 import pytest
 from conftest import random_states
 from phipsi import PD
-from phipsi._forces import given, of_motion
+from phipsi._forces import given, of_motion, of_pairs
 from phipsi.errors import ArgumentError, ShapeError
 from tolerances import EPS, assert_near, inverse, product, size
 
@@ -91,6 +91,26 @@ def test_contacts_carry_a_ball() -> None:
     assert_near(found.at[:, 0] @ normal - 0.05, path.contacts.gap["ground"], product(20, size(found.at)))
     assert np.array_equal(found.force[:, 0], path.contacts.force["ground"])
     assert found.force[-1, 0] @ normal > 10.0
+
+
+def test_shapes_that_touch_have_arrows_on_the_body_that_moves() -> None:
+    """Up, where they act, also if the ground is the first collider; rows can have fewer points."""
+    for is_first in (True, False):
+        builder = phipsi.SceneBuilder().link("box", 2.0, inertia=np.eye(3) * 0.01)
+        for name in ("ground", "box") if is_first else ("box", "ground"):
+            shape = phipsi.shapes.HalfSpace() if name == "ground" else phipsi.shapes.Box((0.2, 0.2, 0.2))
+            builder.collider(name, shape, link=None if name == "ground" else name)
+        scene = builder.build(floating_base=True)
+        path = scene.simulate([0.3, 0.2, 0.1, 0, 0, 0, 1], np.zeros(6), dt=1e-3, steps=3)
+        found = of_motion(path, np.arange(4))
+        assert found is not None and found.what == "contact" and found.at.shape == found.force.shape == (4, 4, 3) and found.names == ("",) * 4
+        assert not found.force[0].any()
+        for row in range(1, 4):
+            assert_near(found.force[row].sum(axis=0), np.array([0.0, 0.0, 2.0 * 9.81]), 1e-9)
+            assert_near(np.sort(found.at[row, :, 0]), np.array([0.2, 0.2, 0.4, 0.4]), 1e-9)
+        ((pair, force),) = of_pairs(path).items()
+        assert set(pair) == {"box", "ground"} and force.shape == (4, 3)
+        assert_near(np.abs(force[1:, 2]), np.full(3, 2.0 * 9.81), 1e-9)
 
 
 def test_a_coupling_has_no_arrow() -> None:

@@ -201,14 +201,18 @@ def test_robots_of_gymnasium_stay_on_their_floor(path: Path) -> None:
         robot = scene(str(path))
     model = mujoco.MjModel.from_xml_path(str(path))
     q, _ = phipsi.mujoco.to_state(robot, start(model))
-    assert np.all(robot.contact_gaps(q) > 0.0)
+    margin = np.array([margin for *_, margin in robot._touching()])
+    assert np.all(robot.distances(q).distance > margin)
     with warnings.catch_warnings():
         # Knees of the humanoid and ankles of the ant start beyond their limits.
         warnings.simplefilter("ignore", LimitWarning)
         run = robot.simulate(q, np.zeros(robot.nv), dt=0.002, duration=1.5, record_every=25)
-    gaps = robot.contact_gaps(run.q)
+    gaps = robot.distances(run.q).distance - margin
     assert -1e-6 < gaps.min() and gaps[-1].min() < 0.02
-    assert run.contacts is not None and sum(force[-5:, 2].mean() for force in run.contacts.force.values()) > 0.5 * 9.81 * robot.total_mass
+    assert run.contacts is not None
+    of = run.contacts.shapes
+    on_robot = np.where(of.pair[:, 0] == robot.collider_names.index("floor"), -1.0, 1.0) * of.force[:, 2]
+    assert on_robot[of.row >= len(run) - 5].sum() / 5 > 0.5 * 9.81 * robot.total_mass
 
 
 def start(model: Any) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 import phipsi
 import pytest
 from phipsi.errors import ArgumentError
-from phipsi.shapes import Box, Sphere
+from phipsi.shapes import Box, Capsule, Cylinder, HalfSpace, HeightField, Hull, Sphere
 
 pytest.importorskip("viser")
 from phipsi.view import picture  # noqa: E402
@@ -48,6 +48,60 @@ def test_the_nearer_shape_hides_the_other(tmp_path: Path) -> None:
     pixels = drawn(scene, tmp_path)
     blue, red = (np.sum((pixels[..., one] > 60) & (pixels[..., other] < 30)) for one, other in ((2, 0), (0, 2)))
     assert blue > 1000 and red < 0.1 * blue
+
+
+HEIGHTS = np.array([[0.0, 0.1, 0.3], [0.2, 0.0, 0.1]])
+CORNERS = np.array([[0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.3], [-0.1, -0.1, -0.1]])
+#: Colliders, and the points that their meshes must reach, in their frames.
+COLLIDERS = {
+    "box": (Box((0.2, 0.4, 0.6)), [[0.1, 0.2, 0.3], [-0.1, -0.2, -0.3]]),
+    "sphere": (Sphere(0.3), [[0, 0, 0.3], [0, 0, -0.3]]),
+    "capsule": (Capsule(0.1, 0.4), [[0, 0, 0.3], [0, 0, -0.3]]),
+    "cylinder": (Cylinder(0.1, 0.4), [[0.1, 0, 0.2], [0.1, 0, -0.2]]),
+    "hull": (Hull(CORNERS), CORNERS),
+    "field": (HeightField(HEIGHTS, (2.0, 1.0)), [[x, y, HEIGHTS[j, i]] for j, y in enumerate((-0.5, 0.5)) for i, x in enumerate((-1.0, 0.0, 1.0))]),
+}
+
+
+@pytest.mark.parametrize("name", COLLIDERS)
+def test_a_collider_is_drawn_where_it_touches(name: str) -> None:
+    """On the base, and turned about x by a quarter: (x, y, z) is at (x, -z, y)."""
+    shape, corners = COLLIDERS[name]
+    moved = shape._replace(xyz=(1.0, 2.0, 3.0), **({} if name == "sphere" else {"rpy": (np.pi / 2, 0.0, 0.0)}))  # type: ignore[attr-defined]
+    scene = phipsi.SceneBuilder().link("ball", 1.0, inertia=np.eye(3)).collider("ground", HalfSpace()).collider(name, moved).build(floating_base=True)
+    (drawn,) = shapes_of(scene, None, collision=True)
+    points = np.hstack([drawn.mesh.vertices, np.ones((len(drawn.mesh.vertices), 1))]) @ drawn.place.T
+    x, y, z = np.transpose(corners)
+    for corner in np.column_stack([1.0 + x, 2.0 - z, 3.0 + y]):
+        assert np.linalg.norm(points[:, :3] - corner, axis=1).min() < 1e-12
+    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+    assert drawn.link == "" and np.all(points[:, 1] <= 2.0 - low[2] + 1e-12) and np.all(points[:, 1] >= 2.0 - high[2] - 1e-12)
+
+
+def test_colliders_are_shown_instead_of_shapes_and_those_of_the_base_always(tmp_path: Path) -> None:
+    """The red cube of the link, its green collider, and a green table."""
+    builder = phipsi.SceneBuilder().link("base").link("cube", 1.0, inertia=np.eye(3), shape=Box((1, 1, 1), color=(1, 0, 0)))
+    builder.joint("slide", "prismatic", "base", "cube", axis=(0, 1, 0)).collider("cube", Sphere(0.5), link="cube")
+    scene = builder.collider("table", Box((2, 2, 0.1), xyz=(0, 0, -1))).build()
+    found = {}
+    for collision in (False, True):
+        scene.show(to=tmp_path / "x.png", collision=collision)
+        with Image.open(tmp_path / "x.png") as opened:
+            pixels = np.asarray(opened.convert("RGB"), float)
+        red, green = (np.mean(pixels[..., at] > 1.5 * pixels[..., 1 - at]) for at in (0, 1))
+        found[collision] = red, green
+    assert found[False][0] > 0.02 and found[False][1] > 0.02
+    assert found[True][0] == 0.0 and found[True][1] > found[False][1]
+    assert [shape.link for shape in shapes_of(scene, None)] == ["cube", ""]
+    assert [shape.link for shape in shapes_of(scene, None, collision=True)] == ["cube", ""]
+
+
+def test_a_large_floor_does_not_make_a_robot_small() -> None:
+    arm = phipsi.load(phipsi.BUNDLED_ARM)
+    with_floor = arm.to_builder().collider("floor", Box((200.0, 200.0, 1.0), xyz=(0.0, 0.0, -0.5))).build()
+    q = arm.neutral()[None]
+    sizes = [np.ptp(extent(scene, shapes_of(scene, None), q).points, axis=0).max() for scene in (arm, with_floor)]
+    assert sizes[1] < 6.0 * sizes[0]
 
 
 def test_every_vertex_is_within_the_frame() -> None:

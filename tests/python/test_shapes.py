@@ -170,6 +170,8 @@ BAD = {
     "scale of Mesh: found .*; expected positive values": Mesh(__file__, scale=(1, 1, 0)),
     "found str; expected a Box, Sphere, Cylinder, Capsule or Mesh": "box",
     "found int; expected a Box, Sphere, Cylinder, Capsule or Mesh": 3,
+    "found HalfSpace; expected a Box, .*: SceneBuilder.collider takes others": phipsi.shapes.HalfSpace(),
+    "found Hull; expected a Box, .*: SceneBuilder.collider takes others": phipsi.shapes.Hull(((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))),
 }
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import phipsi
 import pytest
 from phipsi import shapes
+from phipsi._motion_parts import contact_wrenches
 
 G = 9.81
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -185,7 +186,10 @@ def test_gradients_are_those_of_differences_inside_a_mode():
         path = scene.simulate(scene.integrate(q, dq), qd + dqd, **kept)
         return path.q[-1], path.qd[-1]
 
-    h = 1e-4
+    def difference(d, h):
+        (qp, vp), (qm, vm) = end(h * d[0], h * d[1]), end(-h * d[0], -h * d[1])
+        return bar_q @ scene.difference(qm, qp) / (2 * h) + bar_qd @ (vp - vm) / (2 * h)
+
     for along in range(3):
         d = rng.standard_normal((2, 12))
         if along == 0:
@@ -193,8 +197,8 @@ def test_gradients_are_those_of_differences_inside_a_mode():
         # Only motion along the ground and velocities: heights leave the mode.
         d[0][[2, 3, 4, 8, 9, 10]] = 0.0
         d[1][[2, 3, 4, 8]] = 0.0
-        (qp, vp), (qm, vm) = end(h * d[0], h * d[1]), end(-h * d[0], -h * d[1])
-        change = bar_q @ scene.difference(qm, qp) / (2 * h) + bar_qd @ (vp - vm) / (2 * h)
+        # Steps so long that the tolerance of the contact law, 1e-10, does not matter, and an extrapolation to zero.
+        change = (4 * difference(d, 5e-4) - difference(d, 1e-3)) / 3
         expected = got.q @ d[0] + got.qd @ d[1]
         assert abs(change - expected) < 3e-6 * max(1.0, abs(change))
 
@@ -253,3 +257,169 @@ def test_rules_say_which_shapes_touch():
     assert touches(made(groups=2, mask=2).collider_pair("a", "ground"))
     assert not touches(made().exclude("a", "world"))
     assert touches(made().exclude("a", "world").collider_pair("ground", "a"))
+
+
+def sliding(batch=()):
+    """A cube that slides on the ground, at 0.5 m/s and more."""
+    scene = on_ground(("a", CUBE), friction=0.2)
+    qd = np.zeros((*batch, 6))
+    qd[..., 0] = 0.5 + 0.1 * np.arange(int(np.prod(batch))).reshape(batch)
+    return scene, np.broadcast_to(at((0, 0, 0.1)), (*batch, 7)), qd
+
+
+@pytest.mark.parametrize("batch", [(), (2, 3)])
+@pytest.mark.parametrize("compact", [False, True])
+def test_archives_and_pickles_keep_the_contacts_of_shapes(tmp_path, batch, compact):
+    scene, q, qd = sliding(batch)
+    path = scene.simulate(q, qd, dt=1e-3, steps=20, record_every=4)
+    own = path.contacts.shapes
+    assert len(own.row) == 4 * 5 * int(np.prod(batch))
+    assert np.array_equal(np.unique(own.state), np.arange(int(np.prod(batch)))) and np.array_equal(np.unique(own.row), np.arange(1, 6))
+    if compact:
+        np.savez(tmp_path / "a.npz", **path._archive(compact=True))
+    else:
+        path.save(tmp_path / "a.npz")
+    for other in (phipsi.Trajectory.load(tmp_path / "a.npz", scene), pickle.loads(pickle.dumps(path))):
+        of = other.contacts.shapes
+        assert of.names == own.names == ("ground", "a")
+        for name in ("state", "row", "pair", "point", "normal", "gap", "force", "impulse"):
+            found, expected = getattr(of, name), getattr(own, name)
+            assert found.dtype == expected.dtype and np.array_equal(found, expected), name
+        assert np.array_equal(other.contacts.lost_in_friction, path.contacts.lost_in_friction)
+
+
+def test_archives_without_contacts_of_shapes_are_read(tmp_path):
+    scene, q, qd = sliding()
+    q = at((0, 0, 5.0))
+    path = scene.simulate(q, qd, dt=1e-3, steps=4)
+    path.save(tmp_path / "a.npz")
+    assert len(phipsi.Trajectory.load(tmp_path / "a.npz", scene).contacts.shapes.row) == 0
+
+
+def test_tables_have_the_states_of_a_scene_with_shapes(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    scene, q, qd = sliding()
+    path = scene.simulate(q, qd, dt=1e-3, steps=5)
+    path.to_csv(tmp_path / "a.csv")
+    for table in (path.to_pandas(), pandas.read_csv(tmp_path / "a.csv", index_col="t")):
+        assert np.array_equal(table["q:a joint[0]"], path.q[:, 0]) and np.array_equal(table.index, path.t)
+
+
+def test_the_energy_balance_of_shapes_closes():
+    """m v^2 / 2 is lost by friction alone, and a landing loses m v^2 / 2 of its speed."""
+    scene, q, qd = sliding((2,))
+    audit = scene.simulate(q, qd, dt=1e-3, steps=1000).energy_audit()
+    assert np.allclose(audit.contacts, -0.5 * qd[:, 0] ** 2, rtol=1e-12, atol=0) and np.all(np.abs(audit.remainder) < 1e-12)
+    drop = scene.simulate(at((0, 0, 0.2)), np.zeros(6), dt=1e-4, steps=2000)
+    assert abs(drop.energy_audit().contacts + G * 0.1) < 1e-2 * G * 0.1
+    assert abs(drop.contacts.lost_in_impacts + drop.contacts.lost_in_friction + drop.energy_audit().contacts) < 1e-12
+
+
+def test_torques_with_the_forces_of_shapes_hold_a_robot_at_rest():
+    """An arm whose tip leans on the ground, and holds a cube on its back: inverse dynamics with the wrenches of the
+    contacts returns the torques.
+    """
+    builder = phipsi.SceneBuilder().link("base").link("arm", mass=1.0, com=(0.3, 0, 0), inertia=0.01 * np.eye(3))
+    builder = builder.joint("hinge", "revolute", "base", "arm", axis=(0, 1, 0), xyz=(0.1, 0.2, 0.3))
+    builder = builder.collider("tip", shapes.Sphere(0.05), link="arm").collider("plate", shapes.Box((0.4, 0.4, 0.1)), link="arm")
+    # Fixed pillar under the plate, and a cube upon it.
+    builder = builder.collider("pillar", shapes.Box((0.1, 0.1, 0.2), xyz=(0.25, 0.2, 0.15)))
+    builder = builder.link("cube", mass=2.0, shape=shapes.Box((0.1, 0.1, 0.1)), collide=True, friction=1.0)
+    scene = builder.joint("free", "floating", "base", "cube").build()
+    q = np.zeros(scene.nq)
+    q[scene.q_index("free")] = [0.2, 0.2, 0.4, 0, 0, 0, 1]
+    tau = np.zeros(scene.nv)
+    tau[scene.v_index("hinge")] = 0.7
+    path = scene.simulate(q, np.zeros(scene.nv), dt=1e-3, steps=10, tau=tau)
+    assert np.abs(path.qd).max() < 1e-9 and set(map(frozenset, path.contacts.shapes.pairs())) == {frozenset(("pillar", "plate")), frozenset(("plate", "cube"))}
+    wrenches = contact_wrenches(scene, path.q, path.contacts)
+    assert set(wrenches) == {"arm", "cube"}
+    rest = np.zeros_like(path.qd)
+    needed = scene.inverse_dynamics(path.q[1:], rest[1:], rest[1:], wrenches={name: of[1:] for name, of in wrenches.items()})
+    assert np.abs(needed - path.torques()[1:]).max() < 1e-8
+
+
+def test_wrenches_of_shapes_in_a_batch_are_those_of_its_states():
+    scene, q, qd = sliding((2, 2))
+    path = scene.simulate(q, qd, dt=1e-3, steps=6)
+    found = contact_wrenches(scene, path.q, path.contacts)["a"]
+    assert found.shape == (2, 2, 7, 6) and not found[..., 0, :].any()
+    # Friction along -x in the axes of the cube, and the weight; the moment about its center keeps it upright.
+    assert np.allclose(found[..., 1:, 3:], [-0.2 * G, 0.0, G], rtol=0, atol=1e-9)
+    assert np.allclose(found[..., 1:, :3], 0.0, rtol=0, atol=1e-9)
+
+
+def test_simulators_with_shapes_survive_pickles():
+    scene, q, qd = sliding((2,))
+    one = scene.simulator(q, qd, dt=1e-3)
+    one.step(steps=7)
+    other = pickle.loads(pickle.dumps(one))
+    for _ in range(5):
+        one.step()
+        other.step()
+    assert np.array_equal(one.q, other.q) and np.array_equal(one.qd, other.qd)
+    assert np.array_equal(one.contacts.shapes.force, other.contacts.shapes.force) and len(other.contacts.shapes.force) == 8
+    assert np.array_equal(one.q, scene.simulate(q, qd, dt=1e-3, steps=12).q[:, -1])
+
+
+@pytest.mark.parametrize("every", [1, 5])
+def test_bands_of_a_sliding_cube_are_exact_and_warn_of_modes(every):
+    """x = x0 + v0 t - mu g t^2 / 2."""
+    scene, q, qd = sliding()
+    variance = np.zeros(12)
+    variance[0], variance[6] = 1e-6, 1e-4
+    unsure = phipsi.estimation.MotionUncertainty(initial=variance)
+    with pytest.warns(phipsi.errors.UncertaintyWarning, match="shapes that touch \\('ground' and 'a'\\).*monte-carlo"):
+        path = scene.simulate(q, qd, dt=1e-3, steps=50, record_every=every, covariance=unsure)
+    assert np.allclose(path.bands.q[:, 0], np.sqrt(1e-6 + 1e-4 * path.t**2), rtol=1e-9)
+    sampled = phipsi.estimation.MotionUncertainty(initial=variance, check="unscented")
+    ratio = scene.simulate(q, qd, dt=1e-3, steps=50, record_every=every, covariance=sampled).bands.ratio
+    assert np.allclose(ratio[1:, 0], 1.0, rtol=1e-4)
+
+
+def test_shapes_do_not_act_on_dynamics_and_linearizations():
+    scene = on_ground(("a", CUBE))
+    bare, q = scene.without_contacts(), at((0, 0, 0.1))
+    qd, tau = np.arange(6.0), np.arange(6.0)[::-1]
+    assert np.array_equal(scene.forward_dynamics(q, qd, tau), bare.forward_dynamics(q, qd, tau))
+    for ours, theirs in zip(scene.linearize(q, qd, tau), bare.linearize(q, qd, tau), strict=True):
+        assert np.array_equal(ours, theirs)
+
+
+HULL = shapes.Hull([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])
+
+
+@pytest.mark.parametrize("shape", [CUBE, shapes.Sphere(0.1), shapes.Cylinder(0.1, 0.2), shapes.Capsule(0.05, 0.1), HULL])
+@pytest.mark.parametrize("ground", [shapes.HalfSpace(), shapes.Box((2.0, 2.0, 1.0), xyz=(0, 0, -0.5)), shapes.HeightField(np.zeros((3, 3)), (2.0, 2.0))])
+def test_a_start_in_penetration_names_pair_and_depth(shape, ground):
+    """Every shape reaches 0.1 m below its center. The first step moves it out, without a velocity."""
+    builder = phipsi.SceneBuilder().link("a", mass=1.0, inertia=0.01 * np.eye(3))
+    scene = builder.collider("ground", ground).collider("a", shape, link="a").build(floating_base=True)
+    with pytest.warns(phipsi.errors.ContactWarning, match='colliders "ground" and "a" 0.030000 m deep'):
+        path = scene.simulate(at((0.0, 0.0, 0.07)), np.zeros(6), dt=1e-3, steps=2)
+    assert np.abs(path.q[-1, :3] - [0.0, 0.0, 0.1]).max() < 1e-8 and np.abs(path.qd).max() < 1e-6
+    assert abs(path.contacts.depth - 0.03) < 1e-8
+
+
+def test_the_deepest_pair_of_a_batch_is_named_first():
+    scene = on_ground(("a", CUBE), ("b", CUBE))
+    q = np.stack([at((0, 0, 0.1), (1, 0, 0.1)), at((0, 0, 0.09), (0.17, 0, 0.09))])
+    message = 'colliders "a" and "b" 0.030000 m deep and 2 more'
+    with pytest.warns(phipsi.errors.ContactWarning, match=message):
+        scene.simulate(q, np.zeros((2, 12)), dt=1e-3, steps=1)
+    simulator = scene.simulator(q[0], np.zeros(12), dt=1e-3)
+    with pytest.warns(phipsi.errors.ContactWarning, match=message):
+        simulator.reset(q[1], np.zeros(12))
+
+
+def test_forces_of_connections_and_shapes_carry_a_body_together():
+    """A beam on the ground, held up at one end: both forces are the weight."""
+    builder = phipsi.SceneBuilder().link("beam", mass=2.0, inertia=0.02 * np.eye(3)).collider("ground", shapes.HalfSpace())
+    builder = builder.collider("beam", shapes.Box((0.4, 0.2, 0.2)), link="beam")
+    scene = builder.connect("hook", "point", "beam", xyz=(0.2, 0, 0), other_xyz=(0.2, 0, 0.1)).build(floating_base=True)
+    path = scene.simulate(at((0, 0, 0.1)), np.zeros(6), dt=1e-3, steps=20)
+    hook, of = path.constraint_forces()["hook"], path.contacts.shapes
+    assert of.pairs() == [("ground", "beam")]
+    for row in range(1, 21):
+        on_ground_force = of.force[of.row == row].sum(axis=0)
+        assert np.allclose(hook[row] - on_ground_force, [0.0, 0.0, 2.0 * G], rtol=0, atol=1e-6) and hook[row, 2] > 1.0

@@ -13,7 +13,7 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, ik, simulate, view_robot  # noqa: F401  # the others register their commands
+from phipsi.report import commands, ik, motion, simulate, view_robot  # noqa: F401  # the others register their commands
 from tolerances import assert_near, assert_same_bits
 
 
@@ -259,21 +259,74 @@ def test_contacts_that_never_touch_take_no_room(tmp_path: Path) -> None:
     file.write_text(f'<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 0.0101"><freejoint/>{spheres}</body></worldbody></mujoco>', encoding="utf-8")
     result = run(file, "--contacts", "plane", "-o", tmp_path, "--time", 0.02)
     assert result.exit_code == 0, result.output
+    assert "4 pairs of shapes touched; largest force" in result.output
     scene = phipsi.load(file, contacts="plane")
     path = phipsi.Trajectory.load(tmp_path / "trajectory.npz", scene)
     expected = scene.simulate(scene.initial(), np.zeros(6), dt=1e-3, steps=20)
-    assert len(scene.contact_names) == 20 and path.contacts is not None and expected.contacts is not None
-    touching = [name for name in scene.contact_names if expected.contacts.state[name].any()]
-    assert 0 < len(touching) <= 4
-    for name in scene.contact_names:
-        for part in ("gap", "force", "impulse", "state"):
-            assert_same_bits(getattr(path.contacts, part)[name], getattr(expected.contacts, part)[name])
-        assert np.isnan(path.contacts.slip[name]).all() == (name not in touching)
-    with np.load(tmp_path / "trajectory.npz") as found:
-        assert sorted(found["force_names"]) == sorted(touching) and found["force_at"].shape == (21, len(touching), 3)
+    assert len(scene.collider_names) == 21 and path.contacts is not None and expected.contacts is not None
+    found, wanted = path.contacts.shapes, expected.contacts.shapes
+    assert found.names == wanted.names == scene.collider_names and 0 < len(found.pairs()) == len(wanted.pairs()) <= 4
+    for part in ("state", "row", "pair", "point", "normal", "gap", "force", "impulse"):
+        assert_same_bits(getattr(found, part), getattr(wanted, part))
+    with np.load(tmp_path / "trajectory.npz") as archive:
+        assert archive["force_at"].shape == archive["force"].shape == (21, 4, 3) and list(archive["force_names"]) == [""] * 4
     assert (tmp_path / "trajectory.npz").stat().st_size < 40_000
     view = CliRunner().invoke(commands.group, ["view", str(file), "--contacts", "plane", "--motion", str(tmp_path / "trajectory.npz"), "-o", str(tmp_path / "page.html")])
     assert view.exit_code == 0, view.output
+
+
+def test_named_contacts_that_never_touch_take_no_room(tmp_path: Path) -> None:
+    """Beside shapes that touch."""
+    builder = phipsi.SceneBuilder().link("body", 1.0, inertia=np.eye(3))
+    for at in range(20):
+        builder.contact(f"ball {at}", "body", xyz=(0.1 * (at % 3), 0.1 * (at % 2), 0.5 * (at // 6)), radius=0.01, friction=0.5)
+    builder.collider("foot", phipsi.shapes.Sphere(0.01), link="body").collider("ground", phipsi.shapes.HalfSpace())
+    scene = builder.build(floating_base=True)
+    path = scene.simulate([0, 0, 0.0101, 0, 0, 0, 1], np.zeros(6), dt=1e-3, steps=20)
+    assert motion.write(path, tmp_path, table=False) == [tmp_path / "trajectory.npz"]
+    found = phipsi.Trajectory.load(tmp_path / "trajectory.npz", scene)
+    assert path.contacts is not None and found.contacts is not None
+    touching = [name for name in scene.contact_names if path.contacts.state[name].any()]
+    assert 0 < len(touching) <= 6 and found.contacts.shapes.pairs() == [("foot", "ground")]
+    for name in scene.contact_names:
+        for part in ("gap", "force", "impulse", "state"):
+            assert_same_bits(getattr(found.contacts, part)[name], getattr(path.contacts, part)[name])
+        assert np.isnan(found.contacts.slip[name]).all() == (name not in touching)
+    with np.load(tmp_path / "trajectory.npz") as archive:
+        assert sorted(archive["force_names"]) == ["", *sorted(touching)] and archive["force_at"].shape == (21, len(touching) + 1, 3)
+
+
+BILLIARDS = """<mujoco><option gravity="0 0 -9.81"/><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+<geom name="wall" type="box" size="0.1 1 1" pos="1 0 0"/><geom name="far" type="box" size="0.1 1 1" pos="-9 0 0"/>
+<body name="a" pos="0 0 0.1"><freejoint/><geom name="ball" size="0.1" mass="1"/></body>
+<body name="b" pos="0.5 0 0.1"><freejoint/><geom name="block" type="box" size="0.1 0.1 0.1" mass="2"/></body></worldbody></mujoco>"""
+
+
+def test_the_page_names_the_shapes_that_touched(tmp_path: Path) -> None:
+    """With the largest force and the times of the first and the last contact."""
+    pytest.importorskip("mujoco")
+    (file := tmp_path / "billiards.xml").write_text(BILLIARDS, encoding="utf-8")
+    (state := tmp_path / "state.json").write_text(json.dumps({"qd": [3.0, *[0.0] * 11]}))
+    result = run(file, "--contacts", "all", "--state", state, "-o", tmp_path / "out", "--time", 0.2, "--dt", 0.002, "--json")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)["touching"]
+    assert told == json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))["contacts"]
+    times = {frozenset((one["first"], one["second"])): (one["begin"], one["end"]) for one in told}
+    assert {frozenset(("floor", "ball")), frozenset(("floor", "block")), frozenset(("ball", "block"))} == set(times)
+    # The ball slides 0.3 m: 0.3 = 3 t - g t^2 / 2. Steps of order 1.
+    hit = (3.0 - np.sqrt(3.0**2 - 2.0 * 9.81 * 0.3)) / 9.81
+    assert abs(times[frozenset(("ball", "block"))][0] - hit) < 3e-3
+    forces = [one["largest_force"] for one in told]
+    assert forces == sorted(forces, reverse=True) and all(np.isfinite(forces))
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    section = page[page.index('<section id="contacts">') :].partition("</section>")[0]
+    assert "3 pairs of shapes touch" in section and "first contact" in section
+    for one in told:
+        assert all(f">{text}</td>" in section for text in (one["first"], one["second"], f"{one['largest_force']:.4g} N", f"{one['end']:.4g} s"))
+    assert "far" not in section and "wall" not in section
+    # A scene without colliders has no such section.
+    assert run("-o", tmp_path / "arm", "--time", 0.01).exit_code == 0
+    assert 'id="contacts"' not in (tmp_path / "arm" / "index.html").read_text(encoding="utf-8")
 
 
 def test_files_name_their_joints(tmp_path: Path) -> None:
@@ -332,7 +385,7 @@ def test_an_unknown_keyframe_and_a_start_inside_of_the_floor(tmp_path: Path) -> 
     wrong = run(file, "-o", tmp_path / "out", "--contacts", "plane", "--keyframe", "high")
     assert wrong.exit_code == 2 and 'keyframe: found "high"; expected one of "low"' in wrong.output
     inside = run(file, "-o", tmp_path / "out", "--contacts", "plane", "--keyframe", "low", "--time", 0.01)
-    assert inside.exit_code == 0 and 'contact "ball" 0.060000 m deep' in " ".join(inside.output.split())
+    assert inside.exit_code == 0 and 'colliders "floor" and "ball" 0.060000 m deep' in " ".join(inside.output.split())
 
 
 def test_inverse_kinematics_and_views_begin_at_a_keyframe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -164,3 +164,25 @@ def test_a_start_is_not_written_with_a_warning() -> None:
     for scene in (builder.start({"j0": 0.5}).build(), builder.start().start({}, keyframe="k").build()):
         with pytest.warns(phipsi.errors.ModelWarning, match="found a start or keyframes, which URDF cannot represent"):
             scene.to_urdf()
+
+
+def test_colliders_come_back() -> None:
+    """The colliders of links; a warning names the others. The shape of a link also has a visual element."""
+    shapes = phipsi.shapes
+    builder = phipsi.SceneBuilder().link("base", shape=shapes.Box((0.4, 0.3, 0.2), rpy=(0.1, 0.2, 0.3)), collide=True, friction=0.4)
+    builder.link("arm", 1.0, inertia=np.eye(3)).joint("hinge", "revolute", "base", "arm", axis=(0, 1, 0), xyz=(0, 0, 0.5))
+    builder.collider("ball", shapes.Sphere(0.1, xyz=(0.1, 0.2, 0.3)), link="arm", friction=0.3, restitution=0.2)
+    builder.collider("rod", shapes.Capsule(0.02, 0.3, rpy=(0.3, 0.1, -0.2)), link="arm", friction=0.3, restitution=0.2)
+    builder.collider("can", shapes.Cylinder(0.03, 0.2), link="arm", friction=0.3, restitution=0.2).collider("ground", shapes.HalfSpace(), friction=0.0)
+    scene = builder.build()
+    back = phipsi.load(scene.to_urdf(), contacts="all")
+    own, found = ({(of[1], of[3][0]): of[2:6] for of in one._collisions()[0]} for one in (scene, back))
+    assert own.keys() == found.keys() == {("base", "box"), ("arm", "sphere"), ("arm", "capsule"), ("arm", "cylinder"), (None, "half space")}
+    for key, ((turn, origin), solid, *values) in own.items():
+        (its_turn, its_origin), its_solid, *its_values = found[key]
+        assert_near(np.array(its_turn), np.array(turn), 16 * EPS)
+        assert (list(its_origin), list(its_solid[1]), its_values) == (list(origin), list(solid[1]), values)
+    assert scene.to_urdf().count("<visual") == 1 and back.to_urdf().count("<collision") == 4
+    builder.collider("wall", shapes.Box((1, 1, 1), xyz=(3, 0, 0))).collider("hull", shapes.Hull(np.vstack([np.zeros(3), np.eye(3)])), link="arm")
+    with pytest.warns(phipsi.errors.ModelWarning, match="found colliders \\('wall', 'hull'\\), which URDF cannot represent; they are not written"):
+        builder.build().to_urdf()

@@ -110,9 +110,17 @@ def scene_of(scenario: Scenario) -> phipsi.Scene:
     q = start(scenario, scene)[0]
     assert np.allclose(scenario.scene.mass_matrix(q), scene.mass_matrix(q), rtol=1e-12, atol=1e-12)
     # Contacts with planes come first; pairs of balls are those of MuJoCo's collision detection.
-    planes = scene.contact_gaps(q)
+    floor, *balls = scene.collider_names
+    planes = scene.distances(q, pairs=[(floor, ball) for ball in balls]).distance
     assert np.allclose(scenario.scene.contact_gaps(q)[: len(planes)], planes, rtol=1e-12, atol=1e-12)
     return scenario.scene
+
+
+def gaps_of(scene: phipsi.Scene, q: Array) -> Array:
+    """Signed distances of contacts, or of shapes that overlap (infinite for others), (rows, contacts or pairs), m."""
+    if scene.contact_names or not scene._touching():
+        return scene.contact_gaps(q)
+    return scene.distances(q, limit=0.0).distance
 
 
 def start(scenario: Scenario, scene: phipsi.Scene) -> tuple[Array, Array]:
@@ -144,12 +152,15 @@ def turned(vectors: Array, by: Array) -> Array:
 def own(scenario: Scenario, scene: phipsi.Scene, dt: float) -> Motion:
     steps = round(scenario.duration / dt)
     path = scene.simulate(*start(scenario, scene), dt=dt, steps=steps, limits="report", **forces(scenario, scene, steps), **scenario.options)
-    if path.contacts is None or not scene.contact_names:
+    if path.contacts is None:
         return Motion(path.q, path.qd, np.zeros((steps + 1, 0)), np.zeros((0, 7)), np.zeros((steps, 3)))
     end, moved = path.qd[1:].copy(), scene.difference(path.q[:-1], path.q[1:])
     for i in free_joints(scene):
         # In the axes at the start of the step.
         end[:, i : i + 3] = turned(end[:, i : i + 3], moved[:, i + 3 : i + 6])
+    if scene.collider_names:
+        pushes, root = of_shapes(scene, path, end)
+        return Motion(path.q, path.qd, gaps_of(scene, path.q), pushes, root)
     velocity = scene.contact_velocities(path.q[:-1], end)
     velocity[..., 2] += np.maximum(scene.contact_gaps(path.q[:-1]), 0.0) / dt
     held = np.stack([path.contacts.force[name][1:] * dt for name in scene.contact_names], axis=1)
@@ -158,7 +169,38 @@ def own(scenario: Scenario, scene: phipsi.Scene, dt: float) -> Motion:
     near = held[..., 2] > 0
     order = [2, 0, 1]
     pushes = np.concatenate([held[near][:, order], velocity[near][:, order], np.broadcast_to(friction, near.shape)[near][:, None]], axis=1)
-    return Motion(path.q, path.qd, scene.contact_gaps(path.q), pushes, np.sum(held + struck, axis=1))
+    return Motion(path.q, path.qd, gaps_of(scene, path.q), pushes, np.sum(held + struck, axis=1))
+
+
+def of_shapes(scene: phipsi.Scene, path: phipsi.Trajectory, end: Array) -> tuple[Array, Array]:
+    """Impulses of shapes on the floor, which is the first collider, as in Motion; end: velocities at the end of steps in
+    the axes at their start, (steps, nv).
+    """
+    assert path.contacts is not None
+    of, before = path.contacts.shapes, path.contacts.shapes.row - 1
+    colliders = {index: (link, frame, solid[0]) for index, (_, link, frame, solid, *_) in enumerate(scene._collisions()[0])}
+    friction = {names[1]: value for names, value, *_ in scene._touching()}
+    pushes, root = np.zeros((len(of.row), 7)), np.zeros((path.steps, 3))
+    np.add.at(root, before, -(of.force * path.dt + of.impulse))
+    for body in np.unique(of.pair[:, 1]):
+        which = np.flatnonzero(of.pair[:, 1] == body)
+        (link, (_, center), kind), step, row = colliders[body], before[which], of.row[which]
+        places = scene.placement(path.q, link)
+        turn, origin = places[..., :3, :3], places[..., :3, 3]
+        # Fixed to the body: the center of a sphere, or a corner.
+        local = np.einsum("kji,kj->ki", turn[row], of.point[which] - origin[row])
+        if kind == "sphere":
+            local[:] = center
+        first, last = (np.einsum("kij,kj->ki", turn[at], local) + origin[at] for at in (step, row))
+        arm = of.point[which] - last + first - origin[step]
+        twist = scene.velocity(path.q[step], end[step], link, frame="local-world-aligned")
+        normal = -of.normal[which]
+        gap = of.gap[which] - np.sum(normal * (last - first), axis=1)
+        velocity = twist[:, 3:] + np.cross(twist[:, :3], arm) + np.maximum(gap, 0.0)[:, None] / path.dt * normal
+        # The floor is horizontal.
+        pushes[which, :3], pushes[which, 3:6] = -path.dt * of.force[which][:, [2, 0, 1]], velocity[:, [2, 0, 1]]
+        pushes[which, 6] = friction[scene.collider_names[body]]
+    return pushes[pushes[:, 0] > 0], root
 
 
 def theirs(scenario: Scenario, scene: phipsi.Scene, dt: float, softness: Softness, integrator: str = "EULER") -> Motion:
@@ -189,7 +231,7 @@ def theirs(scenario: Scenario, scene: phipsi.Scene, dt: float, softness: Softnes
             root[step] += data.contact.frame[contact].reshape(3, 3).T @ push[k, :3]
         pushes.append(push[push[:, 0] > 0])
     q, qd = phipsi.mujoco.to_state(scene, qpos, qvel)
-    return Motion(q, qd, scene.contact_gaps(q), np.concatenate(pushes), root)
+    return Motion(q, qd, gaps_of(scene, q), np.concatenate(pushes), root)
 
 
 def times(scenario: Scenario, scene: phipsi.Scene, dt: float, softness: tuple[Softness, ...], steps: int, turns: int) -> list[float]:

@@ -268,6 +268,7 @@ class _Propagation:
                     modes.note(at, found.margins[..., row, :], both, without)
         modes.warn()
         if self.unsure.check is None:
+            self._warn_of_shapes()
             if np.any(held & (self.friction > 0.0)):
                 joint = next(name for name in self.scene.joint_names if np.any(held[self.scene.v_index(name)]))
                 warn(
@@ -278,6 +279,20 @@ class _Propagation:
         deviation = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         ratio = None if self.unsure.check is None else self._ratio(deviation**2)
         return Bands(deviation[..., :nv], deviation[..., nv:], covariance, ratio)
+
+    def _warn_of_shapes(self) -> None:
+        """Warn of shapes that touch: their modes are not compared with errors."""
+        contacts = self.path.contacts
+        if contacts is None or not contacts.shapes.names:
+            return
+        pairs = contacts.shapes.pairs()
+        if pairs or (not self.scene.contact_names and np.any(contacts.iterations > 0)):
+            found = f"shapes that touch ({pairs[0][0]!r} and {pairs[0][1]!r})" if pairs else "shapes that touch between the rows"
+            warn(
+                f"covariance: found {found}; the bands are those of fixed modes (open, sticking, sliding), and errors"
+                ' that change a mode of shapes are not found; compare with check="monte-carlo"',
+                UncertaintyWarning,
+            )
 
     def _rows(self) -> Iterator[tuple[_Rows, _Rows | None]]:
         """Derivatives of rows after the first, and of the velocities of contacts in steps that they do not affect."""
@@ -329,7 +344,7 @@ class _Propagation:
                 **given,
             )
         except ArgumentError as error:
-            if not (scene.contact_names and error.argument in ("q", "qd")):
+            if not ((scene.contact_names or scene.collider_names) and error.argument in ("q", "qd")):
                 raise
             raise of_argument(
                 ArgumentError,

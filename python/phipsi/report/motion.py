@@ -122,6 +122,11 @@ def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Space:
     return Space("stroboscope", parts, View.best(np.concatenate(list(origins.values()))).toward)
 
 
+def or_control(scene: Scene, text: str) -> str:
+    """A text that suggests error control, which scenes with colliders do not have."""
+    return "" if scene.collider_names else text
+
+
 def _apart(line: Array) -> Array:
     """A line that is not connected with the next one."""
     return np.vstack([line, np.full(3, np.nan)])

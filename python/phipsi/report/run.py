@@ -5,11 +5,12 @@ from __future__ import annotations
 import colorsys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._forces import of_motion
+from .._core import Scene
+from .._forces import of_motion, of_pairs
 from .._motion import Trajectory
 from .._trajectory_files import columns
 from . import embed, motion
@@ -29,6 +30,8 @@ MOST_TOGETHER = 12
 MOST_LEGENDS = 4
 #: Number of impacts in the table.
 MOST_IMPACTS = 40
+#: Number of pairs of colliders in the table of contacts, and of curves of their forces.
+MOST_TOUCHING, MOST_PAIRS = 40, 10
 #: Rows of the energy table that are always shown, and names of the rows.
 ALWAYS = ("change", "remainder")
 KINDS = {"torque": "work of given torques", "damping": "work of damping", "friction": "work of dry friction", "control": "work of the control law"}
@@ -78,7 +81,11 @@ def over_time(run: Run) -> Chart:
             found.append(("torque relative to its limit", shares))
     if (forces := of_motion(path, rows)) is not None:
         sizes = np.linalg.norm(forces.force, axis=-1)
-        found.append((f"force of {forces.what}s, N", {name: sizes[:, i] for i, name in enumerate(forces.names)}))
+        sizes_of = {name: sizes[:, i] for i, name in enumerate(forces.names) if name}
+        for pair, force in list(of_pairs(path).items())[:MOST_PAIRS]:
+            sizes_of[" on ".join(pair)] = np.linalg.norm(force[rows], axis=-1)
+        if sizes_of:
+            found.append((f"force of {forces.what}s, N", sizes_of))
     kinds = {"kinetic": energy.kinetic, "potential": energy.potential, "spring": energy.spring, "total": energy.total}
     found.append(("energy, J", {name: values[rows] for name, values in kinds.items() if name == "total" or np.any(values)}))
     if scene.constraint_names:
@@ -166,13 +173,45 @@ def _unit(run: Run, joint: str, what: str) -> str:
     return units.get(what, ("rad", "m"))[is_sliding]
 
 
+class Touch(NamedTuple):
+    """A pair of colliders that touches in recorded rows."""
+
+    first: str
+    second: str
+    largest_force: float
+    """Largest sum of the forces at their points, N."""
+    begin: float
+    """Time of the first and of the last row in which they touch, s."""
+    end: float
+
+
+def touches(path: Trajectory) -> list[Touch]:
+    """The pairs of colliders that touch in recorded rows, the largest force first."""
+    found = []
+    for (first, second), force in of_pairs(path).items():
+        shapes = path.contacts.shapes  # type: ignore[union-attr]  # there are pairs
+        at = path.t[shapes.row[np.all(shapes.pair == [shapes.names.index(first), shapes.names.index(second)], axis=1)]]
+        found.append(Touch(first, second, float(np.linalg.norm(force, axis=1).max()), float(at.min()), float(at.max())))
+    return found
+
+
+def _contacts(run: Run) -> Sequence[Block]:
+    found = run.parts["contacts"]
+    if not found:
+        return ["No shapes touch in a recorded row."]
+    rows = [(one.first, one.second, f"{one.largest_force:.4g} N", f"{one.begin:.4g} s", f"{one.end:.4g} s") for one in found[:MOST_TOUCHING]]
+    more = f" The {MOST_TOUCHING} with the largest forces:" if len(found) > MOST_TOUCHING else ""
+    verb = "touches" if len(found) == 1 else "touch"
+    return [f"{plural(len(found), 'pair')} of shapes {verb} in the recorded rows.{more}", Table(("shape", "shape", "largest force", "first contact", "last contact"), rows, 2)]
+
+
 def _energy(run: Run) -> Sequence[Block]:
     audit = run.path.energy_audit()
     rows = [(KINDS.get(kind, kind), f"{float(value):.4g}") for kind, value in audit._asdict().items() if kind != "relative_error" and (value != 0.0 or kind in ALWAYS)]
     share = 100.0 * float(audit.relative_error)
     verdict = f"The remainder, the error of the integrator, is {share:.2g} % of the energy exchanged."
     if audit.relative_error > motion.SHARE:
-        verdict += " **That is more than 1 %: use a smaller step or error control.**"
+        verdict += f" That is more than 1 %: use a smaller step{motion.or_control(run.path.scene, ' or error control')}."
     blocks: list[Block] = [Table(("work or change", "J"), rows, 1), verdict]
     if run.path.estimated_error > 0.0:
         blocks.append(f"Sum of the estimated errors of all substeps: {float(run.path.estimated_error):.1e} rad or m.")
@@ -198,8 +237,14 @@ RUN: Layout[Run] = Layout(
         Section("view", "The motion", _view, shown=_shown),
         Section("curves", "Over time", plots=lambda run: by_legend(over_time(run)), blocks=_over_time),
         Section("energy", "Energy and error", blocks=_energy),
+        Section("contacts", "Shapes that touch", lambda run, _: touches(run.path), blocks=_contacts),
         Section("limits", "Limits", blocks=_limits),
         Section("pictures", "Stroboscopic picture", plots=lambda run: [motion.stroboscope(run.path, run.tree)], blocks=_pictures),
         provenance(),
     ),
 )
+
+
+def layout(scene: Scene) -> Layout[Run]:
+    """The page of a scene: without colliders, it has no section of shapes that touch."""
+    return RUN if scene.collider_names else replace(RUN, sections=[one for one in RUN.sections if one.key != "contacts"])

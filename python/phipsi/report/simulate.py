@@ -17,7 +17,7 @@ from .._motion import PD, Trajectory
 from . import motion, pipeline
 from .commands import BEYOND, FLOATING, JSON, KEYFRAME, MIMIC, ROBOT, STOPPED, BadInput, Mimic, _as_options, _load, _typed_errors, check_pages, echo_json, folder, group
 from .progress import Silent, reporter
-from .run import RUN, Run
+from .run import Run, layout, touches
 from .states import Array
 from .structure import tree_of
 from .terminal import line
@@ -135,7 +135,8 @@ def simulate(
             kp, kd = _gains(scene, *hold)
             torque = torque + kp * scene.difference(path.q, q) - kd * path.qd
         run = Run(False, name, path, tree_of(scene), torque, _error(path) if code == 0 else None)
-        files += pipeline.write(RUN, pipeline.collect(RUN, run, Silent()), output)
+        page = layout(scene)
+        files += pipeline.write(page, pipeline.collect(page, run, Silent()), output)
     if as_json:
         echo_json({"name": name, **_numbers(path), "error": said, "files": map(str, files)})
     else:
@@ -174,7 +175,7 @@ def _numbers(path: Trajectory) -> dict[str, Any]:
         ratio = None if path.bands.ratio is None else path.bands.ratio[-1]
         about["deviation"] = {"q": path.bands.q[-1], "qd": path.bands.qd[-1], "ratio": ratio}
     about |= {"integrator": path.integrator, "substeps": path.substeps, "stops": path.stops, "energy_audit": path.energy_audit()._asdict()}
-    return about | {"drift": path.drift.max(), "violations": path.violations()}
+    return about | {"drift": path.drift.max(), "violations": path.violations(), "touching": touches(path)}
 
 
 def _tell(name: str, path: Trajectory) -> None:
@@ -189,7 +190,7 @@ def _tell(name: str, path: Trajectory) -> None:
         click.echo("work: " + ", ".join(f"{kind} {work:.4g} J" for kind, work in works.items()))
     if audit.relative_error > motion.SHARE:
         click.echo(
-            f"warning: the integrator's error is {float(audit.remainder):.3g} J, {100 * float(audit.relative_error):.1f} % of the energy exchanged; use a smaller --dt or --accuracy",
+            f"warning: the integrator's error is {float(audit.remainder):.3g} J, {100 * float(audit.relative_error):.1f} % of the energy exchanged; use a smaller --dt{motion.or_control(path.scene, ' or --accuracy')}",
             err=True,
         )
     if path.bands is not None:
@@ -198,10 +199,9 @@ def _tell(name: str, path: Trajectory) -> None:
             click.echo(f"sampled variance over variance of the bands, at the end: {np.nanmin(ratio[-1]):.3f} to {np.nanmax(ratio[-1]):.3f}")
     if path.stops:
         click.echo(f"{plural(len(path.stops), 'impact')} on joint stops, the first at {path.stops[0].joint}, t = {path.stops[0].time:.4g} s")
+    if found := touches(path):
+        click.echo(f"{plural(len(found), 'pair')} of shapes touched; largest force {found[0].largest_force:.4g} N: {found[0].first} on {found[0].second}")
     if path.scene.constraint_names:
         click.echo(f"largest constraint error of the connections: {path.drift.max():.1e} m or rad")
-    for found in path.violations():
-        click.echo(
-            f"limit exceeded: {found.joint}, {found.limit} {found.bound:g}, first at t = {found.time:g} s, "
-            f"worst {found.worst:.4g}"
-        )
+    for one in path.violations():
+        click.echo(f"limit exceeded: {one.joint}, {one.limit} {one.bound:g}, first at t = {one.time:g} s, worst {one.worst:.4g}")

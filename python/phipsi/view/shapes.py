@@ -73,11 +73,11 @@ class Shape(NamedTuple):
 
 def shapes_of(scene: Scene, urdf: str | os.PathLike[str] | None, collision: bool = False) -> list[Shape]:
     """Shapes of all links: those of the file; if there are none, or no file, capsules of the inertias and rods between
-    the joints. collision: the colliders instead. Colliders of the base that the file does not draw are always shown.
+    the joints. collision: the colliders instead. Colliders of the base, such as tables and stairs, are always shown.
     """
     # If any link has a shape, links without shapes are frames, or motors inside other links.
     drawn = [] if collision else of_file(scene, urdf) or stand_ins(scene)
-    return drawn + of_colliders(scene, fixed_only=not collision) if collision or scene.file is None else drawn
+    return [*drawn, *of_colliders(scene, fixed_only=not collision)]
 
 
 def poses(scene: Scene, q: _Array) -> dict[str, _Array]:
@@ -102,7 +102,7 @@ def _collider_mesh(kind: str, numbers: Sequence[float], points: Sequence[Sequenc
         case "sphere":
             return trimesh.creation.icosphere(subdivisions=3, radius=numbers[0])
         case "capsule":
-            return trimesh.creation.capsule(radius=numbers[0], height=numbers[1], transform=trimesh.transformations.translation_matrix([0, 0, -0.5 * numbers[1]]))
+            return trimesh.creation.capsule(radius=numbers[0], height=numbers[1])
         case "cylinder":
             return trimesh.creation.cylinder(radius=numbers[0], height=numbers[1])
         case "box":
@@ -192,18 +192,26 @@ def extent(scene: Scene, shapes: Sequence[Shape], rows: _Array) -> Extent:
     size = robot_size(scene)
     some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
     placements = poses(scene, some)
-    corners = [place[:, None, :3, 3] for place in placements.values()]
+    corners = [place[:, None, :3, 3] for link, place in placements.items() if link != BASE or len(placements) == 1]
+    fixed = list[_Array]()
     for shape in shapes:
         place, vertices = placements[shape.link] @ shape.place, np.asarray(shape.mesh.vertices)
         found = vertices[:: len(vertices) // VERTICES + 1]
-        corners.append(found @ place[:, :3, :3].swapaxes(-1, -2) + place[:, None, :3, 3])
+        moved = found @ place[:, :3, :3].swapaxes(-1, -2) + place[:, None, :3, 3]
+        (fixed if shape.link == BASE else corners).append(moved)
     points = np.concatenate(corners, axis=1)
     if np.ptp(points, axis=(0, 1)).max() > FAR * max(size, np.ptp(points[0], axis=0).max()):
         points = points[:1]
-    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+    points = points.reshape(-1, 3)
+    if fixed:
+        # Of a large table or height field, only the surroundings of the robot count.
+        low, high = points.min(axis=0), points.max(axis=0)
+        room = max(size, float((high - low).max()))
+        points = np.concatenate([points, *(np.clip(of[0], low - room, high + room) for of in fixed)])
+    low, high = points.min(axis=0), points.max(axis=0)
     middle, box = (low + high) / 2, size / 8 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     # A point, for instance a robot without links, has a size too.
-    return Extent(float(low[2]), middle, np.concatenate([points.reshape(-1, 3) - middle, box]) @ AXES.T)
+    return Extent(float(low[2]), middle, np.concatenate([points - middle, box]) @ AXES.T)
 
 
 # Shapes of a file
