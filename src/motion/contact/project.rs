@@ -25,6 +25,10 @@ const ROUGH: Effort = Effort { tolerance: 1e-6, attempts: usize::MAX, iterations
 /// Effort for shapes, which can be in places where no displacement separates them, such as a peg in a narrower hole.
 const BOUNDED: Effort = Effort { attempts: 1, ..ROUGH };
 
+/// Largest residual of a displacement of such shapes, and its largest size relative to the penetration.
+const MEETS: f64 = 1e-3;
+const FARTHEST: f64 = 20.0;
+
 /// The factor by which a Newton step for such shapes has to reduce the penetration.
 const LESS: f64 = 0.9;
 
@@ -121,6 +125,7 @@ pub(super) fn out_of_planes(
     // No displacement corrects contacts that no joint moves along their normal.
     let mut held_still: Vec<usize> = Vec::new();
     let mut before = f64::NEG_INFINITY;
+    let has_shapes = points.iter().any(|point| point.found);
     for k in 0..=STEPS {
         positions_onto_connections(scene, (model, workspace), rows, q, moves.as_deref_mut())?;
         rows.place(model, points, q);
@@ -131,7 +136,7 @@ pub(super) fn out_of_planes(
         if k == 0 {
             depth = -lowest;
         }
-        let is_stuck = lowest < LESS * before && points.iter().any(|point| point.found);
+        let is_stuck = lowest < LESS * before && has_shapes;
         if !(lowest < -TOUCHES) || k == STEPS || is_stuck {
             break;
         }
@@ -154,10 +159,17 @@ pub(super) fn out_of_planes(
         if cone.lengths().iter().any(|r| !r.is_finite()) {
             break;
         }
-        let effort = if points.iter().any(|point| point.found) { BOUNDED } else { ROUGH };
-        let (push, solved) = cone.solve(&c, &Limits::beside(&c), effort);
+        let (push, solved) = cone.solve(&c, &Limits::beside(&c), if has_shapes { BOUNDED } else { ROUGH });
         iterations += solved.iterations;
         rows.respond(model, workspace, &push);
+        if has_shapes {
+            // Surfaces that contradict each other would separate far away, or nowhere.
+            let displacement = rows.response.clone();
+            let moved = rows.velocities(model, points, &displacement);
+            if !(solved.residual <= MEETS && moved.rows(0, 3 * points.len()).amax() <= FARTHEST * depth) {
+                break;
+            }
+        }
         if let Some(moves) = &mut moves {
             let (q, cone, moved) = (q.to_vec(), cone.whole(), rows.response.clone());
             moves.push(Move::Push(Push { q, near, gaps: c, cone, impulses: push, moved }));
