@@ -97,6 +97,18 @@ def on_the_ground(method: str, arrays: int, states: int) -> Callable[[phipsi.Sce
     return prepare
 
 
+def with_shapes(states: int) -> Callable[[phipsi.Scene], Call]:
+    """Distances of the same chain with a ball at its tip above the ground."""
+
+    def prepare(scene: phipsi.Scene) -> Call:
+        builder = scene.to_builder().collider("tip", phipsi.shapes.Sphere(0.1), link=scene.link_names[-1])
+        shaped = builder.collider("ground", phipsi.shapes.HalfSpace(xyz=(0, 0, -10.0))).build()
+        q = np.broadcast_to(np.zeros(scene.nq), (states, scene.nq))
+        return lambda: shaped.distances(q)
+
+    return prepare
+
+
 def of_model(call: Callable[[phipsi.RandomModel], object]) -> Callable[[phipsi.Scene], Call]:
     def prepare(scene: phipsi.Scene) -> Call:
         model = scene.random_model(np.zeros(scene.nq))
@@ -270,6 +282,7 @@ LARGE: dict[str, Large] = {
     "constraint_error": Large("q", through_connections("constraint_error", 0, 10**7), room=100),
     "constraint_jacobian": Large("q", through_connections("constraint_jacobian", 0, 2 * 10**6)),
     "constraint_bias": Large("q", through_connections("constraint_bias", 1, 10**7), room=100),
+    "distances": Large("q", with_shapes(3 * 10**7), room=100),
     "contact_gaps": Large("q", on_the_ground("contact_gaps", 0, 3 * 10**7), room=100),
     "contact_velocities": Large("q", on_the_ground("contact_velocities", 1, 10**7), room=100),
     "contact_gram": Large("q", on_the_ground("contact_gram", 0, 3 * 10**6), room=100),

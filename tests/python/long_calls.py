@@ -87,6 +87,16 @@ def on_the_ground(count: int, call: Callable[[phipsi.Scene, np.ndarray], object]
     return prepare
 
 
+def with_shapes(count: int) -> Callable[[], Call]:
+    def prepare() -> Call:
+        builder = chain(30).to_builder().collider("tip", phipsi.shapes.Sphere(0.1), link="link29")
+        scene = builder.collider("ground", phipsi.shapes.HalfSpace(xyz=(0, 0, -100.0))).build()
+        q = states(scene, count)
+        return lambda: scene.distances(q)
+
+    return prepare
+
+
 def in_doubt() -> Call:
     """States that take a thousand times the expected time."""
     case = phipsi.scenes.extreme("heavy-tip", 1e12, bodies=30)
@@ -183,6 +193,7 @@ LONG: dict[str, Callable[[], Call]] = {
     "estimate": batch(7, 150_000, lambda scene, q: scene.estimate(q, q, q, covariance=True)),
     "estimate, dense": batch(30, 2_000, lambda scene, q: scene.estimate(q, q, q, covariance=True, method="batch")),
     "estimate, dense, one": of_one(300, lambda scene, q: scene.estimate(q, q, q, covariance=True, method="batch")),
+    "distances": with_shapes(1_000_000),
     "contact_gaps": on_the_ground(3_000_000, lambda scene, q: scene.contact_gaps(q)),
     "contact_velocities": on_the_ground(1_000_000, lambda scene, q: scene.contact_velocities(q, np.zeros(30))),
     "contact_gram": on_the_ground(100_000, lambda scene, q: scene.contact_gram(q)),

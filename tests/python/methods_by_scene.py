@@ -230,7 +230,7 @@ MEANING = {
 EXPECTED: dict[str, tuple[str, str, str]] = {
     **dict.fromkeys(["constrained_dynamics", "constrained_inverse_dynamics", "constrained_mass_matrix_inverse", "constraint_bias"], ("included", "tree", "error")),
     **dict.fromkeys(["constraint_error", "constraint_jacobian", "project"], ("included", "tree", "error")),
-    **dict.fromkeys(["contact_gaps", "contact_velocities"], ("tree", "included", "supported")),
+    **dict.fromkeys(["contact_gaps", "contact_velocities", "distances"], ("tree", "included", "supported")),
     "contact_gram": ("error", "included", "error"),
     **dict.fromkeys(["to_c", "to_cuda", "to_rust"], ("included", "tree", "supported")),
     **dict.fromkeys(["forward_dynamics", "forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp", "linearize"], ("included", "tree", "supported")),
