@@ -69,7 +69,7 @@ impl Geometry {
         if cfg!(feature = "collision") {
             return Ok(Self { kind, center, half, rounding });
         }
-        Err(("without the crate feature \"collision\"".to_owned(), "phipsi with features = [\"collision\"]"))
+        Err(without_feature())
     }
 
     /// The largest distance of its points from a point, for the pose of the shape in the frame of the point.
@@ -178,5 +178,9 @@ fn hull_of(points: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)
 
 #[cfg(not(feature = "collision"))]
 fn hull_of(_: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
-    Ok(Polyhedron::of_box(&Vector3::repeat(f64::NAN)))
+    Err(without_feature())
+}
+
+fn without_feature() -> (String, &'static str) {
+    ("without the crate feature \"collision\"".to_owned(), "phipsi with features = [\"collision\"]")
 }
