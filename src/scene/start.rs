@@ -70,7 +70,7 @@ impl Scene {
     }
 
     /// The configuration (nq) from which motions begin: that of the file, or of a keyframe. Neutral, unless the file or
-    /// [`SceneBuilder::start`] defines another one.
+    /// [`SceneBuilder::start`](super::SceneBuilder::start) defines another one.
     ///
     /// # Errors
     ///
@@ -81,8 +81,8 @@ impl Scene {
         Ok(q)
     }
 
-    /// The joint velocities (nv) of the start, or of a keyframe. Zero, unless the keyframe or [`SceneBuilder::start`]
-    /// defines others.
+    /// The joint velocities (nv) of the start, or of a keyframe. Zero, unless the keyframe or
+    /// [`SceneBuilder::start`](super::SceneBuilder::start) defines others.
     ///
     /// # Errors
     ///
