@@ -73,10 +73,16 @@ def of_pairs(path: Trajectory) -> dict[tuple[str, str], _Array]:
         return {}
     shapes, found = path.contacts.shapes, dict[tuple[str, str], _Array]()
     for pair in shapes.pairs():
-        which = np.all(shapes.pair == [shapes.names.index(name) for name in pair], axis=1)
+        which = are_of(shapes, pair)
         found[pair] = np.zeros((len(path), 3))
         np.add.at(found[pair], shapes.row[which], shapes.force[which])
     return dict(sorted(found.items(), key=lambda one: -float(np.linalg.norm(one[1], axis=1).max())))
+
+
+def are_of(shapes: ShapeContacts, pair: tuple[str, str]) -> NDArray[np.bool_]:
+    """Whether each contact is one of these colliders, (k,)."""
+    are: NDArray[np.bool_] = np.all(shapes.pair == [shapes.names.index(name) for name in pair], axis=1)
+    return are
 
 
 def _of_shapes(scene: Scene, shapes: ShapeContacts, rows: NDArray[np.int_]) -> tuple[_Array, _Array]:

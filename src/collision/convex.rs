@@ -1,39 +1,19 @@
 //! Nearest points and penetration depths by parry3d.
 
-use super::geometry::{Geometry, Kind};
+use super::geometry::Geometry;
+use super::hull::{from_parry, to_parry};
 use super::nearest::Nearest;
 use super::touching::settled;
 use crate::spatial::RigidShift;
-use nalgebra::Vector3;
 use parry3d_f64::math::{Mat3, Pose, Rot3, Vector};
 use parry3d_f64::query::details::contact_support_map_support_map_with_params;
 use parry3d_f64::query::gjk::{CsoPoint, GJKResult, VoronoiSimplex};
 use parry3d_f64::shape::SupportMap;
 
-fn to_parry(x: &Vector3<f64>) -> Vector {
-    Vector::new(x[0], x[1], x[2])
-}
-
-fn from_parry(x: Vector) -> Vector3<f64> {
-    Vector3::new(x.x, x.y, x.z)
-}
-
 impl SupportMap for Geometry {
     /// The farthest point of the shape without its rounding.
     fn local_support_point(&self, direction: Vector) -> Vector {
-        match &self.kind {
-            Kind::Sphere | Kind::HalfSpace | Kind::Heights(_) => Vector::ZERO,
-            Kind::Capsule(half) => Vector::new(0.0, 0.0, half.copysign(direction.z)),
-            Kind::Box(half, _) => {
-                Vector::new(half[0].copysign(direction.x), half[1].copysign(direction.y), half[2].copysign(direction.z))
-            }
-            Kind::Cylinder(half, radius) => {
-                let across = direction.x.hypot(direction.y);
-                let out = if across > 0.0 { radius / across } else { 0.0 };
-                Vector::new(direction.x * out, direction.y * out, half.copysign(direction.z))
-            }
-            Kind::Hull(of) => to_parry(&of.farthest(&from_parry(direction))),
-        }
+        to_parry(&self.farthest(&from_parry(direction)))
     }
 }
 

@@ -6,7 +6,11 @@ use parry3d_f64::math::Vector;
 use parry3d_f64::shape::ConvexPolyhedron;
 use parry3d_f64::transformation::try_convex_hull;
 
-fn from_parry(x: Vector) -> Vector3<f64> {
+pub(super) fn to_parry(x: &Vector3<f64>) -> Vector {
+    Vector::new(x[0], x[1], x[2])
+}
+
+pub(super) fn from_parry(x: Vector) -> Vector3<f64> {
     Vector3::new(x.x, x.y, x.z)
 }
 
@@ -20,13 +24,7 @@ pub(super) fn hull(points: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'sta
         return Err(flat());
     }
     // At a scale of one: tolerances of parry3d are absolute.
-    let scaled: Vec<Vector> = points
-        .iter()
-        .map(|x| {
-            let x = (x - first) / size;
-            Vector::new(x[0], x[1], x[2])
-        })
-        .collect();
+    let scaled: Vec<Vector> = points.iter().map(|x| to_parry(&((x - first) / size))).collect();
     let (corners, triangles) = try_convex_hull(&scaled).map_err(|_| flat())?;
     let made = ConvexPolyhedron::from_convex_mesh(corners, &triangles).ok_or_else(flat)?;
     let corners: Vec<Vector3<f64>> = made.points().iter().map(|&x| from_parry(x) * size + first).collect();

@@ -9,7 +9,7 @@ use super::convex;
 use super::geometry::{Geometry, Heights, Kind, rim};
 use super::nearest::Nearest;
 use super::polygon::{clip, spanning};
-use super::polyhedron::{Face, Polyhedron};
+use super::polyhedron::{FEW_FACES, Face, Polyhedron};
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 
@@ -17,10 +17,9 @@ use nalgebra::Vector3;
 const ALIGNED: f64 = 1e-4;
 
 /// A face in whose plane another shape slides has a gap of at most this, relative to the smaller shape, and a normal whose
-/// cosine is below the second. Polyhedra with more faces are not searched for it.
+/// cosine is below the second.
 const SLIDES: f64 = 1e-7;
 const OTHER: f64 = 0.99;
-const FEW_FACES: usize = 64;
 
 /// The end of a cylinder lies flat at a smaller sine of its angle.
 const FLAT: f64 = 0.05;
@@ -80,7 +79,8 @@ pub(crate) fn distance(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, lim
             (gap <= limit).then_some(Nearest { on_a, on_b, normal: Vector3::z(), distance: gap })
         }
         (_, Kind::HalfSpace | Kind::Heights(_)) if !matches!(a.kind, Kind::Heights(_)) => {
-            Some(distance(b, a, &b_in_a.inverse(), limit)?.exchanged(&b_in_a.inverse()))
+            let back = b_in_a.inverse();
+            Some(distance(b, a, &back, limit)?.exchanged(&back))
         }
         (Kind::Heights(of), _) => {
             let each = near_triangles(of, b, b_in_a, limit);
@@ -290,7 +290,6 @@ fn on_plane(
                     low.extend(cut);
                 }
             }
-            low.retain(|x| height(x) <= reach);
             let gaps: Vec<f64> = low.iter().map(height).collect();
             for i in spanning(&low, &gaps, n) {
                 add(low[i], 0.0);
@@ -322,12 +321,13 @@ fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, o
     };
     let back = b_in_a.inverse();
     let least = SLIDES * a.half.norm().min(b.half.norm());
-    if found.distance - a.rounding - b.rounding >= -least {
+    let gap = found.distance - a.rounding - b.rounding;
+    if gap >= -least {
         let along_a = sliding(a, b, b_in_a, &normal, least).map(|face| (b, face, *b_in_a, false));
         let slides = along_a.or_else(|| sliding(b, a, &back, &into_b, least).map(|face| (a, face, back, true)));
         if let Some((point, face, pose, against_b)) = slides {
             // Nothing holds shapes that touch along a common rim in both directions.
-            if found.distance - a.rounding - b.rounding > least {
+            if gap > least {
                 on_face(point, face, &pose, reach, against_b, out);
             }
             return;

@@ -5,6 +5,9 @@ use nalgebra::Vector3;
 /// A polyhedron with more corners than this is searched along its edges.
 const MANY: usize = 32;
 
+/// Polyhedra with more faces are not searched face by face.
+pub(super) const FEW_FACES: usize = 64;
+
 /// A convex polyhedron.
 #[derive(Debug, Clone)]
 pub(crate) struct Polyhedron {

@@ -7,6 +7,7 @@
 
 use super::geometry::{Geometry, Kind};
 use super::nearest::Nearest;
+use super::polyhedron::{FEW_FACES, Face};
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_4;
@@ -24,9 +25,6 @@ const ROUND: f64 = 1e-7;
 const FIRST_STEP: f64 = 0.1;
 const LAST_STEP: f64 = 1e-6;
 
-/// Polyhedra with more faces are not enumerated.
-const FEW_FACES: usize = 64;
-
 /// Polyhedra with more corners have too many pairs of edges.
 const FEW_CORNERS: usize = 8;
 
@@ -37,7 +35,7 @@ impl Geometry {
             Kind::Box(..) => vec![Vector3::x(), Vector3::y(), Vector3::z()],
             Kind::Capsule(_) | Kind::Cylinder(..) => vec![Vector3::z()],
             Kind::Hull(of) if of.corners.len() <= FEW_CORNERS => {
-                let ends = |face: &super::polyhedron::Face| {
+                let ends = |face: &Face| {
                     let polygon = of.polygon(face);
                     (0..polygon.len()).map(|i| polygon[(i + 1) % polygon.len()] - polygon[i]).collect::<Vec<_>>()
                 };

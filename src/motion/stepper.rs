@@ -76,20 +76,21 @@ impl Stepper {
 
     /// The contact steps of one state, whose shapes may know its contacts.
     pub fn shaped_steps(&mut self, job: Job<'_, '_>, shapes: &mut Box<Shapes>) -> Result<(), StepFault> {
-        let touching =
-            self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)));
+        let touching = self.touching(&job);
         touching.exchange(shapes);
         let made = touching.run(job);
         touching.exchange(shapes);
         made
     }
 
+    fn touching(&mut self, job: &Job<'_, '_>) -> &mut ContactStepper {
+        self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)))
+    }
+
     /// The steps of a job, all by the method of its settings.
     pub fn steps(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
         if job.settings.method == Method::Contact && !job.settings.touches_in_lanes(job.scene) {
-            let touching =
-                self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)));
-            return touching.run(job);
+            return self.touching(&job).run(job);
         }
         let (arm, alone) = (self.arm, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };

@@ -46,9 +46,8 @@ impl Touches {
         (n + 1).checked_rem(self.every).map_or(n + 1 == self.last, |rest| rest == 0)
     }
 
-    pub fn add(&self, contacts: impl Iterator<Item = ShapeContact>, state: usize, n: usize) {
-        let mut list = self.list.lock().unwrap_or_else(PoisonError::into_inner);
-        list.extend(contacts.map(|of| ShapeContact { state, step: n + 1, ..of }));
+    pub fn add(&self, contacts: impl Iterator<Item = ShapeContact>) {
+        self.list.lock().unwrap_or_else(PoisonError::into_inner).extend(contacts);
     }
 
     /// Prepares for steps up to `last`, of which every `every`th is recorded, or none; forgets those that were not

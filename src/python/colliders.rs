@@ -145,13 +145,11 @@ impl PyScene {
     /// The pairs of colliders that can touch: names, friction, restitution and margin.
     fn _touching(&self) -> Vec<([&str; 2], f64, f64, f64)> {
         let Some(shapes) = self.scene.shapes() else { return Vec::new() };
-        let n = shapes.all.len();
-        let pairs = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))).filter(|&(i, j)| shapes.can_touch(i, j));
-        let named = |(i, j)| {
+        let named = |[i, j]: [usize; 2]| {
             let of = shapes.values(i, j);
             ([&*shapes.all[i].name, &*shapes.all[j].name], of.friction, of.restitution, of.margin)
         };
-        pairs.map(named).collect()
+        self.scene.collider_pairs().into_iter().map(named).collect()
     }
 
     /// Signed distances of colliders, their nearest points, and the derivatives of the distances.

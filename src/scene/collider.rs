@@ -5,6 +5,7 @@ use super::collider_pairs::{Colliders, PairValues, Placed};
 use super::connection::frame_fault;
 use crate::collision::{Geometry, Solid};
 use crate::error::{Error, known_names, number};
+use crate::kinematics::{Frame, placement};
 use crate::setters::setters;
 use crate::spatial::RigidShift;
 use std::collections::{HashMap, HashSet};
@@ -102,6 +103,21 @@ pub(crate) struct ColliderRules {
     pub with_parents: bool,
 }
 
+impl ColliderRules {
+    /// The pairs of links that are excluded, in both orders.
+    fn excluded(&self) -> HashSet<[Option<&str>; 2]> {
+        let one = self.excluded.iter().map(|links| links.each_ref().map(Option::as_deref));
+        one.flat_map(|[a, b]| [[a, b], [b, a]]).collect()
+    }
+}
+
+impl ColliderPair {
+    /// Its name in messages.
+    fn subject(&self) -> String {
+        format!("pair of colliders {:?}, {:?}", self.colliders[0], self.colliders[1])
+    }
+}
+
 fn fault(name: &str, found: impl Into<String>, expected: impl Into<String>) -> Error {
     Error::scene(format!("collider {name:?}"), found, expected)
 }
@@ -153,88 +169,71 @@ impl Scene {
     /// Adds the colliders to the scene of an assembled tree, after checking them.
     pub(super) fn colliding(mut self) -> Result<Self, Error> {
         let rules = &self.source.collisions;
-        if rules.colliders.is_empty() {
-            return self.check_rules().map(|()| self);
-        }
-        let mut all = Vec::with_capacity(rules.colliders.len());
-        let mut names = HashSet::new();
-        for collider in &rules.colliders {
-            if !names.insert(collider.name.as_str()) {
+        let (n, mut all, mut index) =
+            (rules.colliders.len(), Vec::with_capacity(rules.colliders.len()), HashMap::new());
+        for (at, collider) in rules.colliders.iter().enumerate() {
+            if index.insert(collider.name.as_str(), at).is_some() {
                 return Err(fault(&collider.name, "a duplicate name", "unique names of colliders"));
             }
             collider.check_numbers()?;
             all.push(self.placed(collider)?);
         }
-        self.check_rules()?;
-        let n = all.len();
-        let index: HashMap<&str, usize> =
-            rules.colliders.iter().enumerate().map(|(i, of)| (of.name.as_str(), i)).collect();
-        let mut touch = vec![false; n * n];
-        let excluded = self.excluded();
+        self.check_rules(&index)?;
+        if all.is_empty() {
+            return Ok(self);
+        }
+        let (mut touch, excluded) = (vec![false; n * n], rules.excluded());
         for i in 0..n {
             for j in i + 1..n {
                 let may = self.may_touch((i, j), &all, &excluded);
                 (touch[i * n + j], touch[j * n + i]) = (may, may);
             }
         }
-        let (mut given, mut margin) = (HashMap::new(), 0.0_f64);
-        let free = Colliders { all, touch, given: HashMap::new(), margin, touches: false };
+        let mut made = Colliders { all, touch, given: HashMap::new(), margin: 0.0, touches: false };
         for pair in &rules.pairs {
-            let [i, j] = [0, 1].map(|end| index.get(pair.colliders[end].as_str()).copied().unwrap_or_default());
-            let mixed = free.values(i, j);
-            let values = PairValues {
-                friction: pair.friction.unwrap_or(mixed.friction),
-                restitution: pair.restitution.unwrap_or(mixed.restitution),
-                margin: pair.margin,
-            };
-            if self.carrier(free.all[i].body) == self.carrier(free.all[j].body) {
+            let [i, j] = pair.colliders.each_ref().map(|name| index.get(name.as_str()).copied().unwrap_or_default());
+            if self.carrier(made.all[i].body) == self.carrier(made.all[j].body) {
+                if self.source.locked.is_empty() {
+                    let expected = "colliders of two links that can move against each other";
+                    return Err(Error::scene(
+                        pair.subject(),
+                        "links that are rigidly attached to each other",
+                        expected,
+                    ));
+                }
+                // Locked joints attach links that could move before.
                 continue;
             }
-            given.insert((i.min(j), i.max(j)), values);
-            margin = margin.max(pair.margin);
+            let mixed = made.mixed(i, j);
+            let (friction, restitution) = (pair.friction, pair.restitution);
+            let (friction, restitution) =
+                (friction.unwrap_or(mixed.friction), restitution.unwrap_or(mixed.restitution));
+            made.give(i, j, PairValues { friction, restitution, margin: pair.margin });
         }
-        let Colliders { all, mut touch, .. } = free;
-        for &(i, j) in given.keys() {
-            (touch[i * n + j], touch[j * n + i]) = (true, true);
-        }
-        let touches = touch.iter().any(|&may| may);
-        self.shapes = Some(Arc::new(Colliders { all, touch, given, margin, touches }));
+        made.touches = made.touch.iter().any(|&may| may);
+        self.shapes = Some(Arc::new(made));
         Ok(self)
     }
 
     /// A collider on its body.
     fn placed(&self, collider: &Collider) -> Result<Placed, Error> {
         let link = collider.link.as_ref().map(|name| self.link_of_collider(&collider.name, name)).transpose()?;
-        let body = self.carrier(link.and_then(|link| link.body)).and_then(|_| link.and_then(|link| link.body));
+        let mut body = link.and_then(|link| link.body);
+        let mut frame = link.map_or(collider.frame, |link| link.placement.compose(&collider.frame));
+        if body.is_some() && self.carrier(body).is_none() {
+            // A body without joints, which was not merged: its pose on the base is constant.
+            frame = placement(self.model(), &self.neutral(), &Frame { body, placement: frame });
+            body = None;
+        }
         if collider.solid.is_ground() && body.is_some() {
             let found = format!("a {} on a link that moves", collider.solid.name());
             return Err(fault(&collider.name, found, "a link that no joint moves, or the base"));
         }
-        let (mut frame, link_body) = (collider.frame, link.and_then(|link| link.body));
-        if let Some(link) = link {
-            frame = link.placement.compose(&frame);
-        }
-        if body.is_none() && link_body.is_some() {
-            // A body without joints, which was not merged: its pose on the base is constant.
-            let model = self.model();
-            let place = crate::kinematics::placement(
-                model,
-                &self.neutral(),
-                &crate::kinematics::Frame { body: link_body, placement: RigidShift::identity() },
-            );
-            frame = place.compose(&frame);
-        }
         let geometry = Geometry::new(&collider.solid).map_err(|(found, expected)| {
             fault(&collider.name, format!("a {} {found}", collider.solid.name()), expected)
         })?;
-        Ok(Placed {
-            name: collider.name.as_str().into(),
-            body,
-            frame,
-            geometry,
-            friction: collider.friction,
-            restitution: collider.restitution,
-        })
+        let (name, friction, restitution) = (collider.name.as_str().into(), collider.friction, collider.restitution);
+        Ok(Placed { name, body, frame, geometry, friction, restitution })
     }
 
     fn link_of_collider(&self, collider: &str, name: &str) -> Result<&super::Link, Error> {
@@ -243,32 +242,19 @@ impl Scene {
         })
     }
 
-    fn check_rules(&self) -> Result<(), Error> {
+    /// Checks the names and the values of the rules, with the colliders by name.
+    fn check_rules(&self, index: &HashMap<&str, usize>) -> Result<(), Error> {
         let rules = &self.source.collisions;
-        let named: HashMap<&str, &Collider> = rules.colliders.iter().map(|of| (of.name.as_str(), of)).collect();
         for pair in &rules.pairs {
-            let subject = || format!("pair of colliders {:?}, {:?}", pair.colliders[0], pair.colliders[1]);
-            for name in &pair.colliders {
-                if !named.contains_key(name.as_str()) {
-                    let found = format!("{name:?}, which does not exist");
-                    let names = rules.colliders.iter().map(|of| of.name.as_str());
-                    return Err(Error::scene(subject(), found, format!("one of {}", known_names(name, names, 8))));
-                }
+            if let Some(name) = pair.colliders.iter().find(|name| !index.contains_key(name.as_str())) {
+                let names = rules.colliders.iter().map(|of| of.name.as_str());
+                let expected = format!("one of {}", known_names(name, names, 8));
+                return Err(Error::scene(pair.subject(), format!("{name:?}, which does not exist"), expected));
             }
-            check_values(&subject(), pair.friction, pair.restitution)?;
+            check_values(&pair.subject(), pair.friction, pair.restitution)?;
             if !(pair.margin.is_finite() && pair.margin >= 0.0) {
                 let expected = "a finite length, zero or positive, m";
-                return Err(Error::scene(subject(), format!("margin {}", number(pair.margin)), expected));
-            }
-            let carriers = pair.colliders.each_ref().map(|name| {
-                let link =
-                    named.get(name.as_str()).and_then(|of| of.link.as_ref()).and_then(|link| self.link(link).ok());
-                self.carrier(link.and_then(|link| link.body))
-            });
-            // Locked joints attach links that could move before.
-            if carriers[0] == carriers[1] && self.source.locked.is_empty() {
-                let expected = "colliders of two links that can move against each other";
-                return Err(Error::scene(subject(), "links that are rigidly attached to each other", expected));
+                return Err(Error::scene(pair.subject(), format!("margin {}", number(pair.margin)), expected));
             }
         }
         for name in rules.excluded.iter().flatten().flatten() {
@@ -278,16 +264,6 @@ impl Scene {
             }
         }
         Ok(())
-    }
-
-    /// The pairs of links that are excluded.
-    fn excluded(&self) -> HashSet<[Option<&str>; 2]> {
-        let both = |[a, b]: &[Option<String>; 2]| [[a.clone(), b.clone()], [b.clone(), a.clone()]];
-        let rules = &self.source.collisions;
-        let names: HashMap<&str, &str> =
-            self.links().iter().map(|link| (link.name.as_str(), link.name.as_str())).collect();
-        let known = |name: &Option<String>| name.as_ref().and_then(|name| names.get(name.as_str()).copied());
-        rules.excluded.iter().flat_map(both).map(|[a, b]| [known(&a), known(&b)]).collect()
     }
 
     /// True if two colliders can touch by the rules.

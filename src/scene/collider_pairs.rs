@@ -30,7 +30,7 @@ pub(crate) struct PairValues {
 #[derive(Debug, Clone)]
 pub(crate) struct Colliders {
     pub all: Vec<Placed>,
-    /// Whether i touches j, at i n + j.
+    /// True if collider i can touch collider j, at index i n + j.
     pub(super) touch: Vec<bool>,
     pub(super) given: HashMap<(usize, usize), PairValues>,
     /// The largest margin, m.
@@ -47,16 +47,22 @@ impl Colliders {
 
     /// The values of a pair.
     pub fn values(&self, i: usize, j: usize) -> PairValues {
+        let given = if self.given.is_empty() { None } else { self.given.get(&(i.min(j), i.max(j))) };
+        given.copied().unwrap_or_else(|| self.mixed(i, j))
+    }
+
+    /// The values of a pair that has none of its own.
+    pub fn mixed(&self, i: usize, j: usize) -> PairValues {
         let (a, b) = (&self.all[i], &self.all[j]);
-        let mixed = || PairValues {
-            friction: a.friction.max(b.friction),
-            restitution: a.restitution.max(b.restitution),
-            margin: 0.0,
-        };
-        if self.given.is_empty() {
-            mixed()
-        } else {
-            self.given.get(&(i.min(j), i.max(j))).copied().unwrap_or_else(mixed)
-        }
+        let (friction, restitution) = (a.friction.max(b.friction), a.restitution.max(b.restitution));
+        PairValues { friction, restitution, margin: 0.0 }
+    }
+
+    /// Lets a pair touch in any case, with values of its own.
+    pub(super) fn give(&mut self, i: usize, j: usize, values: PairValues) {
+        let n = self.all.len();
+        (self.touch[i * n + j], self.touch[j * n + i]) = (true, true);
+        self.given.insert((i.min(j), i.max(j)), values);
+        self.margin = self.margin.max(values.margin);
     }
 }

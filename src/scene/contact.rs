@@ -3,7 +3,7 @@
 use super::Scene;
 use super::collider::ColliderRules;
 use super::connection::frame_fault;
-use super::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes};
+use super::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes, probing_rates};
 use crate::error::{Error, number};
 use crate::setters::setters;
 use crate::spatial::RigidShift;
@@ -262,9 +262,7 @@ impl Scene {
 
     /// True if joint velocities can move the point of a contact relative to its surface, in some configuration.
     fn can_move(&self, point: &ContactPoint) -> bool {
-        let (model, nv) = (self.model(), self.nv());
-        #[allow(clippy::cast_precision_loss)] // an index of a few thousand at most
-        let rates: Vec<f64> = (0..nv).map(|i| 0.5 + (i as f64 * 0.618).fract()).collect();
+        let (model, rates) = (self.model(), probing_rates(self.nv()));
         let neutral = self.neutral();
         let mut other = neutral.clone();
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {

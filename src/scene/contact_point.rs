@@ -3,7 +3,7 @@
 use crate::kinematics::{Frame, frame_motion, placement};
 use crate::model::Model;
 use crate::spatial::{RigidShift, angular, linear};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3, Vector6};
 use std::sync::Arc;
 
 /// A sphere on a body, and the surface that it touches.
@@ -121,20 +121,37 @@ impl ContactPoint {
     /// base frame, m/s, and the sum of the sizes of its terms. O(depth).
     pub fn velocity(&self, model: &Model<f64>, q: &[f64], qd: &[f64]) -> (Vector3<f64>, f64) {
         let motion = |body| frame_motion(model, q, qd, None, &frame_of(body));
-        let own = motion(Some(self.body));
-        let other = self.other_body().map(|k| motion(Some(k)));
-        let place = other.map_or_else(RigidShift::identity, |other| other.placement);
-        let touch = self.touch(&own.placement, &place);
-        let arm = self.center - own.placement.rotate_back(&touch.axes.row(2).transpose()) * self.radius;
-        let (mut velocity, mut terms) = (Vector3::zeros(), 0.0);
-        let arms = [(Some(own), arm, 1.0), (other, place.rotate_back(&(touch.at - place.lever)), -1.0)];
-        for (motion, arm, sign) in arms.into_iter().filter_map(|(motion, arm, sign)| Some((motion?, arm, sign))) {
-            let (turning, sliding) = (angular(&motion.velocity), linear(&motion.velocity));
-            velocity += motion.placement.rotate(&(sliding + turning.cross(&arm))) * sign;
-            terms += sliding.norm() + turning.norm() * arm.norm();
-        }
+        let (own, other) = (motion(Some(self.body)), self.other_body().map(|k| motion(Some(k))));
+        let other = other.as_ref().map(|other| (&other.placement, &other.velocity));
+        let (_, velocity, terms) = self.moving((&own.placement, &own.velocity), other);
         (velocity, terms)
     }
+
+    /// The contact, and the two results of [`ContactPoint::velocity`], from the poses of its bodies in the base frame and
+    /// their velocities in their own frames.
+    pub fn moving(
+        &self,
+        own: (&RigidShift<f64>, &Vector6<f64>),
+        other: Option<(&RigidShift<f64>, &Vector6<f64>)>,
+    ) -> (Touch, Vector3<f64>, f64) {
+        let place = other.map_or_else(RigidShift::identity, |other| *other.0);
+        let touch = self.touch(own.0, &place);
+        let arm = self.center - own.0.rotate_back(&touch.axes.row(2).transpose()) * self.radius;
+        let (mut velocity, mut terms) = (Vector3::zeros(), 0.0);
+        let arms = [(Some(own), arm, 1.0), (other, place.rotate_back(&(touch.at - place.lever)), -1.0)];
+        for ((place, twist), arm, sign) in arms.into_iter().filter_map(|(body, arm, sign)| Some((body?, arm, sign))) {
+            let (turning, sliding) = (angular(twist), linear(twist));
+            velocity += place.rotate(&(sliding + turning.cross(&arm))) * sign;
+            terms += sliding.norm() + turning.norm() * arm.norm();
+        }
+        (touch, velocity, terms)
+    }
+}
+
+/// Rates of all joints, for the test whether they can move a point.
+#[allow(clippy::cast_precision_loss)] // an index of a few thousand at most
+pub(crate) fn probing_rates(nv: usize) -> Vec<f64> {
+    (0..nv).map(|i| 0.5 + (i as f64 * 0.618).fract()).collect()
 }
 
 fn frame_of(body: Option<usize>) -> Frame<f64> {

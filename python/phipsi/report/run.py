@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._core import Scene
-from .._forces import of_motion, of_pairs
+from .._forces import are_of, of_motion, of_pairs
 from .._motion import Trajectory
 from .._trajectory_files import columns
 from . import embed, motion
@@ -188,10 +188,10 @@ class Touch(NamedTuple):
 def touches(path: Trajectory) -> list[Touch]:
     """The pairs of colliders that touch in recorded rows, the largest force first."""
     found = []
-    for (first, second), force in of_pairs(path).items():
+    for pair, force in of_pairs(path).items():
         shapes = path.contacts.shapes  # type: ignore[union-attr]  # there are pairs
-        at = path.t[shapes.row[np.all(shapes.pair == [shapes.names.index(first), shapes.names.index(second)], axis=1)]]
-        found.append(Touch(first, second, float(np.linalg.norm(force, axis=1).max()), float(at.min()), float(at.max())))
+        at = path.t[shapes.row[are_of(shapes, pair)]]
+        found.append(Touch(*pair, float(np.linalg.norm(force, axis=1).max()), float(at.min()), float(at.max())))
     return found
 
 

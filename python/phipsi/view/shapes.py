@@ -92,12 +92,12 @@ def of_colliders(scene: Scene, fixed_only: bool) -> list[Shape]:
         place = np.eye(4)
         place[:3, :3], place[:3, 3] = np.reshape(turn, (3, 3)), origin
         if kind != "half space" and not (fixed_only and link is not None):
-            made.append(Shape(BASE if link is None else link, color_mesh(_collider_mesh(kind, numbers, points), COLLIDER), place))
+            made.append(Shape(BASE if link is None else link, color_mesh(_solid_mesh(kind, numbers, points), COLLIDER), place))
     return made
 
 
-def _collider_mesh(kind: str, numbers: Sequence[float], points: Sequence[Sequence[float]]) -> trimesh.Trimesh:
-    """Mesh of a collider."""
+def _solid_mesh(kind: str, numbers: Sequence[float], points: Sequence[Sequence[float]] = ()) -> trimesh.Trimesh:
+    """Mesh of a shape, from the kind and the numbers of a collider."""
     match kind:
         case "sphere":
             return trimesh.creation.icosphere(subdivisions=3, radius=numbers[0])
@@ -361,16 +361,12 @@ def of_mujoco(scene: Scene, file: Path) -> Iterator[Shape]:
         if model.geom_group[at] not in SHOWN or link not in known:
             continue
         kind = model.geom_type[at]
-        if kind == kinds.mjGEOM_SPHERE:
-            mesh = trimesh.creation.icosphere(radius=x, subdivisions=3)
-        elif kind == kinds.mjGEOM_CAPSULE:
-            mesh = trimesh.creation.capsule(radius=x, height=2.0 * y)
+        solids = {"SPHERE": [x], "CAPSULE": [x, 2.0 * y], "CYLINDER": [x, 2.0 * y], "BOX": [2.0 * x, 2.0 * y, 2.0 * z]}
+        solid = kinds(kind).name.removeprefix("mjGEOM_")
+        if solid in solids:
+            mesh = _solid_mesh(solid.lower(), solids[solid])
         elif kind == kinds.mjGEOM_ELLIPSOID:
-            mesh = trimesh.creation.icosphere(subdivisions=3).apply_scale([x, y, z])
-        elif kind == kinds.mjGEOM_CYLINDER:
-            mesh = trimesh.creation.cylinder(radius=x, height=2.0 * y)
-        elif kind == kinds.mjGEOM_BOX:
-            mesh = trimesh.creation.box(extents=[2.0 * x, 2.0 * y, 2.0 * z])
+            mesh = _solid_mesh("sphere", [1.0]).apply_scale([x, y, z])
         elif kind == kinds.mjGEOM_MESH:
             mesh = _mesh(model, model.geom_dataid[at])
         else:

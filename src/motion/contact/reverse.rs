@@ -13,7 +13,7 @@ use super::backward::{ContactAdjoint, ContactGradient};
 use super::parts::Part;
 use super::record::StepRecord;
 use super::report::{begin, width};
-use super::shaped::Shaped;
+use super::shaped::{self, Shaped};
 use super::step::ContactStep;
 use super::switching::Switching;
 use crate::batch::instruction_set::InstructionSet;
@@ -105,10 +105,7 @@ impl ContactReverse {
     /// Makes a step, with the contacts of shapes that it can reach.
     fn make(&mut self, scene: &Scene, settings: &StepSettings) -> Result<(), (String, Error)> {
         let Self { scratch, step, kept, shaped, .. } = self;
-        match shaped {
-            Some(shaped) => shaped.step(step, settings, scratch, kept),
-            None => step.step(scene, settings, scratch, kept),
-        }
+        shaped::step(shaped.as_deref_mut(), step, (scene, settings), scratch, kept)
     }
 
     /// Repeats step `n` until it ends at the recorded row. With friction the law can have several solutions, of which the

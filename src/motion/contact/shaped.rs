@@ -8,6 +8,7 @@ use super::shapes::Shapes;
 use super::step::ContactStep;
 use crate::error::Error;
 use crate::scene::Scene;
+use crate::scene::contact_point::Touch;
 use nalgebra::Vector3;
 
 /// Largest number of repeats of a step whose shapes move farther than its search assumed.
@@ -30,7 +31,7 @@ impl Shaped {
     }
 
     /// One step with the contacts that it can reach.
-    pub fn step(
+    fn step(
         &mut self,
         touching: &mut ContactStep,
         settings: &StepSettings,
@@ -56,34 +57,39 @@ impl Shaped {
         Ok(())
     }
 
-    /// The forces of shapes that touched in the last step, of length h.
-    pub fn forces(&self, q: &[f64], h: f64) -> impl Iterator<Item = ShapeContact> + '_ {
+    /// The forces of shapes that touched in the last step, of length h, which ended at `q`.
+    pub fn forces<'a>(
+        &'a self,
+        (q, h): (&'a [f64], f64),
+        (state, step): (usize, usize),
+    ) -> impl Iterator<Item = ShapeContact> + 'a {
         let (points, model) = (&self.scene.contact_points, self.scene.model());
-        let q = q.to_vec();
-        let each = self.shapes.pairs.iter().zip(self.named..);
-        each.filter_map(move |(pair, i)| {
-            let point = &points[i];
-            let of = |from: usize| {
-                let p = Vector3::from_column_slice(&self.kept[from + 3 * i..][..3]);
-                point.axes.tr_mul(&p) * if pair.on_second { -1.0 } else { 1.0 }
-            };
-            let (held, struck) = (of(0) / h, of(3 * points.len()));
-            if held == Vector3::zeros() && struck == Vector3::zeros() {
+        self.shapes.pairs.iter().zip(self.named..).filter_map(move |(pair, i)| {
+            let (point, colliders) = (&points[i], pair.colliders);
+            let sign = if pair.on_second { -1.0 } else { 1.0 };
+            let of =
+                |from: usize| point.axes.tr_mul(&Vector3::from_column_slice(&self.kept[from + 3 * i..][..3])) * sign;
+            let (force, impulse) = (of(0) / h, of(3 * points.len()));
+            if force == Vector3::zeros() && impulse == Vector3::zeros() {
                 return None;
             }
-            let touch = point.touch_at(model, &q);
-            let normal = touch.axes.row(2).transpose() * if pair.on_second { -1.0 } else { 1.0 };
-            let (colliders, gap) = (pair.colliders, touch.gap);
-            Some(ShapeContact {
-                state: 0,
-                step: 0,
-                colliders,
-                point: touch.at,
-                normal,
-                gap,
-                force: held,
-                impulse: struck,
-            })
+            let Touch { axes, gap, at } = point.touch_at(model, q);
+            let normal = axes.row(2).transpose() * sign;
+            Some(ShapeContact { state, step, colliders, point: at, normal, gap, force, impulse })
         })
+    }
+}
+
+/// One step, with the contacts of shapes that it can reach. Returns the joint and the error if it fails.
+pub(super) fn step(
+    shaped: Option<&mut Shaped>,
+    touching: &mut ContactStep,
+    (scene, settings): (&Scene, &StepSettings),
+    s: &mut Scratch<f64>,
+    kept: &mut [f64],
+) -> Result<(), (String, Error)> {
+    match shaped {
+        Some(shaped) => shaped.step(touching, settings, s, kept),
+        None => touching.step(scene, settings, s, kept),
     }
 }

@@ -10,7 +10,7 @@ use crate::collision::{Against, Near, contacts, distance};
 use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::scene::Scene;
 use crate::scene::collider_pairs::{Colliders, Placed};
-use crate::scene::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes};
+use crate::scene::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes, probing_rates};
 use crate::spatial::{RigidShift, angular, linear, zero};
 use nalgebra::{Rotation3, Vector3, Vector6};
 use std::collections::HashMap;
@@ -23,7 +23,7 @@ const MOST_LOOKS: usize = 32;
 const STILL: f64 = 1e-12;
 
 /// Bounds of the displacement of a shape in a step, m, and of the change of its velocity, m/s.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Range {
     pub displacement: f64,
     pub change: f64,
@@ -70,8 +70,6 @@ impl Shapes {
     pub fn new(scene: &Scene) -> Option<Self> {
         let (all, model) = (scene.shapes()?, scene.model());
         let (n, bodies) = (all.all.len(), model.bodies.len());
-        #[allow(clippy::cast_precision_loss)] // an index of a few thousand at most
-        let probe = (0..model.nv()).map(|i| 0.5 + (i as f64 * 0.618).fract()).collect();
         Some(Self {
             radii: all.all.iter().map(|of| of.geometry.reach(&of.frame)).collect(),
             shift: vec![RigidShift::identity(); bodies],
@@ -79,8 +77,8 @@ impl Shapes {
             places: vec![RigidShift::identity(); n],
             velocity: vec![zero(); bodies],
             probing: vec![zero(); bodies],
-            probe,
-            ranges: vec![Range { displacement: 0.0, change: 0.0 }; n],
+            probe: probing_rates(model.nv()),
+            ranges: vec![Range::default(); n],
             boxes: vec![(Vector3::zeros(), Vector3::zeros()); n],
             order: (0..n).collect(),
             near: Vec::new(),
@@ -97,7 +95,7 @@ impl Shapes {
 
     /// The pairs that penetrate each other at a state, and their depth at each point, m.
     pub fn depths(&mut self, scene: &Scene, state: (&[f64], &[f64])) -> Vec<([usize; 2], f64)> {
-        self.find_within(scene, 1.0, state, |_, _| Range { displacement: 0.0, change: 0.0 });
+        self.find_within(scene, 1.0, state, |_, _| Range::default());
         let model = scene.model();
         let depth = |(point, pair): (&ContactPoint, &PairOf)| (pair.colliders, -point.touch_at(model, state.0).gap);
         self.points.iter().zip(&self.pairs).map(depth).filter(|(_, depth)| *depth > 0.0).collect()
@@ -119,12 +117,15 @@ impl Shapes {
     fn range(&mut self, scene: &Scene, h: f64) {
         let slack = 2.0 * touching_gap(scene.model(), h);
         for (at, of) in self.all.all.iter().enumerate() {
-            let range = &mut self.ranges[at];
-            *range = Range { displacement: 0.0, change: 0.0 };
-            let Some(k) = of.body else { continue };
-            let speed = linear(&self.velocity[k]).norm() + angular(&self.velocity[k]).norm() * self.radii[at];
-            *range = Range { displacement: h * speed + slack, change: slack / h };
+            let moving = || Range { displacement: h * self.speed(at) + slack, change: slack / h };
+            self.ranges[at] = of.body.map_or_else(Range::default, |_| moving());
         }
+    }
+
+    /// A bound of the speed of the points of a collider, m/s.
+    fn speed(&self, at: usize) -> f64 {
+        let of = |k: usize| linear(&self.velocity[k]).norm() + angular(&self.velocity[k]).norm() * self.radii[at];
+        self.all.all[at].body.map_or(0.0, of)
     }
 
     /// Finds the contacts that a step of `h` from a state can reach.
@@ -152,8 +153,7 @@ impl Shapes {
     ) {
         self.place(scene, state);
         for (at, collider) in self.all.all.iter().enumerate() {
-            let none = Range { displacement: 0.0, change: 0.0 };
-            self.ranges[at] = collider.body.map_or(none, |k| of(k, self.radii[at]));
+            self.ranges[at] = collider.body.map_or_else(Range::default, |k| of(k, self.radii[at]));
         }
         self.search(scene, h);
     }
@@ -260,18 +260,16 @@ impl Shapes {
     fn meets_on_the_way(&self, [i, j]: [usize; 2], h: f64, slack: f64) -> bool {
         let all = &self.all.all;
         let slack = slack + h * (self.ranges[i].change + self.ranges[j].change);
-        let twist = |at: usize| all[at].body.map(|k| (self.velocity[k], k));
-        let moved = |at: usize, t: f64| match twist(at) {
+        let moved = |at: usize, t: f64| match all[at].body {
             None => self.places[at],
-            Some((velocity, k)) => {
-                let turn = *Rotation3::new(angular(&velocity) * t).matrix();
-                let step = RigidShift { rotation: turn, lever: linear(&velocity) * t };
+            Some(k) => {
+                let velocity = &self.velocity[k];
+                let turn = *Rotation3::new(angular(velocity) * t).matrix();
+                let step = RigidShift { rotation: turn, lever: linear(velocity) * t };
                 self.bodies[k].compose(&step).compose(&all[at].frame)
             }
         };
-        let speed =
-            [i, j].map(|at| twist(at).map_or(0.0, |(u, _)| linear(&u).norm() + angular(&u).norm() * self.radii[at]));
-        let speed: f64 = speed.iter().sum();
+        let speed = self.speed(i) + self.speed(j);
         let mut t = 0.0;
         for _ in 0..MOST_LOOKS {
             let relative = moved(i, t).inverse().compose(&moved(j, t));
@@ -333,19 +331,9 @@ impl Shapes {
 
     /// True if joint velocities can move a point along its normal.
     fn can_move(&self, point: &ContactPoint) -> bool {
-        let place = |body: Option<usize>| body.map_or_else(RigidShift::identity, |k| self.bodies[k]);
-        let (own, other) = (place(Some(point.body)), place(point.other_body()));
-        let touch = point.touch(&own, &other);
-        let normal = touch.axes.row(2).transpose();
-        let (mut rate, mut terms) = (0.0, 0.0);
-        for (body, place, sign) in [(Some(point.body), own, 1.0), (point.other_body(), other, -1.0)] {
-            let Some(k) = body else { continue };
-            let (turning, sliding) = (angular(&self.probing[k]), linear(&self.probing[k]));
-            let arm = place.rotate_back(&(touch.at - place.lever));
-            rate += sign * normal.dot(&place.rotate(&(sliding + turning.cross(&arm))));
-            terms += sliding.norm() + turning.norm() * arm.norm();
-        }
-        rate.abs() > STILL * terms
+        let of = |k: usize| (&self.bodies[k], &self.probing[k]);
+        let (touch, velocity, terms) = point.moving(of(point.body), point.other_body().map(of));
+        touch.axes.row(2).transpose().dot(&velocity).abs() > STILL * terms
     }
 
     /// The contacts of the last search after those that are named, for a step.

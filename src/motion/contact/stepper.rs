@@ -9,7 +9,7 @@ use super::super::totals::TOTALS;
 use super::closed::{onto_connections, positions_onto_connections};
 use super::project::{along_surfaces, onto_surfaces, out_of_planes};
 use super::report::RECORD;
-use super::shaped::Shaped;
+use super::shaped::{Shaped, step};
 use super::shapes::Shapes;
 use super::step::ContactStep;
 use crate::dynamics::contacts::{ContactScratch, slip};
@@ -84,11 +84,7 @@ impl ContactStepper {
                 let at = (n - first) * nv;
                 s.torque.copy_from_slice(&torque.state(state)[at..at + nv]);
             }
-            let made = match &mut *shaped {
-                Some(shaped) => shaped.step(touching, settings, s, kept),
-                None => touching.step(scene, settings, s, kept),
-            };
-            if let Err((joint, error)) = made {
+            if let Err((joint, error)) = step(shaped.as_deref_mut(), touching, (scene, settings), s, kept) {
                 outcome = Err(StepFault { step: n, state, joint, error });
                 break;
             }
@@ -98,7 +94,7 @@ impl ContactStepper {
             if let (Some(touches), Some(shaped)) = (job.touches, &*shaped)
                 && touches.counts(n)
             {
-                touches.add(shaped.forces(&s.q_next, settings.step), state, n);
+                touches.add(shaped.forces((&s.q_next, settings.step), (state, n + 1)));
             }
             if let Some(impacts) = job.impacts
                 && !touching.impacts.is_empty()

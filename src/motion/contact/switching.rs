@@ -123,23 +123,20 @@ impl Switching {
                     outcome = fault;
                 }
             }
-        } else if acting != 0 && job.scene.shapes().is_some() {
-            for lane in (0..job.states.len()).filter(|lane| acting >> lane & 1 == 1) {
-                let Self { part, touching, reaches, .. } = self;
-                let Some(shapes) = &mut reaches[lane].shapes else { continue };
-                part.take(job, 1 << lane, (width, width));
-                let touched = touching.shaped_steps(part.job(job, settings, n), shapes);
-                job.current[lane * width..][..width].copy_from_slice(&part.current);
-                if let Err(fault) = touched
-                    && outcome.as_ref().err().is_none_or(|known| fault.state < known.state)
-                {
-                    outcome = Err(fault);
-                }
-            }
-        } else if acting != 0 {
-            self.part.take(job, acting, (width, width));
-            let touched = self.touching.steps(self.part.job(job, settings, n));
-            for (lane, values) in self.part.lanes.iter().zip(self.part.current.chunks_exact(width)) {
+        }
+        let mut left = if settings.accuracy.is_some() { 0 } else { acting };
+        while left != 0 {
+            let Self { part, touching, reaches, .. } = self;
+            let shapes = reaches[left.trailing_zeros() as usize].shapes.as_mut();
+            // One state at a time with shapes, whose contacts are known.
+            let bits = if shapes.is_some() { left & left.wrapping_neg() } else { left };
+            left &= !bits;
+            part.take(job, bits, (width, width));
+            let touched = match shapes {
+                Some(shapes) => touching.shaped_steps(part.job(job, settings, n), shapes),
+                None => touching.steps(part.job(job, settings, n)),
+            };
+            for (lane, values) in part.lanes.iter().zip(part.current.chunks_exact(width)) {
                 job.current[lane * width..][..width].copy_from_slice(values);
             }
             if let Err(fault) = touched
