@@ -99,7 +99,7 @@ dev: | $(DEV)/bin/python
 
 # From another folder, so that the installed wheel is imported and not the source.
 test-python: $(VENV)/test
-	cd tests/python && ../../$(BIN)/python -m pytest -q --rootdir . -c ../../pyproject.toml .
+	cd tests/python && ../../$(BIN)/python -m pytest -q --durations=40 --rootdir . -c ../../pyproject.toml .
 
 # JAX starts threads, with which other tests must not fork: a separate environment.
 $(VENV)-jax/there: $(VENV)/wheel pyproject.toml
@@ -153,11 +153,10 @@ check-crate:
 	cargo clippy --locked --lib --features $(ALL_FEATURES) -- -D warnings
 	cargo clippy --locked --all-targets --features python,avx512 -- -D warnings
 	if rustup toolchain install $(OLDEST_RUST) --profile minimal --no-self-update; then \
-	  for features in --no-default-features --features=$(ALL_FEATURES); do cargo +$(OLDEST_RUST) check --locked --lib $$features || exit 1; done; \
+	  cargo +$(OLDEST_RUST) check --locked --lib --features $(ALL_FEATURES) || exit 1; \
 	else echo "Rust $(OLDEST_RUST): not checked: rustup cannot install it here"; fi
 	if rustup target add $(OTHER); then cargo clippy --locked --lib --features $(ALL_FEATURES) --target $(OTHER) -- -D warnings; \
 	else echo "$(OTHER): not checked: rustup does not support it here"; fi
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --no-default-features
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(ALL_FEATURES)
 	CARGO_TARGET_DIR=target cargo run --manifest-path examples/build_script/Cargo.toml
 

@@ -135,7 +135,7 @@ class ContactMotion(NamedTuple):
     Above 1e-5 the simulation ends with SimulationError.
     """
     converged: NDArray[np.bool_]
-    """Whether the solver met 1e-10 (1e-8 with more than 64 contacts), or the rounding level of its values, in every step, (...)."""
+    """Whether the solver met 1e-10, or the rounding level of its values, in every step, (...)."""
     iterations: NDArray[np.int_]
     """Number of iterations of all solves, (...): the number of factorized matrices."""
     lost_in_impacts: _Array

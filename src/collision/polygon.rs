@@ -5,9 +5,9 @@ use nalgebra::Vector3;
 /// The largest number of points of contact of a pair.
 pub(crate) const MOST: usize = 8;
 
-/// Of more points, first the extremes in some directions are chosen.
+/// Of more points, first the extremes along some axes are chosen.
 const MANY: usize = 24;
-const DIRECTIONS: usize = 16;
+const AXES: usize = 8;
 
 /// Points up to this distance beyond a side belong to a polygon, relative to its size: its rim belongs to it.
 const RIM: f64 = 1e-9;
@@ -55,13 +55,26 @@ fn extremes(points: &[Vector3<f64>], lowest: usize, normal: &Vector3<f64>) -> Ve
     axis[normal.iamin()] = 1.0;
     let first = normal.cross(&axis).normalize();
     let second = normal.cross(&first);
+    #[allow(clippy::cast_precision_loss)] // a small count
+    let axes: [(f64, f64); AXES] = std::array::from_fn(|i| (std::f64::consts::PI * i as f64 / AXES as f64).sin_cos());
+    // The farthest point along each axis, and that in the opposite direction.
+    let mut farthest = [[(f64::NEG_INFINITY, 0); AXES]; 2];
+    for (i, x) in points.iter().enumerate() {
+        let (across, along) = (x.dot(&second), x.dot(&first));
+        for (k, (sin, cos)) in axes.iter().enumerate() {
+            let far = along * cos + across * sin;
+            for (of, far) in farthest.iter_mut().zip([far, -far]) {
+                if far > of[k].0 {
+                    of[k] = (far, i);
+                }
+            }
+        }
+    }
     let mut found = vec![lowest];
-    for i in 0..DIRECTIONS {
-        #[allow(clippy::cast_precision_loss)] // a small count
-        let (sin, cos) = (std::f64::consts::TAU * i as f64 / DIRECTIONS as f64).sin_cos();
-        let toward = first * cos + second * sin;
-        let far = |&i: &usize, &j: &usize| points[i].dot(&toward).total_cmp(&points[j].dot(&toward));
-        found.extend((0..points.len()).max_by(far).filter(|best| !found.contains(best)));
+    for (_, i) in farthest.into_iter().flatten() {
+        if !found.contains(&i) {
+            found.push(i);
+        }
     }
     found
 }

@@ -15,6 +15,8 @@ pub(crate) struct Polyhedron {
     pub faces: Vec<Face>,
     /// The corners at the other ends of the edges of each corner, for a polyhedron with many.
     next: Vec<Vec<usize>>,
+    /// Its corners that are farthest in some directions, from which a search begins.
+    outer: Vec<usize>,
 }
 
 /// A face, with its corners counterclockwise seen from outside.
@@ -40,7 +42,16 @@ impl Polyhedron {
                 list.dedup();
             }
         }
-        Self { corners, faces, next }
+        let mut made = Self { corners, faces, next, outer: vec![0] };
+        if !made.next.is_empty() {
+            let axis = |k: usize| [-1.0, 0.0, 1.0][k % 3];
+            let toward = (0..27).map(|k| Vector3::new(axis(k), axis(k / 3), axis(k / 9)));
+            let mut outer: Vec<usize> = toward.map(|toward| made.farthest_index(&toward)).collect();
+            outer.sort_unstable();
+            outer.dedup();
+            made.outer = outer;
+        }
+        made
     }
 
     pub fn of_box(half: &Vector3<f64>) -> Self {
@@ -73,18 +84,27 @@ impl Polyhedron {
     }
 
     fn farthest_index(&self, direction: &Vector3<f64>) -> usize {
-        let height = |i: usize| self.corners[i].dot(direction);
-        if self.next.is_empty() {
-            let best = (0..self.corners.len()).max_by(|&i, &j| height(i).total_cmp(&height(j)));
-            return best.unwrap_or_default();
-        }
-        let mut at = 0;
-        loop {
-            let best = self.next[at].iter().copied().max_by(|&i, &j| height(i).total_cmp(&height(j)));
-            match best {
-                Some(best) if height(best) > height(at) => at = best,
-                _ => return at,
+        // A loop, because a maximum by comparisons computes each height twice.
+        let higher = |indices: &mut dyn Iterator<Item = usize>, mut best: (f64, usize)| {
+            for i in indices {
+                let height = self.corners[i].dot(direction);
+                if height > best.0 {
+                    best = (height, i);
+                }
             }
+            best
+        };
+        let nothing = (f64::NEG_INFINITY, 0);
+        if self.next.is_empty() {
+            return higher(&mut (0..self.corners.len()), nothing).1;
+        }
+        let mut best = higher(&mut self.outer.iter().copied(), nothing);
+        loop {
+            let next = higher(&mut self.next[best.1].iter().copied(), best);
+            if next.1 == best.1 {
+                return best.1;
+            }
+            best = next;
         }
     }
 

@@ -24,7 +24,7 @@ pub(crate) trait ContactProblem {
 
 impl ContactProblem for Cone {
     fn response(&self, p: &DVector<f64>) -> DVector<f64> {
-        &self.g * p
+        self.g.times(p)
     }
 
     fn impulses(

@@ -1,6 +1,7 @@
 //! Contacts in independent groups: G is block diagonal, and the law of each group is solved alone.
 
 use super::energy::ContactProblem;
+use super::gram::Gram;
 use super::law::{Cone, ContactState, Limits};
 use super::report::{Effort, SolveReport};
 use nalgebra::{DMatrix, DVector};
@@ -14,8 +15,8 @@ pub(crate) struct Cones {
 
 impl Cones {
     /// From the contacts and the block of G of each group, and the coefficients of friction of all contacts.
-    pub fn new(blocks: Vec<(Vec<usize>, DMatrix<f64>)>, friction: &[f64]) -> Self {
-        let of = |(members, g): (Vec<usize>, DMatrix<f64>)| {
+    pub fn new(blocks: Vec<(Vec<usize>, Gram)>, friction: &[f64]) -> Self {
+        let of = |(members, g): (Vec<usize>, Gram)| {
             let cone = Cone::new(g, members.iter().map(|&i| friction[i]).collect());
             (members, cone)
         };
@@ -24,8 +25,8 @@ impl Cones {
 
     /// The groups of contacts between which all blocks of G are zero.
     pub fn split(cone: Cone) -> Self {
-        let n = cone.len();
-        let coupled = |i: usize, j: usize| cone.g.fixed_view::<3, 3>(3 * i, 3 * j).iter().any(|&g| g != 0.0);
+        let (n, g) = (cone.len(), cone.g.dense().into_owned());
+        let coupled = |i: usize, j: usize| g.fixed_view::<3, 3>(3 * i, 3 * j).iter().any(|&g| g != 0.0);
         let mut left: Vec<usize> = (0..n).collect();
         let mut groups = Vec::new();
         while let Some(&first) = left.first() {
@@ -43,7 +44,7 @@ impl Cones {
                 return Self { groups: vec![(members, cone)], contacts: n };
             }
             let rows = rows_of(&members);
-            let g = cone.g.select_rows(&rows).select_columns(&rows);
+            let g = g.select_rows(&rows).select_columns(&rows);
             groups.push((members.clone(), Cone::new(g, members.iter().map(|&i| cone.friction[i]).collect())));
         }
         Self { groups, contacts: n }
@@ -73,15 +74,15 @@ impl Cones {
         let mut g = DMatrix::zeros(3 * self.contacts, 3 * self.contacts);
         let (mut friction, lengths) = (vec![0.0; self.contacts], self.lengths());
         for (members, cone) in &self.groups {
-            let rows = rows_of(members);
+            let (rows, own) = (rows_of(members), cone.g.dense());
             for (j, &column) in rows.iter().enumerate() {
                 for (i, &row) in rows.iter().enumerate() {
-                    g[(row, column)] = cone.g[(i, j)];
+                    g[(row, column)] = own[(i, j)];
                 }
             }
             members.iter().zip(&cone.friction).for_each(|(&i, &mu)| friction[i] = mu);
         }
-        Cone::with_lengths(g, friction, lengths)
+        Cone::with_lengths(g.into(), friction, lengths)
     }
 
     /// [`Cone::solve`] of each group.

@@ -1,5 +1,6 @@
 //! Impulses for which no contact moves, by the Cholesky factor of G.
 
+use super::gram::Gram;
 use super::law::Cone;
 use nalgebra::DVector;
 
@@ -20,15 +21,17 @@ pub(super) struct Held {
 impl Held {
     /// The factor of G; `None` if its rows can be dependent.
     pub fn of(cone: &Cone) -> Option<Self> {
+        // More rows than joints are dependent.
+        let Gram::Dense(g) = &cone.g else { return None };
         let acts = |row: &usize| row % 3 == 2 || cone.friction[row / 3] > 0.0;
-        let rows: Vec<usize> = (0..cone.g.nrows()).filter(acts).collect();
+        let rows: Vec<usize> = (0..g.nrows()).filter(acts).collect();
         let m = rows.len();
         let mut factor = vec![0.0; m * m];
         for j in 0..m {
             let (before, own) = factor.split_at_mut(j * m);
             let own = &mut own[..=j];
             for (entry, &row) in own.iter_mut().zip(&rows) {
-                *entry = cone.g[(row, rows[j])];
+                *entry = g[(row, rows[j])];
             }
             let diagonal = own[j];
             for i in 0..j {

@@ -22,6 +22,7 @@
 //! so that a change of G has the term (P `p_bar`)* B dG p1 in addition to those at p0: the null space of G turns, and p
 //! with it ([`Turning`]). The rows of P are those of velocities that vanish, with constant A and B.
 
+use super::gram::add_rows;
 use super::law::{Cone, Limits};
 use super::newton::PROXIMAL;
 use nalgebra::{DMatrix, DVector, Dyn, LU, Matrix2, Matrix3, Vector2, Vector3};
@@ -158,7 +159,7 @@ impl Cone {
         let mut by_velocity = vec![Matrix3::zeros(); self.len()];
         let mut by_friction = vec![Vector3::zeros(); self.len()];
         let by_least = modes.iter().map(|mode| if mode.normal == Normal::AtBound { -1.0 } else { 0.0 }).collect();
-        let mut matrix = DMatrix::zeros(m, m);
+        let (mut matrix, g) = (DMatrix::zeros(m, m), self.g.dense());
         for (i, mode) in modes.iter().enumerate() {
             let (at, r, mu) = (3 * i, self.lengths[i], self.friction[i]);
             let (mut a, b) = (Matrix3::identity(), &mut by_velocity[i]);
@@ -183,25 +184,11 @@ impl Cone {
                 }
                 by_friction[i] = Vector3::new(-d[0], -d[1], 0.0) * p[at + 2];
             }
-            self.add_rows(i, (&a, b), &mut matrix);
+            add_rows(&g, i, (&a, b), &mut matrix);
         }
         let by_energy = vec![Vector3::zeros(); self.len()];
         let (spring, impulses) = (self.spring, p.clone());
         Linearization { by_velocity, by_friction, by_least, by_energy, matrix, spring, impulses }
-    }
-
-    /// Sets the rows A + B G of a contact for its blocks A and B.
-    pub(super) fn add_rows(&self, i: usize, (a, b): (&Matrix3<f64>, &Matrix3<f64>), matrix: &mut DMatrix<f64>) {
-        let at = 3 * i;
-        for row in 0..3 {
-            for j in 0..matrix.ncols() {
-                let of_velocity: f64 = (0..3).map(|k| b[(row, k)] * self.g[(at + k, j)]).sum();
-                matrix[(at + row, j)] = of_velocity;
-            }
-            for column in 0..3 {
-                matrix[(at + row, at + column)] += a[(row, column)];
-            }
-        }
     }
 
     /// Newton's method in the modes of `p`, until the residual no longer decreases; returns the impulses and their

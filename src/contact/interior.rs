@@ -13,9 +13,10 @@
 //! step with e = 0 could be (S. Mehrotra, SIAM Journal on Optimization 2, 1992, 575-601). y, v, l and s remain
 //! positive. Redundant contacts and large mass ratios are admissible.
 
+use super::gram::Factor;
 use super::law::{Cone, Limits};
 use super::scaled::Scaled;
-use nalgebra::{DMatrix, DVector, Dyn, LU};
+use nalgebra::{DVector, Matrix3};
 
 /// Smallest fraction of a positive variable that remains after a step.
 const KEPT: f64 = 0.005;
@@ -82,7 +83,7 @@ impl<'a> Interior<'a> {
     /// Largest violation of the equations between velocities and v, l.
     pub fn disagreement(&self) -> f64 {
         let Point { z, apart, slip, .. } = &self.now;
-        let u = &self.problem.a * z + &self.problem.c;
+        let u = self.problem.a.times(z) + &self.problem.c;
         let of = |i: usize| {
             let normal = (u[3 * i + 2] - apart[i]).abs();
             if !self.problem.grips(i) {
@@ -94,38 +95,35 @@ impl<'a> Interior<'a> {
         (0..self.problem.len()).map(of).fold(0.0, f64::max)
     }
 
-    /// The matrix of a step after elimination of v, l and s.
-    pub fn slope(&self) -> DMatrix<f64> {
+    /// The factor of the matrix of a step after elimination of v, l and s; `None` if it is singular.
+    pub fn slope(&self) -> Option<Factor<'_>> {
         let Point { z, apart, slip, room } = &self.now;
-        let mut slope = self.problem.a.clone();
-        for i in 0..self.problem.len() {
-            let at = 3 * i;
-            slope[(at + 2, at + 2)] += apart[i] / self.problem.above(i, z);
+        let of = |i: usize| {
+            let (mut a, mut b) = (Matrix3::zeros(), Matrix3::identity());
+            a[(2, 2)] = apart[i] / self.problem.above(i, z);
             if !self.problem.grips(i) {
-                for row in at..at + 2 {
-                    slope.row_mut(row).fill(0.0);
-                    slope[(row, row)] = 1.0;
-                }
-                continue;
+                (a[(0, 0)], a[(1, 1)], b[(0, 0)], b[(1, 1)]) = (1.0, 1.0, 0.0, 0.0);
+                return (a, b);
             }
             let (mu, q, pull) = (self.problem.cone.friction[i], self.problem.radius(i, z), self.problem.pull(i, z));
             for row in 0..2 {
-                slope[(at + row, at + row)] += slip[i] / q;
+                a[(row, row)] = slip[i] / q;
                 for column in 0..2 {
-                    slope[(at + row, at + column)] += 2.0 * slip[i] / room[i] * pull[row] * pull[column];
+                    a[(row, column)] += 2.0 * slip[i] / room[i] * pull[row] * pull[column];
                 }
-                let by_normal = slip[i] * mu * pull[row] * (1.0 / q + (1.0 + pull.norm_squared()) / room[i]);
-                slope[(at + row, at + 2)] -= by_normal;
+                a[(row, 2)] = -(slip[i] * mu * pull[row] * (1.0 / q + (1.0 + pull.norm_squared()) / room[i]));
             }
-        }
-        slope
+            (a, b)
+        };
+        let blocks: Vec<_> = (0..self.problem.len()).map(of).collect();
+        self.problem.a.factor(&blocks, 0.0)
     }
 
     /// The Newton step toward y v and l s with the given values for each contact.
-    pub fn towards(&self, slope: &LU<f64, Dyn, Dyn>, aim: impl Fn(usize) -> [f64; 2]) -> Option<Point> {
+    pub fn towards(&self, slope: &Factor<'_>, aim: impl Fn(usize) -> [f64; 2]) -> Option<Point> {
         let Point { z, apart, slip, room } = &self.now;
         let n = self.problem.len();
-        let mut right = -(&self.problem.a * z + &self.problem.c);
+        let mut right = -(self.problem.a.times(z) + &self.problem.c);
         for i in 0..n {
             let [normal, tangent] = aim(i);
             right[3 * i + 2] += normal / self.problem.above(i, z);
@@ -173,7 +171,7 @@ impl<'a> Interior<'a> {
 
     /// Makes one step and returns its fraction; `None` if the matrix is singular.
     pub fn step(&mut self) -> Option<f64> {
-        let slope = self.slope().lu();
+        let slope = self.slope()?;
         let (gap, before) = (self.gap(), self.disagreement());
         let free = self.reach(&self.towards(&slope, |_| [0.0; 2])?);
         let waits = self.careful && gap < 1e-2 && before > gap.sqrt();

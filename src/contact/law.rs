@@ -1,7 +1,8 @@
 //! The contact law as a function that vanishes for solutions, and the projection onto friction cones.
 
+use super::gram::Gram;
 use super::report::TOLERANCE;
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DVector, Vector3};
 
 /// A contact sticks if its slip, relative to the scale of the velocities, is below this. Impulses with errors within
 /// the tolerance change the slip of a contact at its friction bound by a few times the tolerance.
@@ -11,7 +12,7 @@ const STICKS: f64 = 10.0 * TOLERANCE;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Cone {
     /// J M^-1 J*, (3n x 3n).
-    pub g: DMatrix<f64>,
+    pub g: Gram,
     /// Coefficient of friction mu >= 0 of each contact.
     pub friction: Vec<f64>,
     /// r = 3 / trace `G_ii` of each contact, which converts velocities to impulses.
@@ -84,14 +85,14 @@ impl ContactState {
 
 impl Cone {
     /// A problem of contacts, each of which can move.
-    pub fn new(g: DMatrix<f64>, friction: Vec<f64>) -> Self {
-        let trace = |i: usize| g[(3 * i, 3 * i)] + g[(3 * i + 1, 3 * i + 1)] + g[(3 * i + 2, 3 * i + 2)];
-        let lengths = (0..friction.len()).map(|i| 3.0 / trace(i)).collect();
+    pub fn new(g: impl Into<Gram>, friction: Vec<f64>) -> Self {
+        let g = g.into();
+        let lengths = (0..friction.len()).map(|i| 3.0 / g.diagonal(i).sum()).collect();
         Self::with_lengths(g, friction, lengths)
     }
 
     /// A problem of contacts with known r.
-    pub fn with_lengths(g: DMatrix<f64>, friction: Vec<f64>, lengths: Vec<f64>) -> Self {
+    pub fn with_lengths(g: Gram, friction: Vec<f64>, lengths: Vec<f64>) -> Self {
         #[allow(clippy::cast_precision_loss)] // a few contacts
         let mean = lengths.iter().map(|r| r.ln()).sum::<f64>() / lengths.len().max(1) as f64;
         Self { g, friction, lengths, spring: (-mean).exp() }
@@ -104,16 +105,13 @@ impl Cone {
 
     /// The same contacts on equal springs, whose compliance is `part` of the unit.
     pub fn on_springs(&self, part: f64) -> Self {
-        let mut springs = self.clone();
-        for i in 0..springs.g.nrows() {
-            springs.g[(i, i)] += part * self.spring;
-        }
-        springs
+        let g = self.g.softer(part * self.spring);
+        Self { g, friction: self.friction.clone(), lengths: self.lengths.clone(), spring: self.spring }
     }
 
     /// Contact velocities G p + c.
     pub fn velocities(&self, p: &DVector<f64>, c: &DVector<f64>) -> DVector<f64> {
-        &self.g * p + c
+        self.g.times(p) + c
     }
 
     /// p - r u of every contact.
@@ -170,11 +168,7 @@ impl Cone {
     /// of the normal velocity.
     pub fn floor(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
         let mut terms = c.abs();
-        for (column, p) in self.g.column_iter().zip(p) {
-            for (term, g) in terms.iter_mut().zip(&column) {
-                *term += (g * p).abs();
-            }
-        }
+        self.g.add_sizes(p, &mut terms);
         let x = self.targets(p, c);
         let of = |i: usize| {
             let (at, mu) = (3 * i, self.friction[i]);

@@ -18,7 +18,9 @@
 //!
 //! P. Alart and A. Curnier, Computer Methods in Applied Mechanics and Engineering 92, 1991, 353-375.
 
+mod band;
 mod energy;
+mod gram;
 mod groups;
 mod held;
 mod implicit;
@@ -34,6 +36,7 @@ mod solve;
 mod tests;
 
 pub(crate) use energy::{ContactProblem, Impact, expansion_kept, impact, passive};
+pub(crate) use gram::{ContactRows, Gram, WideRows, has_many_rows};
 pub(crate) use groups::Cones;
 pub(crate) use implicit::{LawCotangents, Turning};
 pub use law::ContactState;

@@ -1,42 +1,52 @@
 //! Newton's method on the function of Alart and Curnier.
 
 use super::law::{Cone, Limits};
-use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use nalgebra::{DVector, Matrix2, Matrix3, Vector2};
 
 /// Compliance of the springs that are added to G in the matrix only, which make it regular for redundant rows.
 pub(super) const PROXIMAL: f64 = 1e-8;
 
 impl Cone {
-    /// dF/dp on springs of the compliance `proximal`: X = 1 - r G', where each contact is open (no contribution), sticking
-    /// (X in n and t) or sliding.
-    fn slope(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits, proximal: f64) -> DMatrix<f64> {
-        let (m, x) = (3 * self.len(), self.targets(p, c));
-        let moved = DMatrix::from_fn(m, m, |i, j| {
-            let (one, spring) = if i == j { (1.0, proximal * self.spring) } else { (0.0, 0.0) };
-            one - self.lengths[i / 3] * (self.g[(i, j)] + spring)
-        });
-        let mut slope = DMatrix::identity(m, m);
-        for i in 0..self.len() {
-            let (at, mu) = (3 * i, self.friction[i]);
+    /// The blocks A and B of each contact in dF/dp = A + B G: X = 1 - r G, where each contact is open (no contribution),
+    /// sticking (X in n and t) or sliding.
+    fn slope(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<(Matrix3<f64>, Matrix3<f64>)> {
+        let x = self.targets(p, c);
+        let of = |i: usize| {
+            let (at, mu, r) = (3 * i, self.friction[i], self.lengths[i]);
+            let (mut a, mut b) = (Matrix3::identity(), Matrix3::zeros());
             let pressed = x[at + 2] > limits.least[i];
             let normal = if pressed { x[at + 2] } else { limits.least[i] };
+            if pressed {
+                (a[(2, 2)], b[(2, 2)]) = (0.0, r);
+            }
             let tangent = Vector2::new(x[at], x[at + 1]);
             let length = tangent[0].hypot(tangent[1]);
-            for j in 0..m {
-                let dn = if pressed { moved[(at + 2, j)] } else { 0.0 };
-                slope[(at + 2, j)] -= dn;
-                let dt = Vector2::new(moved[(at, j)], moved[(at + 1, j)]);
-                let change = if length <= mu * normal {
-                    if normal > 0.0 { dt } else { Vector2::zeros() }
-                } else {
-                    let d = tangent / length;
-                    d * (mu * dn) + (Matrix2::identity() - d * d.transpose()) * dt * (mu * normal / length)
-                };
-                slope[(at, j)] -= change[0];
-                slope[(at + 1, j)] -= change[1];
+            if length <= mu * normal {
+                if normal > 0.0 {
+                    (a[(0, 0)], a[(1, 1)], b[(0, 0)], b[(1, 1)]) = (0.0, 0.0, r, r);
+                }
+            } else {
+                let d = tangent / length;
+                let across = (Matrix2::identity() - d * d.transpose()) * (mu * normal / length);
+                for row in 0..2 {
+                    for column in 0..2 {
+                        a[(row, column)] -= across[(row, column)];
+                        b[(row, column)] = r * across[(row, column)];
+                    }
+                    if pressed {
+                        (a[(row, 2)], b[(row, 2)]) = (-mu * d[row], r * mu * d[row]);
+                    }
+                }
             }
-        }
-        slope
+            (a, b)
+        };
+        (0..self.len()).map(of).collect()
+    }
+
+    /// The Newton step from p, on springs of the compliance `proximal`; `None` if the matrix is singular.
+    fn newton_step(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits, proximal: f64) -> Option<DVector<f64>> {
+        let factor = self.g.factor(&self.slope(p, c, limits), proximal * self.spring)?;
+        factor.solve(&self.defect(p, c, limits))
     }
 
     /// One Newton step, projected onto the cones; `None` if the matrix is singular.
@@ -47,7 +57,7 @@ impl Cone {
         limits: &Limits,
         proximal: f64,
     ) -> Option<DVector<f64>> {
-        let step = self.slope(p, c, limits, proximal).lu().solve(&self.defect(p, c, limits))?;
+        let step = self.newton_step(p, c, limits, proximal)?;
         let mut next = p - step;
         self.project(&mut next, &limits.least);
         next.iter().all(|x| x.is_finite()).then_some(next)
@@ -62,7 +72,7 @@ impl Cone {
         limits: &Limits,
         proximal: f64,
     ) -> Option<(DVector<f64>, Option<usize>)> {
-        let step = -self.slope(p, c, limits, proximal).lu().solve(&self.defect(p, c, limits))?;
+        let step = -self.newton_step(p, c, limits, proximal)?;
         let x = self.targets(p, c);
         let (mut part, mut first) = (1.0, None);
         for (i, &least) in limits.least.iter().enumerate().filter(|(i, least)| x[3 * i + 2] > **least) {

@@ -117,10 +117,10 @@ impl<'a> Path<'a> {
         let (n, z) = (self.problem.len(), self.impulses_of(x));
         let (size, lifted) = (5 * n + 1, x[5 * n]);
         let e = lifted * self.start;
-        let u = &self.problem.a * &z + &self.problem.c;
+        let u = self.problem.a.times(&z) + &self.problem.c;
         let mut f = DVector::zeros(size);
         let mut by_part = DMatrix::zeros(size, size);
-        by_part.view_mut((0, 0), (3 * n, 3 * n)).copy_from(&self.problem.a);
+        by_part.view_mut((0, 0), (3 * n, 3 * n)).copy_from(&*self.problem.a.dense());
         for i in 0..n {
             let at = 3 * i;
             let (above, apart, slip) = (self.problem.above(i, &z), x[3 * n + i], x[4 * n + i]);

@@ -14,6 +14,7 @@
 //! Newton's method in the variables of the interior-point method starts at the solutions of the single contacts, one
 //! after another. If that fails, it starts at large energies, which decrease to the given ones.
 
+use super::gram::add_rows;
 use super::implicit::Linearization;
 use super::interior::{Interior, Point};
 use super::law::{Cone, Limits};
@@ -116,7 +117,7 @@ impl Cone {
         let (n, u) = (self.len(), self.velocities(p, c));
         let mut by_velocity = Vec::with_capacity(n);
         let (mut by_friction, mut by_energy) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        let mut matrix = DMatrix::zeros(3 * n, 3 * n);
+        let (mut matrix, g) = (DMatrix::zeros(3 * n, 3 * n), self.g.dense());
         for (i, of) in energies.iter().enumerate() {
             let (r, mu, normal) = (self.lengths[i], self.friction[i], p[3 * i + 2]);
             let held = 1.0 / (1.0 + r * of.normal / (normal * normal));
@@ -154,7 +155,7 @@ impl Cone {
                 of_friction = b * Vector3::new(by_mu[0], by_mu[1], 0.0);
                 of_energy += Vector3::new(beta * tangent[0], beta * tangent[1], 0.0);
             }
-            self.add_rows(i, (&a, &b), &mut matrix);
+            add_rows(&g, i, (&a, &b), &mut matrix);
             by_velocity.push(b);
             by_friction.push(of_friction);
             by_energy.push(b * of_energy);
@@ -174,7 +175,7 @@ impl Cone {
 
 /// The solution of each contact alone, with the impulses of the others, in a few passes.
 fn one_by_one(problem: &Scaled<'_>, aims: &[[f64; 2]], mut z: DVector<f64>) -> Point {
-    let (n, a) = (problem.len(), &problem.a);
+    let (n, a) = (problem.len(), problem.a.dense());
     let mut room = vec![0.0; n];
     for _ in 0..PASSES {
         for i in 0..n {
@@ -265,7 +266,7 @@ impl Interior<'_> {
     ///
     /// A careful step decreases the errors of all equations; others can increase them, and are usually faster.
     fn step_to(&mut self, aims: &[[f64; 2]], larger: &mut f64) -> Option<f64> {
-        let slope = self.slope().lu();
+        let slope = self.slope()?;
         if !self.careful {
             *larger = self.above_aims(aims);
         }
@@ -312,7 +313,7 @@ impl Interior<'_> {
     /// products y v and l s, which keep steps away from the boundary.
     fn errors(&self, aim: impl Fn(usize) -> [f64; 2]) -> Vec<[f64; 4]> {
         let Point { z, apart, slip, room } = &self.now;
-        let u = &self.problem.a * z + &self.problem.c;
+        let u = self.problem.a.times(z) + &self.problem.c;
         let of = |i: usize| {
             let (mut errors, aim) = ([0.0; 4], aim(i));
             errors[0] = (u[3 * i + 2] - apart[i]).abs();
@@ -330,11 +331,7 @@ impl Interior<'_> {
     /// Sizes of the terms of the normal velocity and of the slip of each contact.
     fn sizes(&self) -> Vec<[f64; 2]> {
         let mut terms = self.problem.c.abs();
-        for (column, z) in self.problem.a.column_iter().zip(&self.now.z) {
-            for (term, a) in terms.iter_mut().zip(&column) {
-                *term += (a * z).abs();
-            }
-        }
+        self.problem.a.add_sizes(&self.now.z, &mut terms);
         let of = |i: usize| {
             let (normal, tangent) = (terms[3 * i + 2], terms[3 * i].max(terms[3 * i + 1]));
             [normal.max(self.now.apart[i]), tangent.max(self.now.slip[i]).max(f64::MIN_POSITIVE)]

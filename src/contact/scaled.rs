@@ -1,7 +1,8 @@
 //! A problem scaled to values of order one, and the distance of a contact from the boundary of its cone.
 
+use super::gram::Gram;
 use super::law::{Cone, Limits};
-use nalgebra::{DMatrix, DVector, Vector2};
+use nalgebra::{DVector, Vector2};
 
 /// Distances from the boundary below this fraction of mu `p_n` are independent variables, because a difference would
 /// lose precision.
@@ -13,7 +14,7 @@ const NEAR_THE_EDGE: f64 = 0.1;
 pub(super) struct Scaled<'a> {
     pub cone: &'a Cone,
     /// G in scaled variables.
-    pub a: DMatrix<f64>,
+    pub a: Gram,
     /// Free velocities, scaled to a largest entry of at most 1.
     pub c: DVector<f64>,
     /// Lower bound of the normal impulse of each contact.
@@ -33,7 +34,7 @@ impl<'a> Scaled<'a> {
     pub fn with_energy(cone: &'a Cone, c: &DVector<f64>, limits: &Limits, energy: f64) -> Self {
         let m = 3 * cone.len();
         let w = DVector::from_fn(m, |i, _| cone.lengths[i / 3].sqrt());
-        let a = DMatrix::from_fn(m, m, |i, j| w[i] * cone.g[(i, j)] * w[j]);
+        let a = cone.g.scaled(&w);
         let c = c.component_mul(&w);
         let least: Vec<f64> = limits.least.iter().enumerate().map(|(i, least)| least / w[3 * i]).collect();
         let unit = least.iter().fold(c.amax(), |largest, &least| largest.max(least)).max(energy.sqrt());

@@ -1,13 +1,14 @@
 //! The solver: Newton's method; if it fails, an interior-point method; if that fails, continuation along a curve. For
 //! redundant contacts an active-set method ends the solve.
 
+use super::gram::Gram;
 use super::held::Held;
 use super::interior::Interior;
 use super::law::{Cone, Limits};
 use super::newton::PROXIMAL;
 use super::path::Path;
 use super::report::{Effort, SolveReport};
-use nalgebra::DVector;
+use nalgebra::{DVector, Matrix3};
 
 /// Largest number of consecutive Newton steps, and the factor by which each must reduce the residual.
 const STEPS: usize = 12;
@@ -65,11 +66,6 @@ const LEAST_PROXIMAL: f64 = 1e-14;
 /// The active-set method ends without success at a residual above this.
 const FAR: f64 = 0.1;
 
-/// With more contacts than the first, the tolerance is at least the second: rounding keeps stacks from smaller residuals,
-/// and the methods that follow would factorize G of all contacts hundreds of times.
-const MANY: usize = 64;
-const GOOD: f64 = 1e-8;
-
 /// Velocity, relative to the scale, that is added to the normal of a contact that the active-set method opens.
 const OPENED: f64 = 1e3;
 
@@ -90,8 +86,6 @@ impl<'a> Search<'a> {
         let solved = SolveReport { residual: f64::INFINITY, converged: false, ..SolveReport::nothing() };
         let mut best = DVector::zeros(c.len());
         cone.project(&mut best, &limits.least);
-        let least = if cone.len() > MANY { GOOD } else { 0.0 };
-        let effort = Effort { tolerance: effort.tolerance.max(least), ..effort };
         Self { cone, c, limits, effort, proximal: PROXIMAL, best, solved }
     }
 
@@ -185,13 +179,11 @@ impl<'a> Search<'a> {
 
     /// Starts from the impulses for which all contacts stick, as far as they are in their cones.
     fn stick(&mut self) -> bool {
-        let mut g = self.cone.g.clone();
-        for i in 0..g.nrows() {
-            g[(i, i)] += PROXIMAL * self.cone.spring;
-        }
+        let held = vec![(Matrix3::zeros(), Matrix3::identity()); self.cone.len()];
         self.solved.iterations += 1;
-        let Some(solved) = g.cholesky() else { return false };
-        let mut p = -solved.solve(self.c);
+        let factor = self.cone.g.factor(&held, PROXIMAL * self.cone.spring);
+        let Some(solved) = factor.and_then(|factor| factor.solve(self.c)) else { return false };
+        let mut p = -solved;
         self.cone.project(&mut p, &self.limits.least);
         self.polish(&p)
     }
@@ -259,7 +251,8 @@ impl<'a> Search<'a> {
 
     /// Newton's method, from `start` and from contacts that stick.
     fn newton(&mut self, start: Option<&DVector<f64>>) -> bool {
-        let start = start.map(|start| {
+        // Without impulses, contacts are more likely to stick than to open.
+        let start = start.filter(|start| start.iter().any(|&p| p != 0.0)).map(|start| {
             let mut start = start.clone();
             self.cone.project(&mut start, &self.limits.least);
             start
@@ -277,7 +270,7 @@ impl<'a> Search<'a> {
                 return;
             }
         }
-        if self.effort.attempts <= STARTS.len() {
+        if self.effort.attempts <= STARTS.len() || !matches!(self.cone.g, Gram::Dense(_)) {
             return;
         }
         for curve in CURVES {

@@ -7,6 +7,7 @@ use super::{Cone, Effort, Limits, SolveReport, impact, passive};
 use nalgebra::{DMatrix, DVector, Vector3};
 
 mod blocks;
+mod gram;
 mod groups;
 
 /// Pseudorandom numbers in [-1, 1].

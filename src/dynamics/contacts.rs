@@ -18,12 +18,15 @@ pub(crate) mod derivatives;
 use super::constraints::Elimination;
 use super::contact_rows::UnitForces;
 use super::sweeps::{Forces, MOST_FORCES, Path, SweepModel, WhitenedRows, general};
+use crate::contact::{ContactRows, Gram, WideRows, has_many_rows};
+use crate::filter::riccati::Measured;
 use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::model::Model;
 use crate::scene::contact_point::{ContactPoint, Touch};
 use crate::spatial::{RigidShift, zero};
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6};
+use std::collections::{HashMap, HashSet};
 
 /// A row of W that the projection reduces below this, relative to its size, is zero: the connections fix its motion.
 const HELD: f64 = 1e-12;
@@ -101,6 +104,8 @@ struct Block {
     /// The steps of the path of each on which its forces act.
     ends: Vec<[Option<usize>; 2]>,
     whitened: WhitenedRows<f64>,
+    /// True if G is kept as W* W.
+    has_many_rows: bool,
     forces: Vec<Forces<f64>>,
 }
 
@@ -108,7 +113,7 @@ impl Block {
     fn new(
         (model, sweeps): (&Model<f64>, &SweepModel<f64>),
         (points, limits): (&[ContactPoint], &[LimitRow]),
-        which: Vec<usize>,
+        (which, is_closed): (Vec<usize>, bool),
     ) -> Self {
         let (mut ends, mut paths) = (Vec::with_capacity(which.len()), Vec::with_capacity(which.len()));
         for (at, &i) in which.iter().enumerate() {
@@ -126,19 +131,45 @@ impl Block {
             };
             paths.push(path);
         }
-        let mut whitened = WhitenedRows::new(model, paths);
+        let joints = paths.iter().flat_map(|(path, _)| path.rows_shared(path, model)).flatten();
+        let columns = joints.collect::<HashSet<usize>>().len();
+        let has_many_rows = !is_closed && has_many_rows(3 * which.len(), columns);
+        let mut whitened = WhitenedRows::with_gram(model, paths, !has_many_rows);
         // Joint limits have no tangents.
         whitened.gram.fill(0.0);
         let none = Forces { z: [[f64::NAN; 6]; MOST_FORCES], moments: [f64::NAN; MOST_FORCES] };
-        Self { forces: vec![none; whitened.longest()], which, members: Vec::new(), ends, whitened }
+        let forces = vec![none; whitened.longest()];
+        Self { forces, which, members: Vec::new(), ends, whitened, has_many_rows }
+    }
+
+    /// G as W* W, with the rows of each contact. Joint limits have a normal row only.
+    fn wide(&self, measured: &[Measured<f64>]) -> Gram {
+        let mut number: HashMap<usize, usize> = HashMap::new();
+        let of = |(columns, rows): (Vec<usize>, Vec<Vec<f64>>)| {
+            let first = 3 - rows.len();
+            let entries = (0..columns.len())
+                .map(|k| Vector3::from_fn(|row, _| if row < first { 0.0 } else { rows[row - first][k] }));
+            let entries = entries.collect();
+            let numbered = |column: usize| {
+                let next = number.len();
+                *number.entry(column).or_insert(next)
+            };
+            ContactRows { columns: columns.into_iter().map(numbered).collect(), entries }
+        };
+        let contacts: Vec<ContactRows> = self.whitened.along_paths(measured).map(of).collect();
+        Gram::of_rows(WideRows::new(contacts, number.len()))
     }
 
     /// G.
-    fn gram(&self) -> DMatrix<f64> {
+    fn gram(&mut self, measured: &[Measured<f64>]) -> Gram {
         let m = 3 * self.which.len();
+        if self.has_many_rows {
+            return self.wide(measured);
+        }
+        self.whitened.multiply(0.0);
         let mut gram = DMatrix::from_row_slice(m, m, &self.whitened.gram);
         gram.fill_upper_triangle_with_lower_triangle();
-        gram
+        gram.into()
     }
 }
 
@@ -263,14 +294,15 @@ impl ContactScratch {
         points: &[ContactPoint],
         workspace: &Workspace<f64>,
         near: &mut Vec<usize>,
-    ) -> Vec<(Vec<usize>, DMatrix<f64>)> {
+    ) -> Vec<(Vec<usize>, Gram)> {
         let groups = if self.closed.is_some() { vec![(0..near.len()).collect()] } else { self.coupled(points, near) };
         let scene = (model, &workspace.sweeps);
         let mut known = std::mem::take(&mut self.blocks).into_iter();
         for members in groups {
             let which: Vec<usize> = members.iter().map(|&at| near[at]).collect();
             let block = known.next().filter(|block| block.which == which);
-            let mut block = block.unwrap_or_else(|| Block::new(scene, (points, &self.limits), which));
+            let mut block =
+                block.unwrap_or_else(|| Block::new(scene, (points, &self.limits), (which, self.closed.is_some())));
             block.members = members;
             for (at, &i) in block.which.iter().enumerate() {
                 self.units[i].put(&mut block.forces, block.ends[at], 0.0);
@@ -283,15 +315,12 @@ impl ContactScratch {
                     self.torque[limit.row] = 0.0;
                 }
             }
-            if self.closed.is_none() {
-                block.whitened.multiply(0.0);
-            }
             self.blocks.push(block);
         }
         if self.closed.is_some() {
             return vec![self.on_connections(points, workspace, near)];
         }
-        self.blocks.iter().map(|block| (block.members.clone(), block.gram())).collect()
+        self.blocks.iter_mut().map(|block| (block.members.clone(), block.gram(&workspace.store.measured))).collect()
     }
 
     /// G of the contacts `near` after the projection of W onto the complement of the rows of connections; removes joint
@@ -301,7 +330,7 @@ impl ContactScratch {
         points: &[ContactPoint],
         workspace: &Workspace<f64>,
         near: &mut Vec<usize>,
-    ) -> (Vec<usize>, DMatrix<f64>) {
+    ) -> (Vec<usize>, Gram) {
         let mut whitened = DMatrix::zeros(self.response.len(), 3 * near.len());
         for block in &self.blocks {
             block.whitened.scaled(&workspace.store.measured, whitened.as_mut_slice());
@@ -324,7 +353,7 @@ impl ContactScratch {
         let mut gram = whitened.tr_mul(&whitened);
         gram.fill_lower_triangle_with_upper_triangle();
         self.projected = whitened;
-        ((0..near.len()).collect(), gram)
+        ((0..near.len()).collect(), gram.into())
     }
 
     /// M^-1 J* p of the contacts of the last [`ContactScratch::gram`] into `response`: the smoother, from the sum of W

@@ -52,7 +52,7 @@ fn groups_are_solved_as_if_alone() {
         assert_eq!((solved.iterations, solved.residual), (iterations, residual));
         assert!(solved.converged && breach(&whole, &p, &c) <= 1e-7, "trial {trial}: {solved:?}");
         assert_eq!(whole.residual(&p, &c, &limits), residual);
-        assert!((cones.response(&p) - &whole.g * &p).amax() <= 1e-13 * (&whole.g * &p).amax());
+        assert!((cones.response(&p) - whole.g.times(&p)).amax() <= 1e-13 * whole.g.times(&p).amax());
         assert_eq!(cones.states(&p, &c, &limits), whole.states(&p, &c, &limits));
         assert_eq!(cones.whole(), whole);
         assert_eq!(cones.lengths(), whole.lengths);

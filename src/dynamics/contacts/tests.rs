@@ -75,7 +75,7 @@ fn the_gram_matrix_is_the_same_in_every_scalar() {
     for (members, block) in rows.gram(model, points, &workspace, &mut vec![0, 1, 2, 3]) {
         for (a, &i) in members.iter().enumerate() {
             for (b, &k) in members.iter().enumerate() {
-                found.view_mut((3 * i, 3 * k), (3, 3)).copy_from(&block.view((3 * a, 3 * b), (3, 3)));
+                found.view_mut((3 * i, 3 * k), (3, 3)).copy_from(&block.dense().view((3 * a, 3 * b), (3, 3)));
             }
         }
     }
@@ -126,7 +126,8 @@ fn blocks_of_independent_trees_are_those_of_dense_algebra() {
         for (members, block) in &blocks {
             for (a, &i) in members.iter().enumerate() {
                 for (b, &k) in members.iter().enumerate() {
-                    gram.view_mut((3 * near[i], 3 * near[k]), (3, 3)).copy_from(&block.view((3 * a, 3 * b), (3, 3)));
+                    gram.view_mut((3 * near[i], 3 * near[k]), (3, 3))
+                        .copy_from(&block.dense().view((3 * a, 3 * b), (3, 3)));
                 }
             }
         }

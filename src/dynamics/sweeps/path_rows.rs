@@ -14,7 +14,7 @@ pub(crate) struct PathRows {
     pub path: Path,
     /// Their indices among all rows.
     pub rows: Range<usize>,
-    /// For this path and each later one, the joint rows that both share.
+    /// For this path and each later one, the joint rows that both share; only those of this path without G.
     shared: Vec<Vec<Range<usize>>>,
 }
 
@@ -36,9 +36,17 @@ pub(crate) struct WhitenedRows<T> {
 impl<T: Real> WhitenedRows<T> {
     /// The rows of these paths, in increasing order.
     pub fn new(model: &Model<T>, paths: Vec<(Path, Range<usize>)>) -> Self {
+        Self::with_gram(model, paths, true)
+    }
+
+    /// The rows of these paths, with room for G or without.
+    pub fn with_gram(model: &Model<T>, paths: Vec<(Path, Range<usize>)>, has_gram: bool) -> Self {
         let (nan, zero) = (T::from_f64(f64::NAN), T::zero());
         let m = paths.last().map_or(0, |(_, rows)| rows.end);
-        let shared = |at: usize| paths[at..].iter().map(|(other, _)| paths[at].0.rows_shared(other, model)).collect();
+        let shared = |at: usize| {
+            let others = &paths[at..if has_gram { paths.len() } else { at + 1 }];
+            others.iter().map(|(other, _)| paths[at].0.rows_shared(other, model)).collect()
+        };
         let all: Vec<Vec<Vec<Range<usize>>>> = (0..paths.len()).map(shared).collect();
         let paths: Vec<_> =
             paths.into_iter().zip(all).map(|((path, rows), shared)| PathRows { path, rows, shared }).collect();
@@ -51,7 +59,7 @@ impl<T: Real> WhitenedRows<T> {
             innovations: vec![zero; first + m * width],
             weighted: vec![zero; first + m * width],
             sizes: vec![nan; m],
-            gram: vec![nan; m * m],
+            gram: vec![nan; if has_gram { m * m } else { 0 }],
         }
     }
 
@@ -130,6 +138,17 @@ impl<T: Real> WhitenedRows<T> {
                 }
             }
         }
+    }
+
+    /// w / sqrt(D) of the rows of each path: its joint rows, and the entries of each of its rows.
+    pub fn along_paths(&self, measured: &[Measured<T>]) -> impl Iterator<Item = (Vec<usize>, Vec<Vec<T>>)> {
+        self.paths.iter().map(|PathRows { rows, shared, .. }| {
+            let columns: Vec<usize> = shared[0].iter().cloned().flatten().collect();
+            let entry =
+                |i: usize, row: usize| self.innovations[i * self.width + row] * measured[row].pivot_inverse.sqrt();
+            let entries = rows.clone().map(|i| columns.iter().map(|&row| entry(i, row)).collect());
+            (columns.clone(), entries.collect())
+        })
     }
 
     /// w / sqrt(D) of all rows into `out`, (m x nv), which holds zeros.

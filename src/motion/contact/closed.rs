@@ -145,7 +145,7 @@ mod tests {
         factorise(model, &mut workspace, &q);
         rows.closed.as_mut().unwrap().factorize(model, &workspace, &q).unwrap();
         let mut near = vec![0, 1];
-        let gram = rows.gram(model, points, &workspace, &mut near).remove(0).1;
+        let gram = rows.gram(model, points, &workspace, &mut near).remove(0).1.dense().into_owned();
 
         // The two rods are one row.
         let inverse = m.try_inverse().unwrap();

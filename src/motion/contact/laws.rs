@@ -128,7 +128,7 @@ impl Chain {
         }
         chain.of_free += &forces;
         if let Some(hit) = hit {
-            of_struck += &cone.g * &forces;
+            of_struck += cone.g.times(&forces);
             let torque = sum(of_moving, of_last);
             chain.through_impact(at, (s, record, laws), &hit, (&torque, forces, of_struck))?;
         }
@@ -149,7 +149,7 @@ impl Chain {
         let mut of_middle = DVector::zeros(3 * near.len());
         if let (Some(second), true) = (&hit.second, hit.kept < 1.0) {
             // p (u + G p/2) = 0 determines s.
-            let change = &cone.g * &hit.all;
+            let change = cone.g.times(&hit.all);
             let along = (&laws.middle + &change).dot(second);
             if along == 0.0 {
                 return Err(singular(at, near));
@@ -166,7 +166,7 @@ impl Chain {
         let mut of_first = of_all.clone();
         let mut forces = DVector::zeros(3 * near.len());
         if let Some(second) = &hit.second {
-            let (limits, c) = (hit.bound(laws), &laws.middle + &cone.g * &hit.first);
+            let (limits, c) = (hit.bound(laws), &laws.middle + cone.g.times(&hit.first));
             let of = law((at, near), cone, second, &c, &limits, &(of_all * hit.kept))?;
             let y = at.respond(near, &none, second);
             let before = sum(&middle, &y_first.v);
@@ -179,7 +179,7 @@ impl Chain {
             }
             let m = at.respond(near, &none, &of.velocities);
             self.responses.push(Response { p: second.clone(), y, m });
-            of_first += &cone.g * &of.velocities;
+            of_first += cone.g.times(&of.velocities);
             forces += of.velocities;
         }
         let of = law((at, near), cone, &hit.first, &laws.middle, &Limits::beside(&laws.middle), &of_first)?;
@@ -217,7 +217,7 @@ impl Hit {
         let mut hit = Self { first, second: None, kept, all: DVector::zeros(0) };
         let limits = hit.bound(laws);
         hit.second = phases.1.as_ref().map(|second| {
-            let between = c + &cone.g * &hit.first;
+            let between = c + cone.g.times(&hit.first);
             polished(cone, second, &between, &limits)
         });
         hit.all = hit.second.as_ref().map_or_else(|| hit.first.clone(), |second| &hit.first + second * kept);

@@ -4,7 +4,7 @@ use super::super::manifold::advance;
 use super::closed::positions_onto_connections;
 use super::faults::factorised;
 use super::moves::{Move, Push};
-use crate::contact::{Cones, Effort, Limits};
+use crate::contact::{Cones, Effort, Gram, Limits};
 use crate::decompositions::eigenvalues;
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
@@ -93,7 +93,8 @@ fn cancel(
         closed.factorize(model, workspace, q).map_err(|at| (String::new(), scene.row_fault(at)))?;
     }
     let blocks = rows.gram(model, points, workspace, &mut near);
-    let g = Cones::new(blocks, &vec![0.0; near.len()]).whole().g;
+    let whole = Cones::new(blocks, &vec![0.0; near.len()]).whole();
+    let g = whole.g.dense();
     let normal = DMatrix::from_fn(near.len(), near.len(), |i, j| g[(3 * i + 2, 3 * j + 2)]);
     let Some(normal) = eigenvalues(normal) else {
         rows.response.fill(0.0);
@@ -181,12 +182,12 @@ pub(super) fn out_of_planes(
 }
 
 /// The first row whose normal no joint moves, in blocks of G.
-fn held_along_normals(blocks: &[(Vec<usize>, DMatrix<f64>)], rows: usize) -> Option<usize> {
+fn held_along_normals(blocks: &[(Vec<usize>, Gram)], rows: usize) -> Option<usize> {
     /// An entry of G below this, relative to those of the tangents, is the square of rounding.
     const STILL: f64 = 1e-24;
-    let held = |g: &DMatrix<f64>, i: usize| {
-        let [x, y, n] = [0, 1, 2].map(|row| g[(3 * i + row, 3 * i + row)]);
-        n <= STILL * (x + y)
+    let held = |g: &Gram, i: usize| {
+        let own = g.diagonal(i);
+        own[2] <= STILL * (own[0] + own[1])
     };
     let each = blocks.iter().flat_map(|(members, g)| members.iter().enumerate().map(move |(i, &at)| (at, g, i)));
     each.filter(|&(at, g, i)| at < rows && held(g, i)).map(|(at, ..)| at).min()

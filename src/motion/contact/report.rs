@@ -68,7 +68,7 @@ pub(super) fn acting(kept: &[f64], contacts: usize) -> Option<usize> {
 pub struct ContactReport {
     /// Largest residual of a step: a velocity relative to the largest free velocity of the contacts.
     pub residual: f64,
-    /// True if every step reached the tolerance of 1e-10 (1e-8 with more than 64 contacts), or the rounding error of its
+    /// True if every step reached the tolerance of 1e-10, or the rounding error of its
     /// values.
     pub converged: bool,
     /// Number of iterations of all solves.

@@ -341,7 +341,7 @@ fn now(scene: &Scene, settings: &StepSettings, s: &Scratch<f64>, step: &mut Cont
         let (first, second) = &hit.phases;
         least(laws.cone.margins(first, &laws.middle, &Limits::beside(&laws.middle)));
         if let Some(second) = second {
-            let between = &laws.middle + &laws.cone.g * first;
+            let between = &laws.middle + laws.cone.g.times(first);
             let bound = laws.rebound.iter().enumerate().map(|(k, e)| e * first[3 * k + 2]).collect();
             least(laws.cone.margins(second, &between, &Limits { least: bound, ..Limits::beside(&laws.middle) }));
         }
