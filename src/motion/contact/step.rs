@@ -26,6 +26,7 @@ use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::Scene;
+use crate::scene::contact_point::ContactPoint;
 use nalgebra::{DVector, Matrix3};
 use std::ops::RangeInclusive;
 
@@ -39,7 +40,7 @@ pub(super) const LATE: f64 = 1e-12;
 /// to the largest: contradicting demands have unbounded impulses.
 const TAKES_PART: f64 = 1e-6;
 
-/// A contact up to this gap takes part in an impact, m.
+/// A contact up to this gap takes part in an impact, and if both of its bodies move in any step, m.
 const TOUCHING: f64 = 1e-9;
 
 /// Rounding errors of impulses relative to the largest, and of their work relative to impulse times velocity.
@@ -232,8 +233,10 @@ impl ContactStep {
         let (workspace, points, h) = (&mut solver.workspace, scene.contact_points(), settings.step);
         let StepStart { gaps, start, free, .. } = before;
         let (n, all_rows) = (points.len(), gaps.len());
-        let mut near: Vec<usize> =
-            (0..all_rows).filter(|&i| gaps[i] <= 0.0 || gaps[i] + h * free[3 * i + 2] <= 0.0).collect();
+        // Bodies that touch fall together without contacts: which of their gaps are above zero depends on rounding.
+        let touches = |i: usize| gaps[i] <= if is_between_bodies(points, i) { TOUCHING } else { 0.0 };
+        let closes = |i: usize| gaps[i] + h * free[3 * i + 2] <= 0.0;
+        let mut near: Vec<usize> = (0..all_rows).filter(|&i| touches(i) || closes(i)).collect();
         let mut outcome = Outcome::nothing();
         // The rules for slow contacts are those of the whole step.
         let (rest_speed, least) =
@@ -419,6 +422,11 @@ impl ContactStep {
             s.totals[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
         }
     }
+}
+
+/// True for a contact of two bodies that both move.
+fn is_between_bodies(points: &[ContactPoint], i: usize) -> bool {
+    points.get(i).is_some_and(|point| point.other_body().is_some())
 }
 
 /// The velocity that gravity adds in a step: slower rebounds would last less than two steps. With error control, at
