@@ -1,5 +1,5 @@
-"""Steps of closed loops compared with those of the tree, of a standing quadruped compared with MuJoCo, and gradients of
-both compared with their simulation, in one run.
+"""Steps of closed loops compared with those of the tree, of a standing quadruped and of shapes that touch compared with
+MuJoCo, and gradients compared with their simulation, in one run.
 
 Usage: python benches/loops_and_contacts.py [--markdown FILE]; `make loops-and-contacts`.
 
@@ -32,6 +32,8 @@ ROBOT, FEET = "solo_description/robots/solo12.urdf", ["FL_FOOT", "FR_FOOT", "HL_
 #: Steps of one state and of each state of a batch.
 DT, STEPS, IN_BATCHES, STATES, TURNS = 1e-3, 200, 50, 64, 9
 RADIUS, FRICTION, STIFFNESS, DAMPING = 0.016, 0.6, 30.0, 0.5
+#: Edges of a brick, and the distance of bricks beside each other, m.
+BRICK, APART = (0.2, 0.1, 0.06), 1e-3
 #: Tolerances of MuJoCo's solver.
 TOLERANCES = [1e-8, 1e-10, 1e-14]
 
@@ -241,6 +243,65 @@ def their_residual(scene: phipsi.Scene, model: mujoco.MjModel, data: mujoco.MjDa
     return worst, gradient
 
 
+def bricks(rows: int, columns: int) -> tuple[phipsi.Scene, np.ndarray, mujoco.MjModel]:
+    """A tower or a wall of bricks with half bricks at its ends, in both programs, and a configuration."""
+    builder = phipsi.SceneBuilder().link("world").collider("ground", phipsi.shapes.HalfSpace())
+    spec, q = mujoco.MjSpec(), []
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1], condim=3)
+    for row in range(rows):
+        halved = columns > 1 and row % 2 == 1
+        for column in range(columns + 1 if halved else columns):
+            size = np.array([BRICK[0] / 2 if halved and column in (0, columns) else BRICK[0], *BRICK[1:]])
+            x = column * (BRICK[0] + APART) - (BRICK[0] / 2 if halved else 0.0)
+            x += {0: BRICK[0] / 4, columns: -BRICK[0] / 4}.get(column, 0.0) if halved else 0.0
+            at, name, mass = [x, 0.0, BRICK[2] * (row + 0.5)], f"brick{len(q)}", size[0] / BRICK[0]
+            builder.link(name, mass=mass, shape=phipsi.shapes.Box(size), collide=True).joint(f"of_{name}", "floating", "world", name)
+            body = spec.worldbody.add_body(name=name, pos=at)
+            body.add_freejoint()
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size / 2, mass=mass, condim=3)
+            q.append([*at, 0, 0, 0, 1])
+    return builder.build(), np.concatenate(q), compiled(spec)
+
+
+def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    spec.option.timestep, spec.option.cone, spec.option.tolerance = DT, mujoco.mjtCone.mjCONE_ELLIPTIC, TOLERANCES[0]
+    return spec.compile()
+
+
+def prism(corners: int) -> tuple[phipsi.Scene, np.ndarray, mujoco.MjModel]:
+    """A prism on a face with many corners."""
+    angles = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+    points = [[0.1 * np.cos(angle), 0.1 * np.sin(angle), z] for angle in angles for z in (-0.05, 0.05)]
+    builder = phipsi.SceneBuilder().link("world").collider("ground", phipsi.shapes.HalfSpace())
+    builder.link("prism", mass=1.0, inertia=np.diag([3e-3, 3e-3, 5e-3])).joint("free", "floating", "world", "prism")
+    builder.collider("prism", phipsi.shapes.Hull(points), link="prism")
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1], condim=3)
+    spec.add_mesh(name="prism", uservert=np.ravel(points))
+    body = spec.worldbody.add_body(pos=[0, 0, 0.05])
+    body.add_freejoint()
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="prism", mass=1.0, condim=3)
+    return builder.build(), np.array([0, 0, 0.05, 0, 0, 0, 1.0]), compiled(spec)
+
+
+def shapes(lines: list[str]) -> None:
+    cases = {"one brick": bricks(1, 1), "tower of 10": bricks(10, 1), "tower of 30": bricks(30, 1), "wall of 105": bricks(10, 10), "prism on a face of 2,000 corners": prism(2000)}
+    for name, (scene, q, model) in cases.items():
+        steps = 3 if scene.nv > 200 else 100
+        path = scene.simulate(q, np.zeros(scene.nv), dt=DT, steps=steps)
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, nstep=1000)
+        rest = np.r_[0.0, data.qpos, data.qvel]
+        calls = [lambda more=more: scene.simulate(q, np.zeros(scene.nv), dt=DT, steps=1 + more, record_every=1 + more) for more in (0, steps)]
+        calls += [lambda more=more: their_steps(model, data, rest, 1 + more) for more in (0, 100)]
+        times = least(TURNS if steps > 3 else 2, *calls)
+        own, other = 1e6 * (times[1] - times[0]) / steps, 1e6 * (times[3] - times[2]) / 100
+        touching = path.contacts.shapes
+        count = int((touching.row == steps).sum())
+        lines.append(f"| {name} | {count} | {own:.0f} | {data.ncon} | {other:.0f} | {own / other:.1f} | {float(path.contacts.residual):.0e} |")
+        print(lines[-1], flush=True)
+
+
 def gradients(lines: list[str]) -> None:
     """Gradients of 200 steps of one state by everything that acts in them, with inertial parameters."""
     quadruped, q = standing()
@@ -286,6 +347,12 @@ def main() -> None:
     on_the_ground(lines)
     lines += [
         "",
+        "| shapes at rest | points in touch | phipsi, us per step | points in touch in MuJoCo | MuJoCo, us per step | ratio | residual of the law |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    shapes(lines)
+    lines += [
+        "",
         f"| gradient of {STEPS} steps of one state | simulation, ms | gradient, ms | with inertial parameters, ms | gradient over simulation | with parameters |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
@@ -297,13 +364,14 @@ def main() -> None:
         [
             f"Written by `make loops-and-contacts` (benches/loops_and_contacts.py): steps of {DT} s on one thread, {STATES} states in batches, minimum of {TURNS} interleaved timings on {os.cpu_count()} processors; load of the machine during the last 1, 5 and 15 minutes: {load_now}. Friction {FRICTION}.",
             "**Loops**: feet connected to the ground by points, compared with the same robot without them. **Contacts**: spheres at the feet; MuJoCo with elliptic cones, `impratio` 10, Newton's method and `implicitfast`, its own settled state for `standing at rest`.",
+            "**Shapes**: bricks of 0.2 x 0.1 x 0.06 m on each other, 1 mm apart beside each other, and a convex hull; MuJoCo at its own rest, with a tolerance of 1e-8.",
             "**Gradients**: of a function of the last row by the start, torques, joint properties and contacts (`Trajectory.vjp`), and by inertial parameters too; steps that are differentiated are recomputed. Alone, all steps recorded.",
             "The residual of the law is computed by the bench in the same way for both programs, from velocities and impulses: the largest violation of non-penetration, complementarity and Coulomb friction of a contact, relative to the largest contact velocity without impulses. "
             "MuJoCo's contacts are soft: its forces solve a regularized problem, so that this residual does not decrease with its tolerance. At rest a soft contact has no velocity and meets the law at its penetration; during motion the two programs cannot be compared at equal residual of the law. "
             "The last column is the residual of the problem that each program solves: of the law for phipsi, the scaled gradient of its own cost for MuJoCo.",
         ],
         lines,
-        "many contacts, contacts that rebound, redundant contacts (feet with several points), several threads.",
+        "contacts that rebound, several threads.",
     )
 
 
