@@ -126,6 +126,12 @@ class Trajectory(TrajectoryFiles):
     """Torques that a control function returned for the step that begins at each row (in the last row, for the last
     step), (..., rows, nv), N m or N; None if tau was not a function.
     """
+    control: _Array | None = field(default=None, repr=False)
+    """Controls as they were given, (n,) or (..., steps, n); None without control."""
+    activation: _Array | None = field(default=None, repr=False)
+    """Activations of the actuators after the last step, (..., n), for another call of simulate; zero for those without
+    one. None without control.
+    """
 
     def __len__(self) -> int:
         """Number of rows."""

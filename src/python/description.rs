@@ -1,5 +1,6 @@
 //! A scene as plain tuples of numbers and names, for pickling, and as one line, for `repr`.
 
+use super::actuators::{ActuatorTuple, actuator_of, actuator_tuple};
 use super::choice::{choose, name_of_mimic, names, read_mimic};
 use super::collider_tuple::{CollisionTuple, collision_tuple, with_collisions};
 use super::connection_tuple::{ConnectionTuple, FrameTuple, connection_of, connection_tuple, frame_from, frame_tuple};
@@ -24,7 +25,7 @@ pub(super) fn body_names(scene: &Scene) -> impl ExactSizeIterator<Item = &str> {
 }
 
 /// Version of the tuples.
-const VERSION: u32 = 12;
+const VERSION: u32 = 13;
 
 /// Name, then mass, center of mass and inertia about it (xx, xy, xz, yy, yz, zz), if any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -51,7 +52,7 @@ type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of simplifications, locked joints, (armature, damping,
 /// friction, stiffness) of the free joint of a floating base, file, treatment of mimic joints, connections, contacts,
-/// tolerance of linkages, shapes, starts.
+/// tolerance of linkages, shapes, starts, actuators.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -68,9 +69,17 @@ pub(super) struct Description(
 );
 
 /// Parts beyond a kinematic tree: the treatment of mimic joints, connections, contacts, the tolerance of linkages,
-/// shapes, colliders, the start and the keyframes.
-type Beyond =
-    (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>, Vec<String>, CollisionTuple, Vec<StartTuple>);
+/// shapes, colliders, the start and the keyframes, actuators.
+type Beyond = (
+    String,
+    Vec<ConnectionTuple>,
+    Vec<ContactTuple>,
+    Option<f64>,
+    Vec<String>,
+    CollisionTuple,
+    Vec<StartTuple>,
+    Vec<ActuatorTuple>,
+);
 
 /// Name of a keyframe, coordinates and velocities by joint.
 type StartTuple = (Option<String>, BTreeMap<String, Vec<f64>>, BTreeMap<String, Vec<f64>>);
@@ -113,6 +122,7 @@ impl Description {
                 source.shapes().to_vec(),
                 collision_tuple(source),
                 source.starts().iter().map(start_tuple).collect(),
+                source.actuators().iter().map(actuator_tuple).collect(),
             ),
         ))
     }
@@ -128,7 +138,7 @@ impl Description {
     /// The builder of the scene.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
         let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, beyond) = self;
-        let (mimic, connections, contacts, tolerance, shapes, collisions, starts) = beyond;
+        let (mimic, connections, contacts, tolerance, shapes, collisions, starts, actuators) = beyond;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -167,7 +177,8 @@ impl Description {
             .with_locked(locked)
             .with_root(Properties(root))
             .with_file(file)
-            .with_shapes(shapes))
+            .with_shapes(shapes)
+            .with_actuators(actuators.into_iter().map(actuator_of).collect()))
     }
 }
 
