@@ -155,12 +155,12 @@ impl PyScene {
         given: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
-        let keywords = Keywords::take(py, "Scene.simulate", given, true)?;
+        let keywords = Keywords::take(py, "Scene.simulate", given, [true; 2])?;
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let (dt, steps) = length_of_run(dt, steps, duration, keywords.accuracy.is_some())?;
         let every = count_or("record_every", record_every, 1, 1)?;
-        let (mut settings, pd) = keywords.read(own, dt)?;
+        let (mut settings, pd) = keywords.read(py, own, (dt, steps))?;
         keywords.warn_of_units(py, dt)?;
         keywords.warn_of_friction(py, own, &settings)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;

@@ -113,9 +113,9 @@ impl PyScene {
         given: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<PySimulator> {
         let (py, own) = (slf.py(), slf.get());
-        let keywords = Keywords::take(py, "Scene.simulator", given, true)?;
+        let keywords = Keywords::take(py, "Scene.simulator", given, [true, false])?;
         let dt = dt.ok_or_else(|| Error::argument("dt", "None", "a step in s, finite and positive"))?;
-        let (mut settings, pd) = keywords.read(own, dt)?;
+        let (mut settings, pd) = keywords.read(py, own, (dt, 0))?;
         keywords.warn_of_units(py, dt)?;
         keywords.warn_of_friction(py, own, &settings)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;
@@ -202,6 +202,25 @@ impl PySimulator {
         Err(stopped.raise(py, &now, &self.batch)?)
     }
 
+    /// Changes the targets of the control law.
+    fn aim<'py>(&self, py: Python<'py>, target: Option<&Object<'py>>, rate: Option<&Object<'py>>) -> PyResult<()> {
+        let own = self.scene.get();
+        let read = |name: &'static str, given: &Object<'py>, is_rate: bool| -> PyResult<Vec<f64>> {
+            let input = if is_rate {
+                own.on_tree(py, own.rate(name, given)?, Coupling::rates)?
+            } else {
+                own.on_tree(py, own.configuration(name, given)?, Coupling::configuration)?
+            };
+            if input.leading().is_empty() {
+                return Ok(input.data()?.to_vec());
+            }
+            everyone(&input, &self.batch, self.batch.iter().product())
+        };
+        let target = target.map(|given| read("target", given, false)).transpose()?;
+        let rate = rate.map(|given| read("target_rate", given, true)).transpose()?;
+        self.moving()?.aim(target.as_deref(), rate.as_deref()).map_err(|error| of_batch(py, &error, &self.batch))
+    }
+
     /// Current contacts of all states, with the given axes after the batch; None without contacts.
     fn contacts_now<'py>(
         &self,
@@ -263,6 +282,10 @@ impl PySimulator {
     ///     Joint torques, N m or N, which broadcast to the batch. None: zero.
     /// steps : int, default 1
     ///     Number of steps.
+    /// target : (..., nq) array_like, optional
+    ///     New target of pd, from this step on. None: the last one.
+    /// target_rate : (..., nv) array_like, optional
+    ///     New target velocity of pd, likewise.
     #[doc = section!(Raises)]
     /// SimulationError
     ///     The motion diverges or a pivot is lost. .step, .joint, .state and .trajectory (one row) describe it. All
@@ -277,9 +300,20 @@ impl PySimulator {
     /// >>> simulator.step([0.5, 0.0, 0.0], steps=100)
     /// >>> bool(simulator.qd[0] > 0.0)
     /// True
-    #[pyo3(signature = (tau=None, steps=Steps(1)), text_signature = "($self, tau=None, steps=1)")]
-    fn step(&self, py: Python<'_>, tau: Option<&Object<'_>>, steps: Steps) -> PyResult<()> {
+    #[pyo3(signature = (tau=None, steps=Steps(1), *, target=None, target_rate=None),
+           text_signature = "($self, tau=None, steps=1, *, target=None, target_rate=None)")]
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        tau: Option<&Object<'py>>,
+        steps: Steps,
+        target: Option<&Object<'py>>,
+        target_rate: Option<&Object<'py>>,
+    ) -> PyResult<()> {
         let Steps(steps) = steps;
+        if target.is_some() || target_rate.is_some() {
+            self.aim(py, target, target_rate)?;
+        }
         let Some(tau) = tau else { return self.advance(py, &Torque::Zero, steps) };
         let own = self.scene.get();
         let nv = own.scene.nv();
