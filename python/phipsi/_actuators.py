@@ -421,7 +421,7 @@ def simulate(scene: Scene, q: ArrayLike, qd: ArrayLike, control: Any, activation
     given |= actuators.keywords(at_start)
     if "pd" in given and not is_constant:
         given |= {"targets": law.target, "target_rates": law.rate}
-    given |= _with_torques(at_start.tau if is_constant else law.tau, is_constant, tau, tau_steps, dt)
+    given |= _with_torques(at_start.tau if is_constant else law.tau, is_constant, tau, tau_steps, dt, steps)
     try:
         path: Trajectory = scene.simulate(q, qd, **given)
     except (SimulationError, SimulationInterrupted) as error:
@@ -449,10 +449,12 @@ def controlled(scene: Scene, control: Any, given: Mapping[str, Any]) -> tuple[Ac
     return actuators, controls
 
 
-def _with_torques(own: _Array, is_constant: bool, tau: Any, tau_steps: Any, dt: float) -> dict[str, Any]:
+def _with_torques(own: _Array, is_constant: bool, tau: Any, tau_steps: Any, dt: float, steps: int) -> dict[str, Any]:
     """The torques of motors, (..., nv) or (..., steps, nv), together with those of the caller."""
     if not own.any():
         return {"tau": tau, "tau_steps": tau_steps}
+    if is_constant and own.ndim > 1:
+        own, is_constant = np.repeat(own[..., None, :], max(steps, 1), axis=-2), False
     if callable(tau):
         return {"tau": lambda t, q, qd: np.asarray(tau(t, q, qd)) + (own if is_constant else own[..., round(t / dt), :]), "tau_steps": tau_steps}
     if tau_steps is not None:
@@ -468,11 +470,13 @@ class Drive:
     def __init__(self, scene: Scene, control: Any, activation: Any, dt: float, given: Mapping[str, Any]) -> None:
         self.actuators, self.control = controlled(scene, control, given)
         self._dt = dt
-        self.activation = np.zeros(len(self.actuators)) if activation is None else self.actuators.control(activation, "activation")
+        self.activation = self.read(activation)
 
     def keywords(self) -> dict[str, Any]:
         """Keywords of Scene.simulator."""
-        return self.actuators.keywords(self._law())
+        law = self._law()
+        self._gains = law[:2]
+        return self.actuators.keywords(law)
 
     def _law(self) -> Law:
         actuators = self.actuators
@@ -497,12 +501,18 @@ class Drive:
         has_activation = bool(self.actuators.has_activation.any())
         for _ in range(steps if has_activation else 1):
             law = self._law()
+            if any(np.any(gain != before) for gain, before in zip(law[:2], self._gains, strict=True)):
+                names = ", ".join(repr(one.name) for one in self.actuators if any(one.gain[1:]))
+                raise of_argument(ArgumentError, "control", f"found controls of {names}, and with them gains, that change; expected those of the creation of the simulator")
             torque = law.tau if given is None else given + law.tau
             simulator._advance(torque, 1 if has_activation else steps, law.target, law.rate)
             if has_activation:
                 self.activation = self.actuators.activations(self.control[..., None, :], self.activation, self._dt)[1]
 
-    def reset(self, states: Any, activation: Any) -> None:
-        """Set the activations of states; None: zero."""
-        values = np.zeros(len(self.actuators)) if activation is None else self.actuators.control(activation, "activation")
-        self.activation[... if states is None else states] = values
+    def read(self, activation: Any) -> _Array:
+        """Activations for reset; None: zero."""
+        return np.zeros(len(self.actuators)) if activation is None else self.actuators.control(activation, "activation")
+
+    def reset(self, states: Any, activation: _Array) -> None:
+        """Set the activations of states."""
+        self.activation[... if states is None else states] = activation

@@ -25,6 +25,7 @@ from ._motion_parts import (
     Violation,
     contact_wrenches,
     first_rows,
+    of_motors,
     shape_contacts,
 )
 from ._recorded import Recorded
@@ -261,8 +262,8 @@ class Trajectory(TrajectoryFiles):
                 accurate = scene.simulate(*start, dt=self.dt, steps=self.steps, record_every=self.record_every, accuracy=1e-7, **given)
             except ArgumentError:
                 # This method or scene does not support error control.
-                if "tau_steps" in given:
-                    given["tau_steps"] = np.repeat(np.asarray(given["tau_steps"])[..., : self.steps, :], 3, axis=-2)
+                for name in _OF_STEPS & set(given):
+                    given[name] = np.repeat(np.asarray(given[name])[..., : self.steps, :], 3, axis=-2)
                 accurate = scene.simulate(*start, dt=self.dt / 3, steps=3 * self.steps, record_every=3 * self.record_every, **given)
         difference: _Array = 2.0 * np.abs(scene.difference(self.q, accurate.q)).max(axis=-1, initial=0.0)
         return difference
@@ -294,29 +295,53 @@ class Trajectory(TrajectoryFiles):
         """
         given, scene, v = self._known(by_function=True), self.scene, self.qd
 
-        def read(name: str, value: ArrayLike, coordinates: bool = False) -> _Array:
-            return np.asarray(_core._numbers(name, value, scene, coordinates))
-
         def own(name: str, usual: _Array) -> _Array:
-            return usual if given.get(name) is None else read(name, given[name])
+            return usual if given.get(name) is None else np.asarray(_core._numbers(name, given[name], scene, False))
 
         u = -own("damping", scene.damping) * v - self.stiffness * self._displacement(self.rest, self.q)
         speed = self.friction_speed
         u -= own("friction", scene.friction) * (v / np.sqrt(v**2 + speed**2) if speed > 0.0 else np.sign(v))
+        return np.asarray(u + self._efforts(given))
+
+    def _efforts(self, given: dict[str, Any]) -> _Array:
+        """Torques of the motors in every row: tau and pd, within the limits that the simulation enforces."""
+        scene, v = self.scene, self.qd
+
+        def read(name: str, value: ArrayLike, coordinates: bool = False) -> _Array:
+            return np.asarray(_core._numbers(name, value, scene, coordinates))
+
+        begun = np.minimum(np.arange(len(self)) * self.record_every, max(self.steps - 1, 0))
+        u = np.zeros_like(v)
         if self.applied is not None:
             u = u + self.applied
         elif given.get("tau") is not None:
             u = u + read("tau", given["tau"])[..., None, :]
         if given.get("tau_steps") is not None and self.steps:
-            begun = np.minimum(np.arange(len(self)) * self.record_every, self.steps - 1)
             u = u + read("tau_steps", given["tau_steps"])[..., begun, :]
-        if given.get("pd") is not None:
-            law = PD(*given["pd"])
-            target = read("target", law.target, True)[..., None, :]
-            rate = 0.0 if law.target_rate is None else read("target_rate", law.target_rate)[..., None, :]
-            kp, kd = (read(name, gain) for name, gain in (("kp", law.kp), ("kd", law.kd)))
-            u = u - kp * self._displacement(target, self.q) + kd * (rate - v)
-        return np.asarray(u)
+        law = None if given.get("pd") is None else PD(*given["pd"])
+        if law is not None:
+            kp, kd = (read(name, of_motors(scene, gain))[..., None, :] for name, gain in (("kp", law.kp), ("kd", law.kd)))
+            rates = law.target_rate
+            if given.get("target_rates") is not None and self.steps:
+                rate = read("target_rates", given["target_rates"])[..., begun, :]
+            else:
+                rate = np.zeros(1) if rates is None else read("target_rate", rates)[..., None, :]
+            if given.get("targets") is not None and self.steps:
+                target = read("targets", given["targets"], True)[..., begun, :]
+            else:
+                target = read("target", scene.neutral() if law.target is None else law.target, True)[..., None, :]
+            control = kd * (rate - v) - kp * self._displacement(target, self.q)
+            if law.effort is not None and law.effort is not False:
+                limit = scene.limits.effort if law.effort is True else read("effort", of_motors(scene, law.effort, np.inf))
+                if given.get("effort") == "clip":
+                    u = np.clip(u + control, -limit[..., None, :], limit[..., None, :])
+                else:
+                    u = u + np.clip(control, -limit[..., None, :], limit[..., None, :])
+            else:
+                u = u + control
+        if given.get("effort") == "clip":
+            u = np.clip(u, -scene.limits.effort, scene.limits.effort)
+        return u
 
     @property
     def connection_forces(self) -> NoReturn:
@@ -455,8 +480,8 @@ class Trajectory(TrajectoryFiles):
         given = self._known()
         if given.pop("accuracy") is not None:
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps, which have gradients")
-        if "tau_steps" in given:
-            given["tau_steps"] = np.asarray(given["tau_steps"])[..., : self.steps, :]
+        for name in _OF_STEPS & set(given):
+            given[name] = np.asarray(given[name])[..., : self.steps, :]
         own = {"dt": self.dt, "steps": self.steps, "method": self.method, "record_every": self.record_every}
         return {**given, **own, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
 
@@ -476,9 +501,11 @@ class Trajectory(TrajectoryFiles):
         return dict(self.given)
 
     def violations(self) -> list[Violation]:
-        """Limits of position and velocity that recorded rows exceed.
+        """Limits of position, velocity and effort that recorded rows exceed.
 
-        Velocities are never limited in a simulation; positions are limited with limits="stop".
+        Velocities are never limited in a simulation; positions are limited with limits="stop", whose stops may push with
+        any torque, and efforts with effort="clip" and with PD(effort=...). The effort of a joint is that of tau and pd
+        for the step that begins at a row. It is not listed for a Simulator and for Scene.ode with a function tau.
 
         Returns
         -------
@@ -495,20 +522,24 @@ class Trajectory(TrajectoryFiles):
         """
         found = []
         limits = self.scene.limits
+        efforts = self._efforts(self._known(by_function=True)) if self.has_torques else None
         for joint in self.scene.joint_names:
             q, v = self.scene.q_index(joint), self.scene.v_index(joint)
             cases = []
             if q.stop - q.start == v.stop - v.start:
                 cases = [("lower", self.q[..., q], limits.lower[v], -1.0), ("upper", self.q[..., q], limits.upper[v], 1.0)]
             cases.append(("velocity", self.qd[..., v], limits.velocity[v], 1.0))
+            if efforts is not None:
+                cases.append(("effort", efforts[..., v], limits.effort[v], 1.0))
             for limit, values, bounds, sign in cases:
                 if not np.all(np.isinf(bounds)):
                     found += self._beyond(joint, limit, values, float(bounds[0]), sign)
         return found
 
     def _beyond(self, joint: str, limit: str, values: _Array, bound: float, sign: float) -> list[Violation]:
-        size = np.abs(values) if limit == "velocity" else sign * values
-        beyond = size > sign * bound
+        size = sign * values if limit in ("lower", "upper") else np.abs(values)
+        # The torque at a limit that is enforced is known to rounding.
+        beyond = size > sign * bound * (1.0 + 1e-12 * (limit == "effort"))
         if not beyond.any():
             return []
         worst = values.reshape(-1)[np.argmax(size)]
@@ -517,6 +548,8 @@ class Trajectory(TrajectoryFiles):
         return [Violation(joint, limit, bound, float(worst), float(self.t[first]), int(rows.sum()))]
 
 
+#: Arguments with a value for each step.
+_OF_STEPS = {"tau_steps", "targets", "target_rates"}
 #: Placeholder for a torque that was a function: its gradients are unknown, and few functions can be pickled.
 _FUNCTION = "a function"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple, NoReturn, TypeVar
 
@@ -28,10 +29,12 @@ _Number = TypeVar("_Number", np.float64, np.int8)
 
 
 class PD(NamedTuple):
-    """Proportional-derivative control law for Scene.simulate: tau = kp (target - q) + kd (target_rate - qd).
+    """Proportional-derivative control law for Scene.simulate: tau = kp (target - q) + kd (target_rate - qd), up to the
+    limits of effort.
 
     The difference target - q is taken on the manifold. Implicit methods treat the law implicitly, so that the
-    gains can be arbitrarily stiff.
+    gains can be arbitrarily stiff. Limits apply within the step: at a limit the torque is constant, and otherwise the
+    step is the one without limits.
 
     Examples
     --------
@@ -44,13 +47,30 @@ class PD(NamedTuple):
     """
 
     kp: ArrayLike
-    """Proportional gains, (nv,) or scalar, N m/rad or N/m."""
+    """Proportional gains, (..., nv), N m/rad or N/m. A scalar is the gain of all joints but free ones, which have no
+    motor.
+    """
     kd: ArrayLike
-    """Derivative gains, (nv,) or scalar, N m s/rad or N s/m."""
-    target: ArrayLike
-    """Target configurations, (..., nq)."""
+    """Derivative gains, likewise, N m s/rad or N s/m."""
+    target: ArrayLike | None = None
+    """Target configurations, (..., nq). None: not needed if kp is zero, or if the call has targets of each step."""
     target_rate: ArrayLike | None = None
     """Target joint velocities, (..., nv); None: zero."""
+    effort: ArrayLike | bool | None = None
+    """Largest torque of the law in both directions, (..., nv), or a scalar for all joints but free ones, N m or N.
+    True: scene.limits.effort. None: no limits.
+    """
+
+
+def of_motors(scene: Scene, given: ArrayLike, free: float = 0.0) -> ArrayLike:
+    """A gain or limit of PD for each degree of freedom: a scalar is that of all joints but free ones."""
+    if isinstance(given, Mapping) or np.ndim(given):
+        return given
+    values = np.full(scene.nv, given, dtype=np.float64)
+    for joint in scene.joint_names:
+        if scene.joints[joint].type == "floating":
+            values[scene.v_index(joint)] = free
+    return values
 
 
 class MotionEnergy(NamedTuple):
@@ -370,11 +390,11 @@ class Violation(NamedTuple):
     joint: str
     """Name of the joint."""
     limit: str
-    """Limit: "lower", "upper" or "velocity"."""
+    """Limit: "lower", "upper", "velocity" or "effort"."""
     bound: float
     """Value of the limit."""
     worst: float
-    """Coordinate or velocity furthest beyond the limit."""
+    """Coordinate, velocity or torque furthest beyond the limit."""
     time: float
     """Time of the first row beyond the limit, s."""
     rows: int

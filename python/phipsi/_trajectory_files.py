@@ -32,7 +32,7 @@ FORMAT = 1
 ARRAYS = ("t", "q", "qd", "armature", "stiffness", "rest", "substeps", "events", "estimated_error")
 PLAIN = ("dt", "steps", "method", "record_every", "integrator", "friction_speed", "limits")
 #: Arguments of Scene.simulate that are arrays.
-GIVEN = ("tau", "tau_steps", "damping", "friction", "compliance")
+GIVEN = ("tau", "tau_steps", "targets", "target_rates", "damping", "friction", "compliance")
 
 
 def columns(scene: Scene, letter: str) -> list[str]:
@@ -211,10 +211,12 @@ class TrajectoryFiles:
         for name, value in given.items():
             if name == "pd" and value is not None:
                 for part, gain in PD(*value)._asdict().items():
-                    if gain is not None:
+                    if isinstance(gain, bool):
+                        arrays[f"given/pd/{part}"] = np.array(gain)
+                    elif gain is not None:
                         arrays[f"given/pd/{part}"] = _core._numbers(part, gain, self.scene, part == "target")
             elif name in GIVEN and value is not None and not isinstance(value, str):
-                arrays[f"given/{name}"] = _core._numbers(name, value, *(() if name == "compliance" else (self.scene,)))
+                arrays[f"given/{name}"] = _core._numbers(name, value, *(() if name == "compliance" else (self.scene, name == "targets")))
             else:
                 kept[name] = value
         return kept
@@ -284,7 +286,9 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
     if given is not None:
         given |= {name: arrays[f"given/{name}"] for name in GIVEN if f"given/{name}" in arrays}
         if "given/pd/kp" in arrays:
-            given["pd"] = PD(*(arrays.get(f"given/pd/{part}") for part in PD._fields))  # type: ignore[arg-type]
+            law = PD(*(arrays.get(f"given/pd/{part}") for part in PD._fields))  # type: ignore[arg-type]
+            is_flag = law.effort is not None and np.asarray(law.effort).dtype == bool
+            given["pd"] = law._replace(effort=bool(law.effort)) if is_flag else law
     stops = [StopImpact(**one | {"state": tuple(one["state"]) if isinstance(one["state"], list) else one["state"]}) for one in about["stops"]]
     return {
         "scene": scene, "given": given, "stops": stops, "contacts": contacts, "end": end or None, "works": several("works"),

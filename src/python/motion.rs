@@ -10,6 +10,7 @@ use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers, property};
 use super::scene::PyScene;
+use super::simulator::without_control;
 use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits, warn_of_start};
 use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
@@ -164,7 +165,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let all = given.map(|given| given.copy()).transpose()?;
-        let keywords = Keywords::take(py, "Scene.simulate", given, true)?;
+        let keywords = Keywords::take(py, "Scene.simulate", given, [true; 2])?;
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let (dt, steps) = length_of_run(dt, steps, duration, keywords.accuracy.is_some())?;
@@ -180,10 +181,10 @@ impl PyScene {
             return driven.call((slf, q, qd, control, activation), Some(&all));
         }
         if activation.is_some() {
-            return Err(Error::argument("activation", "activations without control", "control too").into());
+            return Err(without_control().into());
         }
         let every = count_or("record_every", record_every, 1, 1)?;
-        let (mut settings, pd) = keywords.read(own, dt)?;
+        let (mut settings, pd) = keywords.read(py, own, (dt, steps))?;
         keywords.warn_of_units(py, dt)?;
         keywords.warn_of_friction(py, own, &settings)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;

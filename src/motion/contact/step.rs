@@ -1,12 +1,15 @@
 //! One step of one state with contacts.
 
+use super::super::drives::{contradictions, give, pieces};
 use super::super::events::StopImpact;
 use super::super::faults::fault_of;
 use super::super::limit_rows::{is_violent, least_velocity, limit_rows, rebounds, settle_at};
+use super::super::properties::Gains;
 use super::super::scratch::Scratch;
 use super::super::solver::Checked;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
+use super::super::stops::{Piece, settle};
 use super::super::totals::{STOPS, note_dropped};
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
@@ -58,6 +61,8 @@ pub(super) struct ContactStep {
     pub acceleration: f64,
     pub reverses: bool,
     pub division: Division,
+    /// The control laws whose pieces the last step contradicts, with the pieces to which they must change.
+    contradicted: Vec<(usize, Piece)>,
 }
 
 /// Gaps, axes and velocities of contacts at the start of a step.
@@ -123,12 +128,13 @@ impl ContactStep {
         // The equations of motion are those of the tree; coupled joints are rows of the step.
         let solver = Checked::new(scene.model(), None, form).accepting(settings.tolerance);
         let (impacts, division) = (Vec::new(), Division::default());
-        Self { solver, rows, impacts, record: None, acceleration: 0.0, reverses: false, division }
+        let contradicted = Vec::new();
+        Self { solver, rows, impacts, record: None, acceleration: 0.0, reverses: false, division, contradicted }
     }
 
     /// A step, or a part of it, from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the
     /// joint and the error if it fails, and false, without an effect, if the least gap at the end of the rows that the
-    /// part passes is not `accepted`.
+    /// part passes is not `accepted`. It is repeated until the pieces of the control laws with limits agree with its end.
     pub fn part(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
@@ -136,6 +142,42 @@ impl ContactStep {
         kept: &mut [f64],
         accepted: &RangeInclusive<f64>,
     ) -> Result<bool, (String, Error)> {
+        s.are_sides_given = false;
+        if settings.limited.is_empty() {
+            return self.on_pieces((scene, settings), s, kept, accepted);
+        }
+        let (totals, passing) = (s.totals, self.division.passing.clone());
+        let mut outcome = self.on_pieces((scene, settings), s, kept, accepted);
+        let mut first = Some(std::mem::take(&mut self.contradicted));
+        let mut pieces = pieces(settings, s);
+        let settled = settle(&mut pieces, |pieces, found| {
+            if let Some(first) = first.take() {
+                found.extend(first);
+                return;
+            }
+            give(settings, s, pieces);
+            s.totals = totals;
+            self.division.passing.clone_from(&passing);
+            outcome = self.on_pieces((scene, settings), s, kept, accepted);
+            found.append(&mut self.contradicted);
+        });
+        if settled || outcome.is_err() {
+            return outcome;
+        }
+        let [.., name] = Gains::names();
+        let found = "contacts and torques at their limits without a common solution";
+        Err((String::new(), Error::argument(name, found, "a smaller dt, or a control law without limits of effort")))
+    }
+
+    /// As [`ContactStep::part`], for given pieces. Stops, without an effect on `kept`, if its end contradicts them.
+    fn on_pieces(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        s: &mut Scratch<f64>,
+        kept: &mut [f64],
+        accepted: &RangeInclusive<f64>,
+    ) -> Result<bool, (String, Error)> {
+        self.contradicted.clear();
         step((settings, &settings.scheme), s, &mut self.solver);
         let lost = self.solver.lost.take();
         if let Some(fault) = fault_of(scene, settings, s, lost) {
@@ -161,6 +203,10 @@ impl ContactStep {
         };
         self.reverses = outcome.reverses;
         self.record = v_free.map(|v_free| StepRecord::new(v_free, &s.v_next, &before, &mut outcome));
+        contradictions((settings, &settings.scheme), s, &mut self.contradicted);
+        if !self.contradicted.is_empty() {
+            return Ok(false);
+        }
         move_along(h, s);
         if let Some(slowed) = outcome.slowed.take() {
             s.v_next = slowed;
