@@ -16,6 +16,7 @@ from .errors import ArgumentError, ModelWarning, NotFiniteError, ShapeError, Sim
 if TYPE_CHECKING:
     from ._core import Scene, Simulator
     from ._motion import Trajectory
+    from ._results import RolloutGradients
 
 __all__ = ["Actuator", "Actuators"]
 
@@ -192,8 +193,11 @@ class Actuators(Sequence[Actuator]):
         # Sums of the torques of actuators over joints, (n, nv): within the limits of the servo, and beside it.
         each = np.zeros((len(self), nv))
         each[np.arange(len(self)), self._rows] = 1.0
+        self.has_servos = bool(self._servo.any())
         is_beside = self._adds & ~self._servo[:, None]
         self._within, self._beside = each * ~is_beside, each * is_beside
+        #: Whether some torques are constant during a step.
+        self.has_torques = bool(self._beside.any() or self._center.any() or not self._servo.all() or np.any(self._gain[:, 1:]))
         #: Gains that do not depend on controls; None if they do.
         self._gains: tuple[_Array, ...] | None = None
         if not np.any(self._gain[:, 1:]) and not self._conflicts:
@@ -394,9 +398,73 @@ class Actuators(Sequence[Actuator]):
             by_kd = np.where((kp > 0.0) | (kd == 0.0), 0.0, 1.0 / kd)
         return kp, kd, by_kp, by_kd, (kp == 0.0) & (kd == 0.0)
 
+    def gradients(self, path: Trajectory, found: RolloutGradients) -> _Array:
+        """Gradient by the controls of a trajectory, as they were given, from those by torques and targets."""
+        assert path.control is not None and path.start_activation is not None and path.given is not None
+        control = path.control if path.control.ndim > 1 else path.control[None]
+        if self.has_activation.any():
+            control = np.broadcast_to(control, (*control.shape[:-2], max(path.steps, 1), len(self)))
+        elif control.shape[-2] > 1:
+            control = control[..., : max(path.steps, 1), :]
+        inputs, _ = self.activations(control, path.start_activation, path.dt)
+        _, _, by_kp, by_kd, is_free = self._gains if self._gains is not None else self._gains_of(inputs)
+
+        def of_steps(values: _Array | None, name: str) -> _Array:
+            if values is None:
+                return np.zeros((1, self.scene.nv))
+            found = values if path.given.get(name) is not None else values[..., None, :]
+            return found.sum(axis=-2, keepdims=True) if inputs.shape[-2] == 1 else found
+
+        by_tau, by_target, by_rate = of_steps(found.tau, "tau_steps"), of_steps(found.target, "targets"), of_steps(found.target_rate, "target_rates")
+        force = self._gain[:, 0] * inputs + self._bias[:, 0]
+        torque = self.gear * np.where(self._servo, force, np.clip(force, *self.forcerange.T))
+        constant = torque @ self._within - self._center
+        is_free = is_free & (constant >= self._limits[0]) & (constant <= self._limits[1])
+        by_constant = by_target * by_kp + by_rate * by_kd + by_tau * is_free
+        by_torque = by_constant @ self._within.T + by_tau @ self._beside.T
+        acts = self._servo | ((force >= self.forcerange[:, 0]) & (force <= self.forcerange[:, 1]))
+        by_input = self._gain[:, 0] * self.gear * by_torque * acts
+        # The gradient by gains is not known.
+        by_input = np.where(np.any(self._gain[:, 1:] != 0.0, axis=1), np.nan, by_input)
+        by_control = self._reverse(by_input, control, inputs, path.start_activation, path.dt)
+        by_control = by_control * ((control >= self.ctrlrange[:, 0]) & (control <= self.ctrlrange[:, 1]))
+        if path.control.ndim == 1:
+            return np.asarray(by_control.sum(axis=-2))
+        return np.asarray(by_control.sum(axis=-2, keepdims=True) if path.control.shape[-2] == 1 else by_control)
+
+    def _reverse(self, by_input: _Array, control: _Array, inputs: _Array, start: _Array, dt: float) -> _Array:
+        """Gradients by the controls of the steps from those by their inputs: the adjoint of activations()."""
+        if not self.has_activation.any():
+            return by_input
+        by_control, (kept, added) = by_input.copy(), self._shares(dt)
+        clipped = np.clip(control, *self.ctrlrange.T)
+        after = np.zeros(by_input[..., 0, :].shape)
+        for step in reversed(range(by_input.shape[-2])):
+            following = kept * inputs[..., step, :] + added * clipped[..., step, :]
+            after = after * ((following >= self._actrange[:, 0]) & (following <= self._actrange[:, 1]))
+            by_control[..., step, :] = np.where(self.has_activation, added * after, by_input[..., step, :])
+            after = np.where(self.has_activation, by_input[..., step, :] + kept * after, 0.0)
+        return by_control
+
+    def clipped(self, path: Trajectory) -> Iterator[tuple[str, str, _Array, tuple[float, float]]]:
+        """Joint, what is clipped, its values in the rows, (..., rows), and the range, of a trajectory with controls."""
+        assert path.control is not None and path.start_activation is not None
+        control = path.control if path.control.ndim > 1 else path.control[None]
+        if self.has_activation.any():
+            control = np.broadcast_to(control, (*control.shape[:-2], max(path.steps, 1), len(self)))
+        inputs, _ = self.activations(control, path.start_activation, path.dt)
+        rows = np.minimum(np.arange(len(path)) * path.record_every, max(path.steps - 1, 0)) if control.shape[-2] > 1 else np.zeros(len(path), int)
+        force = self._forces(inputs[..., rows, :], path.q, path.qd)
+        sums = (self.gear * np.clip(force, *self.forcerange.T)) @ (self._within + self._beside)
+        for at, one in enumerate(self):
+            yield one.joint, f"control of {one.name!r}", control[..., rows, at], one.ctrlrange
+            yield one.joint, f"force of {one.name!r}", force[..., at], one.forcerange
+        for joint, row in dict(zip(self.joints, self._rows.tolist(), strict=True)).items():
+            yield joint, "torque of actuators", sums[..., row], tuple(self._joint_limits[:, row])
+
     def keywords(self, law: Law) -> dict[str, Any]:
         """Keywords of Scene.simulator for a control law."""
-        if not self._has_servo.any():
+        if not self.has_servos:
             return {}
         return {"pd": PD(law.kp, law.kd, law.target, law.rate, self._effort if np.isfinite(self._effort).any() else None)}
 
@@ -421,13 +489,17 @@ def simulate(scene: Scene, q: ArrayLike, qd: ArrayLike, control: Any, activation
     given |= actuators.keywords(at_start)
     if "pd" in given and not is_constant:
         given |= {"targets": law.target, "target_rates": law.rate}
-    given |= _with_torques(at_start.tau if is_constant else law.tau, is_constant, tau, tau_steps, dt, steps)
+    if actuators.has_torques:
+        own = at_start.tau if is_constant else law.tau
+        tau, tau_steps = _sum_of_torques(own, is_constant, tau, tau_steps, dt, steps)
+    given |= {"tau": tau, "tau_steps": tau_steps}
+    about: dict[str, Any] = {"control": asked, "start_activation": start}
     try:
         path: Trajectory = scene.simulate(q, qd, **given)
     except (SimulationError, SimulationInterrupted) as error:
-        error.trajectory = replace(error.trajectory, control=asked)
+        error.trajectory = replace(error.trajectory, **about)
         raise
-    return replace(path, control=asked, activation=last)
+    return replace(path, **about, activation=last)
 
 
 def controlled(scene: Scene, control: Any, given: Mapping[str, Any]) -> tuple[Actuators, _Array]:
@@ -449,19 +521,16 @@ def controlled(scene: Scene, control: Any, given: Mapping[str, Any]) -> tuple[Ac
     return actuators, controls
 
 
-def _with_torques(own: _Array, is_constant: bool, tau: Any, tau_steps: Any, dt: float, steps: int) -> dict[str, Any]:
-    """The torques of motors, (..., nv) or (..., steps, nv), together with those of the caller."""
-    if not own.any():
-        return {"tau": tau, "tau_steps": tau_steps}
+def _sum_of_torques(own: _Array, is_constant: bool, tau: Any, tau_steps: Any, dt: float, steps: int) -> tuple[Any, Any]:
+    """tau and tau_steps of Scene.simulate: the torques of motors, (..., nv) or (..., steps, nv), and those of the caller."""
     if is_constant and own.ndim > 1:
         own, is_constant = np.repeat(own[..., None, :], max(steps, 1), axis=-2), False
     if callable(tau):
-        return {"tau": lambda t, q, qd: np.asarray(tau(t, q, qd)) + (own if is_constant else own[..., round(t / dt), :]), "tau_steps": tau_steps}
+        return (lambda t, q, qd: np.asarray(tau(t, q, qd)) + (own if is_constant else own[..., round(t / dt), :])), tau_steps
     if tau_steps is not None:
-        given = np.asarray(_core._numbers("tau_steps", tau_steps))
-        return {"tau": tau, "tau_steps": given + (own[..., None, :] if is_constant else own)}
+        return tau, np.asarray(_core._numbers("tau_steps", tau_steps)) + (own[..., None, :] if is_constant else own)
     given = np.zeros(1) if tau is None else np.asarray(_core._numbers("tau", tau))
-    return {"tau": given + own} if is_constant else {"tau_steps": given[..., None, :] + own}
+    return (given + own, None) if is_constant else (None, given[..., None, :] + own)
 
 
 class Drive:
@@ -505,7 +574,8 @@ class Drive:
                 names = ", ".join(repr(one.name) for one in self.actuators if any(one.gain[1:]))
                 raise of_argument(ArgumentError, "control", f"found controls of {names}, and with them gains, that change; expected those of the creation of the simulator")
             torque = law.tau if given is None else given + law.tau
-            simulator._advance(torque, 1 if has_activation else steps, law.target, law.rate)
+            targets = (law.target, law.rate) if self.actuators.has_servos else (None, None)
+            simulator._advance(torque, 1 if has_activation else steps, *targets)
             if has_activation:
                 self.activation = self.actuators.activations(self.control[..., None, :], self.activation, self._dt)[1]
 

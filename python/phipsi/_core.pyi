@@ -8,6 +8,7 @@ from typing import Any, Final, Literal, TypeAlias, final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._actuators import Actuators
 from ._functions import Function as _Function
 from ._motion import PD, ContactMotion, StopImpact, Trajectory
 from ._ode import Ode
@@ -528,6 +529,9 @@ class Scene:
     @property
     def keyframes(self) -> tuple[str, ...]:
         """Names of the keyframes, in the order of the file; unnamed ones are called "key0" and so on."""
+    @property
+    def actuators(self) -> Actuators:
+        """Actuators of the scene."""
     def initial(self, keyframe: str | int | None = None) -> _Array:
         """Configuration from which motions begin: that of the file (MJCF: qpos0), or of a keyframe.
 
@@ -825,6 +829,8 @@ class Scene:
         smoothing: float = 0.0,
         duration: float | None = None,
         covariance: MotionUncertainty | ArrayLike | object | None = None,
+        control: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
     ) -> Trajectory:
         """Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
 
@@ -959,6 +965,8 @@ class Scene:
         restitution: float = 0.0,
         accuracy: float | None = None,
         smoothing: float = 0.0,
+        control: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
     ) -> Simulator:
         """Create a Simulator: one state or a batch that is advanced call by call.
 
@@ -4999,6 +5007,23 @@ class SceneBuilder:
         (('pin',), (3, 3))
         """
 
+    def actuator(
+        self,
+        name: str,
+        joint: str,
+        *,
+        gear: float = 1.0,
+        kp: float | None = None,
+        kv: float | None = None,
+        gain: ArrayLike | None = None,
+        bias: ArrayLike | None = None,
+        ctrlrange: ArrayLike | None = None,
+        forcerange: ArrayLike | None = None,
+        timeconst: float | None = None,
+        actrange: ArrayLike | None = None,
+    ) -> SceneBuilder:
+        """Add an actuator."""
+    def _set_actuators(self, actuators: list[tuple[Any, ...]], /) -> None: ...
     def start(
         self, q: Mapping[str, ArrayLike] | None = None, qd: Mapping[str, ArrayLike] | None = None, *, keyframe: str | None = None
     ) -> SceneBuilder:
@@ -5430,7 +5455,15 @@ class Simulator:
     True
     """
 
-    def step(self, tau: ArrayLike | None = None, steps: int = 1) -> None:
+    def step(
+        self,
+        tau: ArrayLike | None = None,
+        steps: int = 1,
+        *,
+        target: ArrayLike | None = None,
+        target_rate: ArrayLike | None = None,
+        control: Mapping[str, ArrayLike] | ArrayLike | None = None,
+    ) -> None:
         """Advance all states by steps of dt, with constant joint torques.
 
         Parameters
@@ -5458,7 +5491,17 @@ class Simulator:
         >>> bool(simulator.qd[0] > 0.0)
         True
         """
-    def reset(self, q: ArrayLike, qd: ArrayLike | None = None, *, states: Any = None) -> None:
+    def _advance(
+        self, tau: ArrayLike | None, steps: int, target: ArrayLike | None, target_rate: ArrayLike | None, /
+    ) -> None: ...
+    def reset(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        *,
+        states: Any = None,
+        activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
+    ) -> None:
         """Set states and their times to a new start; the other states remain.
 
         Parameters
@@ -5498,6 +5541,12 @@ class Simulator:
     @property
     def qd(self) -> _Array:
         """Current joint velocities, (..., nv), rad/s or m/s, a copy."""
+    @property
+    def control(self) -> _Array | None:
+        """Controls of the actuators, (..., n), a copy; None without control."""
+    @property
+    def activation(self) -> _Array | None:
+        """Activations of the actuators, (..., n), a copy, zero for those without one; None without control."""
     @property
     def t(self) -> Any:
         """Time since the start or last reset of each state, (...), s: a float for one state, otherwise an array."""

@@ -133,6 +133,8 @@ class Trajectory(TrajectoryFiles):
     """Activations of the actuators after the last step, (..., n), for another call of simulate; zero for those without
     one. None without control.
     """
+    start_activation: _Array | None = field(default=None, repr=False)
+    """Activations at the start, likewise."""
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -473,7 +475,8 @@ class Trajectory(TrajectoryFiles):
         given = self._arguments()
         nothing = np.zeros((len(self), self.scene.nv))
         cotangents = [nothing if cotangent is None else cotangent for cotangent in (cotangent_q, cotangent_qd)]
-        return self.scene.simulate_vjp(self.q, self.qd, *cotangents, parameters=parameters, **given)
+        found = self.scene.simulate_vjp(self.q, self.qd, *cotangents, parameters=parameters, **given)
+        return found if self.control is None else found._replace(control=self.scene.actuators.gradients(self, found))
 
     def _arguments(self) -> dict[str, Any]:
         """Arguments of Scene.simulate, for Scene.simulate_vjp."""
@@ -506,6 +509,8 @@ class Trajectory(TrajectoryFiles):
         Velocities are never limited in a simulation; positions are limited with limits="stop", whose stops may push with
         any torque, and efforts with effort="clip" and with PD(effort=...). The effort of a joint is that of tau and pd
         for the step that begins at a row. It is not listed for a Simulator and for Scene.ode with a function tau.
+        With control, the controls, forces and joint torques of actuators that are clipped to their ranges are listed,
+        with the values before.
 
         Returns
         -------
@@ -534,12 +539,16 @@ class Trajectory(TrajectoryFiles):
             for limit, values, bounds, sign in cases:
                 if not np.all(np.isinf(bounds)):
                     found += self._beyond(joint, limit, values, float(bounds[0]), sign)
+        for joint, limit, values, ends in () if self.control is None else self.scene.actuators.clipped(self):
+            for end, sign in zip(ends, (-1.0, 1.0), strict=True):
+                if not np.isinf(end):
+                    found += self._beyond(joint, limit, values[..., None], end, sign)
         return found
 
     def _beyond(self, joint: str, limit: str, values: _Array, bound: float, sign: float) -> list[Violation]:
-        size = sign * values if limit in ("lower", "upper") else np.abs(values)
+        size = np.abs(values) if limit in ("velocity", "effort") else sign * values
         # The torque at a limit that is enforced is known to rounding.
-        beyond = size > sign * bound * (1.0 + 1e-12 * (limit == "effort"))
+        beyond = size > sign * bound + 1e-12 * abs(bound) * (limit not in ("lower", "upper", "velocity"))
         if not beyond.any():
             return []
         worst = values.reshape(-1)[np.argmax(size)]

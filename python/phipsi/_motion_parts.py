@@ -390,7 +390,9 @@ class Violation(NamedTuple):
     joint: str
     """Name of the joint."""
     limit: str
-    """Limit: "lower", "upper", "velocity" or "effort"."""
+    """Limit: "lower", "upper", "velocity" or "effort"; of actuators "control of NAME", "force of NAME", or "torque of
+    actuators" of a joint.
+    """
     bound: float
     """Value of the limit."""
     worst: float

@@ -426,6 +426,10 @@ class RolloutGradients(NamedTuple):
     """
     target_rate: NDArray[np.float64] | None = None
     """With respect to its target velocity, likewise with target_rates."""
+    control: NDArray[np.float64] | None = None
+    """With respect to the controls, of the shape in which they were given, after the axes of the batch; NaN for
+    actuators whose gains depend on the control. None without control.
+    """
 
 
 class LinearSystem(NamedTuple):

@@ -31,6 +31,8 @@ FORMAT = 1
 #: Fields of a trajectory that are arrays, and those that are numbers or texts.
 ARRAYS = ("t", "q", "qd", "armature", "stiffness", "rest", "substeps", "events", "estimated_error")
 PLAIN = ("dt", "steps", "method", "record_every", "integrator", "friction_speed", "limits")
+#: Fields that are arrays or None.
+OPTIONAL = ("applied", "control", "activation", "start_activation")
 #: Arguments of Scene.simulate that are arrays.
 GIVEN = ("tau", "tau_steps", "targets", "target_rates", "damping", "friction", "compliance")
 
@@ -180,8 +182,7 @@ class TrajectoryFiles:
         for name in ("end", "works"):
             for at, value in enumerate(fields[name] or ()):
                 arrays[f"{name}/{at}"] = value
-        if fields["applied"] is not None:
-            arrays["applied"] = fields["applied"]
+        arrays |= {name: fields[name] for name in OPTIONAL if fields[name] is not None}
         if self.has_torques:
             arrays["tau"] = self.torques()
         if fields["contacts"] is not None:
@@ -292,7 +293,7 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
     stops = [StopImpact(**one | {"state": tuple(one["state"]) if isinstance(one["state"], list) else one["state"]}) for one in about["stops"]]
     return {
         "scene": scene, "given": given, "stops": stops, "contacts": contacts, "end": end or None, "works": several("works"),
-        "applied": arrays.get("applied"),
+        **{name: arrays.get(name) for name in OPTIONAL},
         **{name: arrays[name] for name in ARRAYS}, **{name: about[name] for name in PLAIN},
     }  # fmt: skip
 
