@@ -223,7 +223,7 @@ class Actuators(Sequence[Actuator]):
         def text(ends: tuple[float, float]) -> str:
             return "-" if np.isinf(ends).all() else f"{ends[0]:g}, {ends[1]:g}"
 
-        rows = [("name", "joint", "kind", "gear", "kp", "kv", "ctrlrange", "forcerange")]
+        rows: list[tuple[str, ...]] = [("name", "joint", "kind", "gear", "kp", "kv", "ctrlrange", "forcerange")]
         for one in self._all:
             numbers = (f"{value + 0.0:g}" for value in (one.gear, one.kp, one.kv))
             rows.append((one.name, one.joint, one.kind, *numbers, text(one.ctrlrange), text(one.forcerange)))
@@ -400,19 +400,14 @@ class Actuators(Sequence[Actuator]):
 
     def gradients(self, path: Trajectory, found: RolloutGradients) -> _Array:
         """Gradient by the controls of a trajectory, as they were given, from those by torques and targets."""
-        assert path.control is not None and path.start_activation is not None and path.given is not None
-        control = path.control if path.control.ndim > 1 else path.control[None]
-        if self.has_activation.any():
-            control = np.broadcast_to(control, (*control.shape[:-2], max(path.steps, 1), len(self)))
-        elif control.shape[-2] > 1:
-            control = control[..., : max(path.steps, 1), :]
-        inputs, _ = self.activations(control, path.start_activation, path.dt)
+        control, inputs = self._of_path(path)
+        given = path.given or {}
         _, _, by_kp, by_kd, is_free = self._gains if self._gains is not None else self._gains_of(inputs)
 
         def of_steps(values: _Array | None, name: str) -> _Array:
             if values is None:
                 return np.zeros((1, self.scene.nv))
-            found = values if path.given.get(name) is not None else values[..., None, :]
+            found = values if given.get(name) is not None else values[..., None, :]
             return found.sum(axis=-2, keepdims=True) if inputs.shape[-2] == 1 else found
 
         by_tau, by_target, by_rate = of_steps(found.tau, "tau_steps"), of_steps(found.target, "targets"), of_steps(found.target_rate, "target_rates")
@@ -426,13 +421,22 @@ class Actuators(Sequence[Actuator]):
         by_input = self._gain[:, 0] * self.gear * by_torque * acts
         # The gradient by gains is not known.
         by_input = np.where(np.any(self._gain[:, 1:] != 0.0, axis=1), np.nan, by_input)
-        by_control = self._reverse(by_input, control, inputs, path.start_activation, path.dt)
+        by_control = self._reverse(by_input, control, inputs, path.dt)
         by_control = by_control * ((control >= self.ctrlrange[:, 0]) & (control <= self.ctrlrange[:, 1]))
-        if path.control.ndim == 1:
-            return np.asarray(by_control.sum(axis=-2))
-        return np.asarray(by_control.sum(axis=-2, keepdims=True) if path.control.shape[-2] == 1 else by_control)
+        asked = path.control.shape[:-1][-1:] if path.control is not None else ()
+        return np.asarray(by_control if asked == (path.steps,) else by_control.sum(axis=-2, keepdims=asked == (1,)))
 
-    def _reverse(self, by_input: _Array, control: _Array, inputs: _Array, start: _Array, dt: float) -> _Array:
+    def _of_path(self, path: Trajectory) -> tuple[_Array, _Array]:
+        """Controls and inputs of the steps of a trajectory, (..., steps, n); of one step if all have the same."""
+        assert path.control is not None and path.start_activation is not None
+        control = path.control if path.control.ndim > 1 else path.control[None]
+        if self.has_activation.any():
+            control = np.broadcast_to(control, (*control.shape[:-2], max(path.steps, 1), len(self)))
+        elif control.shape[-2] > 1:
+            control = control[..., : max(path.steps, 1), :]
+        return control, self.activations(control, path.start_activation, path.dt)[0]
+
+    def _reverse(self, by_input: _Array, control: _Array, inputs: _Array, dt: float) -> _Array:
         """Gradients by the controls of the steps from those by their inputs: the adjoint of activations()."""
         if not self.has_activation.any():
             return by_input
@@ -448,11 +452,7 @@ class Actuators(Sequence[Actuator]):
 
     def clipped(self, path: Trajectory) -> Iterator[tuple[str, str, _Array, tuple[float, float]]]:
         """Joint, what is clipped, its values in the rows, (..., rows), and the range, of a trajectory with controls."""
-        assert path.control is not None and path.start_activation is not None
-        control = path.control if path.control.ndim > 1 else path.control[None]
-        if self.has_activation.any():
-            control = np.broadcast_to(control, (*control.shape[:-2], max(path.steps, 1), len(self)))
-        inputs, _ = self.activations(control, path.start_activation, path.dt)
+        control, inputs = self._of_path(path)
         rows = np.minimum(np.arange(len(path)) * path.record_every, max(path.steps - 1, 0)) if control.shape[-2] > 1 else np.zeros(len(path), int)
         force = self._forces(inputs[..., rows, :], path.q, path.qd)
         sums = (self.gear * np.clip(force, *self.forcerange.T)) @ (self._within + self._beside)
@@ -491,7 +491,7 @@ def simulate(scene: Scene, q: ArrayLike, qd: ArrayLike, control: Any, activation
         given |= {"targets": law.target, "target_rates": law.rate}
     if actuators.has_torques:
         own = at_start.tau if is_constant else law.tau
-        tau, tau_steps = _sum_of_torques(own, is_constant, tau, tau_steps, dt, steps)
+        tau, tau_steps = _sum_of_torques(scene, own, is_constant, tau, tau_steps, dt, steps)
     given |= {"tau": tau, "tau_steps": tau_steps}
     about: dict[str, Any] = {"control": asked, "start_activation": start}
     try:
@@ -521,15 +521,15 @@ def controlled(scene: Scene, control: Any, given: Mapping[str, Any]) -> tuple[Ac
     return actuators, controls
 
 
-def _sum_of_torques(own: _Array, is_constant: bool, tau: Any, tau_steps: Any, dt: float, steps: int) -> tuple[Any, Any]:
+def _sum_of_torques(scene: Scene, own: _Array, is_constant: bool, tau: Any, tau_steps: Any, dt: float, steps: int) -> tuple[Any, Any]:
     """tau and tau_steps of Scene.simulate: the torques of motors, (..., nv) or (..., steps, nv), and those of the caller."""
     if is_constant and own.ndim > 1:
         own, is_constant = np.repeat(own[..., None, :], max(steps, 1), axis=-2), False
     if callable(tau):
         return (lambda t, q, qd: np.asarray(tau(t, q, qd)) + (own if is_constant else own[..., round(t / dt), :])), tau_steps
     if tau_steps is not None:
-        return tau, np.asarray(_core._numbers("tau_steps", tau_steps)) + (own[..., None, :] if is_constant else own)
-    given = np.zeros(1) if tau is None else np.asarray(_core._numbers("tau", tau))
+        return tau, np.asarray(_core._numbers("tau_steps", tau_steps, scene, False)) + (own[..., None, :] if is_constant else own)
+    given = np.zeros(1) if tau is None else np.asarray(_core._numbers("tau", tau, scene, False))
     return (given + own, None) if is_constant else (None, given[..., None, :] + own)
 
 
@@ -566,7 +566,7 @@ class Drive:
         """Simulator.step with the controls, or those of the last call."""
         if control is not None:
             self.control = self._of_batch("control", self.actuators.control(control), simulator.batch).copy()
-        given = None if tau is None else np.asarray(_core._numbers("tau", tau))
+        given = None if tau is None else np.asarray(_core._numbers("tau", tau, self.actuators.scene, False))
         has_activation = bool(self.actuators.has_activation.any())
         for _ in range(steps if has_activation else 1):
             law = self._law()
