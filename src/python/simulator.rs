@@ -89,8 +89,8 @@ impl PyScene {
     ///     Step, s.
     /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
     ///     As in simulate, for all steps.
-    /// compliance, limits, restitution, accuracy, smoothing
-    ///     As in simulate, for all steps.
+    /// compliance, limits, restitution, accuracy, smoothing, effort
+    ///     As in simulate, for all steps. The targets of pd can be changed by step.
     #[doc = section!(Returns)]
     /// simulator : Simulator
     ///     step(tau) costs one forward dynamics per stage and some tenths of a microsecond.
@@ -104,7 +104,7 @@ impl PyScene {
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
                              tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
-                             smoothing=0.0)")]
+                             smoothing=0.0, effort=None)")]
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
