@@ -452,7 +452,7 @@ class Scene:
 
         The fields are lower, upper (rad or m), velocity, effort (N m or N), acceleration, deceleration and jerk. A
         joint of several degrees of freedom repeats its limits. Position limits are stops in simulations, unless
-        limits="report"; the other limits are reported only.
+        limits="report"; limits of effort are those of PD(effort=True) and effort="clip". The others are reported only.
         """
 
     def q_index(self, joint: str, /, part: Literal["position", "quaternion"] | None = None) -> slice[int, int, int]:
@@ -722,7 +722,7 @@ class Scene:
         tau_steps: ArrayLike | None = None,
         method: _Method = "auto",
         record_every: int = 1,
-        pd: PD | tuple[ArrayLike, ...] | None = None,
+        pd: PD | tuple[ArrayLike | None, ...] | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
@@ -736,6 +736,9 @@ class Scene:
         restitution: float = 0.0,
         compliance: ArrayLike | None = None,
         smoothing: float = 0.0,
+        targets: ArrayLike | None = None,
+        target_rates: ArrayLike | None = None,
+        effort: Literal["report", "clip"] | None = None,
     ) -> RolloutGradients:
         """Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
 
@@ -759,15 +762,15 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution, compliance, smoothing
+        limits, restitution, compliance, smoothing, targets, target_rates, effort
             As given to simulate.
 
         Returns
         -------
         gradients : RolloutGradients
-            Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes): (...,
-            nv) each; tau is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None; contacts has the
-            gradients by each contact.
+            Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes, target,
+            target_rate): (..., nv) each; tau is (..., steps, nv) with tau_steps, target with targets and target_rate
+            with target_rates; parameters is (..., bodies, 10) or None; contacts has the gradients by each contact.
 
         Raises
         ------
@@ -812,7 +815,7 @@ class Scene:
         tau_steps: ArrayLike | None = None,
         method: _Method = "auto",
         record_every: int = 1,
-        pd: PD | tuple[ArrayLike, ...] | None = None,
+        pd: PD | tuple[ArrayLike | None, ...] | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
@@ -829,6 +832,9 @@ class Scene:
         smoothing: float = 0.0,
         duration: float | None = None,
         covariance: MotionUncertainty | ArrayLike | object | None = None,
+        targets: ArrayLike | None = None,
+        target_rates: ArrayLike | None = None,
+        effort: Literal["report", "clip"] | None = None,
         control: Mapping[str, ArrayLike] | ArrayLike | None = None,
         activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
     ) -> Trajectory:
@@ -857,7 +863,14 @@ class Scene:
         record_every : int, default 1
             Steps between two rows.
         pd : PD, optional
-            Control law PD(kp, kd, target, target_rate), evaluated within the step.
+            Control law PD(kp, kd, target, target_rate, effort), evaluated within the step.
+        targets : (..., steps, nq) array_like, optional
+            Target of pd in each step, instead of pd.target.
+        target_rates : (..., steps, nv) array_like, optional
+            Target velocity of pd in each step, instead of pd.target_rate.
+        effort : {"report", "clip"}, default "report"
+            "clip": the sum of tau and pd is limited to scene.limits.effort. "report": Trajectory.violations() lists
+            rows with more.
         armature : float or (nv,) array_like, optional
             Armature instead of that of the scene, kg m^2 or kg.
         damping : float or (nv,) array_like, optional
@@ -951,7 +964,7 @@ class Scene:
         *,
         dt: float,
         method: _Method = "auto",
-        pd: PD | tuple[ArrayLike, ...] | None = None,
+        pd: PD | tuple[ArrayLike | None, ...] | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
@@ -965,6 +978,7 @@ class Scene:
         restitution: float = 0.0,
         accuracy: float | None = None,
         smoothing: float = 0.0,
+        effort: Literal["report", "clip"] | None = None,
         control: Mapping[str, ArrayLike] | ArrayLike | None = None,
         activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
     ) -> Simulator:
@@ -980,8 +994,8 @@ class Scene:
             Step, s.
         method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
             As in simulate, for all steps.
-        compliance, limits, restitution, accuracy, smoothing
-            As in simulate, for all steps.
+        compliance, limits, restitution, accuracy, smoothing, effort
+            As in simulate, for all steps. The targets of pd can be changed by step.
 
         Returns
         -------
@@ -1006,7 +1020,7 @@ class Scene:
         self,
         *,
         tau: ArrayLike | Callable[[float, _Array, _Array], ArrayLike] | None = None,
-        pd: PD | tuple[ArrayLike, ...] | None = None,
+        pd: PD | tuple[ArrayLike | None, ...] | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
         rest: ArrayLike | None = None,
@@ -5472,6 +5486,10 @@ class Simulator:
             Joint torques, N m or N, which broadcast to the batch. None: zero.
         steps : int, default 1
             Number of steps.
+        target : (..., nq) array_like, optional
+            New target of pd, from this step on. None: the last one.
+        target_rate : (..., nv) array_like, optional
+            New target velocity of pd, likewise.
 
         Raises
         ------

@@ -70,7 +70,14 @@ impl PyScene {
     /// record_every : int, default 1
     ///     Steps between two rows.
     /// pd : PD, optional
-    ///     Control law PD(kp, kd, target, target_rate), evaluated within the step.
+    ///     Control law PD(kp, kd, target, target_rate, effort), evaluated within the step.
+    /// targets : (..., steps, nq) array_like, optional
+    ///     Target of pd in each step, instead of pd.target.
+    /// target_rates : (..., steps, nv) array_like, optional
+    ///     Target velocity of pd in each step, instead of pd.target_rate.
+    /// effort : {"report", "clip"}, default "report"
+    ///     "clip": the sum of tau and pd is limited to scene.limits.effort. "report": Trajectory.violations() lists
+    ///     rows with more.
     /// armature : float or (nv,) array_like, optional
     ///     Armature instead of that of the scene, kg m^2 or kg.
     #[doc = entries!(losses)]
@@ -145,7 +152,8 @@ impl PyScene {
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
                              compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
-                             duration=None, covariance=None, control=None, activation=None)")]
+                             duration=None, covariance=None, targets=None, target_rates=None, effort=None, \
+                             control=None, activation=None)")]
     #[allow(clippy::too_many_lines)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,

@@ -42,13 +42,13 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution, compliance, smoothing
+    /// limits, restitution, compliance, smoothing, targets, target_rates, effort
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
-    ///     Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes): (...,
-    ///     nv) each; tau is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None; contacts has the
-    ///     gradients by each contact.
+    ///     Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes, target,
+    ///     target_rate): (..., nv) each; tau is (..., steps, nv) with tau_steps, target with targets and target_rate
+    ///     with target_rates; parameters is (..., bodies, 10) or None; contacts has the gradients by each contact.
     #[doc = raises!(singular memory arguments)]
     #[doc = section!(Notes)]
     /// O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
@@ -74,7 +74,7 @@ impl PyScene {
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
                              parameters=False, limits=None, restitution=0.0, compliance=None, \
-                             smoothing=0.0)")]
+                             smoothing=0.0, targets=None, target_rates=None, effort=None)")]
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,

@@ -91,8 +91,8 @@ impl PyScene {
     ///     Step, s.
     /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
     ///     As in simulate, for all steps.
-    /// compliance, limits, restitution, accuracy, smoothing
-    ///     As in simulate, for all steps.
+    /// compliance, limits, restitution, accuracy, smoothing, effort
+    ///     As in simulate, for all steps. The targets of pd can be changed by step.
     /// control : (..., n) array_like or dict of str to float, optional
     ///     Controls of scene.actuators, which then act in all steps; step(control=...) changes them.
     /// activation : (..., n) array_like or dict, optional
@@ -110,7 +110,7 @@ impl PyScene {
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
                              tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
-                             smoothing=0.0, control=None, activation=None)")]
+                             smoothing=0.0, effort=None, control=None, activation=None)")]
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
