@@ -116,6 +116,15 @@ def test_transmissions_of_urdf_are_motors() -> None:
     assert phipsi.Scene.from_urdf(text.partition("<transmission")[0] + "</robot>").actuators.names == ()
 
 
+def test_motors_are_written_as_transmissions() -> None:
+    text = ROBOT.format(transmission("t1", "one", "m1", "<mechanicalReduction>-50</mechanicalReduction>") + transmission("t2", "two", "m2"))
+    scene = phipsi.Scene.from_urdf(text)
+    assert tuple(phipsi.Scene.from_urdf(scene.to_urdf()).actuators) == tuple(scene.actuators)
+    servo = scene.to_builder().actuator("m2", "two", kp=3.0).build()
+    with pytest.warns(ModelWarning, match=r"scene: found actuators \('m2'\), which URDF cannot represent"):
+        assert phipsi.Scene.from_urdf(servo.to_urdf()).actuators.names == ("m1",)
+
+
 def test_transmissions_that_are_not_read_are_named() -> None:
     parts = [
         transmission("t1", "one", "m1", kind="<type>transmission_interface/DifferentialTransmission</type>"),
@@ -201,6 +210,16 @@ def test_torques_of_rows_are_those_of_the_actuators() -> None:
     path = run(scene, control, steps=30)
     expected = scene.actuators.torques(control, path.q[:-1], path.qd[:-1])
     assert_near(path.torques()[:-1], expected, 1e-9 * size(expected))
+
+
+def test_files_have_the_controls(tmp_path: Any) -> None:
+    scene = all_kinds()
+    path = run(scene, np.random.default_rng(6).normal(size=(5, 6)), steps=5)
+    path.save(tmp_path / "motion.npz")
+    back = phipsi.Trajectory.load(tmp_path / "motion.npz", scene)
+    for name in ("control", "activation", "start_activation"):
+        assert_near(getattr(back, name), getattr(path, name), 0.0)
+    assert_near(back.vjp(cotangent_qd=np.ones((6, 6))).control, path.vjp(cotangent_qd=np.ones((6, 6))).control, 0.0)
 
 
 def test_clipped_controls_and_forces_are_violations() -> None:
