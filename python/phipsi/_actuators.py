@@ -149,6 +149,7 @@ class Actuators(Sequence[Actuator]):
         self._actrange = np.array([one.actrange for one in found]).reshape(count, 2)
         #: Whether each actuator has an activation, (n,).
         self.has_activation = ~np.isnan(self._times)
+        self._neutral = np.asarray(scene.neutral())
         self._plan()
 
     def _plan(self) -> None:
@@ -371,16 +372,19 @@ class Actuators(Sequence[Actuator]):
         if self._conflicts:
             raise of_argument(ArgumentError, "control", f"found {self._conflicts[0]}")
         kp, kd, by_kp, by_kd, is_free = self._gains if self._gains is not None else self._gains_of(inputs)
-        force = self._gain[:, 0] * inputs + self._bias[:, 0]
-        # A motor has its own range; that of a servo is in the limits.
-        torque = self.gear * np.where(self._servo, force, np.clip(force, *self.forcerange.T))
+        torque = self._torque_of(self._gain[:, 0] * inputs + self._bias[:, 0])
         constant = torque @ self._within - self._center
-        goal = constant * by_kp
-        tau = self._center + torque @ self._beside + is_free * np.clip(constant, *self._limits)
-        target = np.empty((*goal.shape[:-1], self.scene.nq))
-        target[...] = self.scene.neutral()
-        target[..., self._columns] = goal[..., self._rows]
+        tau = np.zeros(self.scene.nv)
+        if self.has_torques:
+            tau = self._center + torque @ self._beside + is_free * np.clip(constant, *self._limits)
+        target = np.empty((*constant.shape[:-1], self.scene.nq))
+        target[...] = self._neutral
+        target[..., self._columns] = (constant * by_kp)[..., self._rows]
         return Law(kp, kd, target, constant * by_kd, tau)
+
+    def _torque_of(self, force: _Array) -> _Array:
+        """Joint torque of a force that does not depend on the state; only motors are clipped here, and servos by their limits."""
+        return self.gear * (force if self._servo.all() else np.where(self._servo, force, np.clip(force, *self.forcerange.T)))
 
     def _gains_of(self, inputs: _Array) -> tuple[_Array, ...]:
         """kp and kd of inputs, (..., nv), the factors of a torque in the target and in its rate, and the joints without
@@ -412,8 +416,7 @@ class Actuators(Sequence[Actuator]):
 
         by_tau, by_target, by_rate = of_steps(found.tau, "tau_steps"), of_steps(found.target, "targets"), of_steps(found.target_rate, "target_rates")
         force = self._gain[:, 0] * inputs + self._bias[:, 0]
-        torque = self.gear * np.where(self._servo, force, np.clip(force, *self.forcerange.T))
-        constant = torque @ self._within - self._center
+        constant = self._torque_of(force) @ self._within - self._center
         is_free = is_free & (constant >= self._limits[0]) & (constant <= self._limits[1])
         by_constant = by_target * by_kp + by_rate * by_kd + by_tau * is_free
         by_torque = by_constant @ self._within.T + by_tau @ self._beside.T
@@ -570,10 +573,10 @@ class Drive:
         has_activation = bool(self.actuators.has_activation.any())
         for _ in range(steps if has_activation else 1):
             law = self._law()
-            if any(np.any(gain != before) for gain, before in zip(law[:2], self._gains, strict=True)):
+            if law.kp is not self._gains[0] and any(np.any(gain != before) for gain, before in zip(law[:2], self._gains, strict=True)):
                 names = ", ".join(repr(one.name) for one in self.actuators if any(one.gain[1:]))
                 raise of_argument(ArgumentError, "control", f"found controls of {names}, and with them gains, that change; expected those of the creation of the simulator")
-            torque = law.tau if given is None else given + law.tau
+            torque = given if not self.actuators.has_torques else law.tau if given is None else given + law.tau
             targets = (law.target, law.rate) if self.actuators.has_servos else (None, None)
             simulator._advance(torque, 1 if has_activation else steps, *targets)
             if has_activation:

@@ -278,7 +278,7 @@ class Scene:
         ignore : collection of str, optional
             Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
             a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
-            "gravcomp", "keyframes" (their time, act and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
+            "gravcomp", "keyframes" (their time and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
             (springs, damping, plasticity), "plugins", "softness" (of equality constraints and contacts) and "tendons".
         contacts : {"all", "plane"}, optional
             "all": geoms that can collide become colliders, by MuJoCo's rules. "plane": only fixed planes touch other
@@ -323,8 +323,8 @@ class Scene:
         The equality constraints connect, weld and joint (linear) become rigid connections with their names or "equality
         0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
         joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
-        inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls, also those
-        of keyframes. scene.initial() is qpos0, and scene.initial(keyframe) the qpos of a keyframe.
+        inward by margin. Sensors and the integrator are not read; scene.actuators are those of hinges and slides, with
+        the controls of keyframes. scene.initial() is qpos0, and scene.initial(keyframe) the qpos of a keyframe.
 
         With `contacts`, a collider has the name of its geom, or "geom3" and so on; a mesh stands for its convex hull.
         contype, conaffinity, filterparent, <exclude>, <pair>, priority, condim, margin, gap and the flag override have
@@ -531,7 +531,9 @@ class Scene:
         """Names of the keyframes, in the order of the file; unnamed ones are called "key0" and so on."""
     @property
     def actuators(self) -> Actuators:
-        """Actuators of the scene."""
+        """Actuators of the scene, an Actuators: those of the file (MJCF, `<transmission>` of URDF) and of
+        SceneBuilder.actuator.
+        """
     def initial(self, keyframe: str | int | None = None) -> _Array:
         """Configuration from which motions begin: that of the file (MJCF: qpos0), or of a keyframe.
 
@@ -909,6 +911,12 @@ class Scene:
             Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
             alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
             An error for impacts on stops, accuracy and functions tau.
+        control : (n,) or (..., steps, n) array_like, or dict of str to float or array_like, optional
+            Controls of scene.actuators: constant, or for each step (an axis of one step: for all steps); by name, a
+            float or (..., steps), and 0 for the others. They are clipped to ctrlrange, which Trajectory.violations()
+            lists. Servos act within the step, like pd, which cannot be given too; torques of tau are added.
+        activation : (..., n) array_like or dict, optional
+            Activations of the actuators at the start, as Trajectory.activation; None: zero.
 
         Returns
         -------
@@ -996,6 +1004,10 @@ class Scene:
             As in simulate, for all steps.
         compliance, limits, restitution, accuracy, smoothing, effort
             As in simulate, for all steps. The targets of pd can be changed by step.
+        control : (..., n) array_like or dict of str to float, optional
+            Controls of scene.actuators, which then act in all steps; step(control=...) changes them.
+        activation : (..., n) array_like or dict, optional
+            Activations of the actuators at the start; None: zero.
 
         Returns
         -------
@@ -5036,7 +5048,55 @@ class SceneBuilder:
         timeconst: float | None = None,
         actrange: ArrayLike | None = None,
     ) -> SceneBuilder:
-        """Add an actuator."""
+        """Add an actuator of a joint with one degree of freedom, or replace the one with the same name.
+
+        Parameters
+        ----------
+        name : str
+            Name of the actuator.
+        joint : str
+            Name of the joint, which may be added later.
+        gear : float, default 1
+            Joint torque per force of the actuator, and its length and velocity per joint position and velocity.
+        kp : float, optional
+            Gain of a position servo, whose force is kp (control - length) - kv velocity.
+        kv : float, optional
+            Gain of the velocity; without kp that of a velocity servo, whose force is kv (control - velocity).
+        gain : (3,) array_like, optional
+            Coefficients of the control (constant, by length, by velocity), instead of kp and kv; (1, 0, 0) without
+            both: a motor. (0, 0, -kv) is a damper.
+        bias : (3,) array_like, optional
+            Force without control (constant, by length, by velocity), instead of kp and kv.
+        ctrlrange : (2,) array_like, optional
+            Smallest and largest control, to which controls are clipped.
+        forcerange : (2,) array_like, optional
+            Smallest and largest force, to which the force is clipped before the gear.
+        timeconst : float, optional
+            Time constant of a first-order filter of the control, s; inf: the input is the time integral of the control.
+        actrange : (2,) array_like, optional
+            Smallest and largest output of the filter or integral.
+
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Raises
+        ------
+        ShapeError, ArgumentError
+            kp or kv together with gain or bias, or invalid arrays. The message names the actuator; build() checks the rest.
+
+        Notes
+        -----
+        The torques of all actuators of a joint together are clipped to its effort limit.
+
+        Examples
+        --------
+        >>> builder = phipsi.scenes.chain(2).to_builder()
+        >>> builder = builder.actuator("shoulder", "j0", kp=100.0, kv=10.0).actuator("elbow", "j1", gear=50.0)
+        >>> builder.build().actuators.names
+        ('shoulder', 'elbow')
+        """
     def _set_actuators(self, actuators: list[tuple[Any, ...]], /) -> None: ...
     def start(
         self, q: Mapping[str, ArrayLike] | None = None, qd: Mapping[str, ArrayLike] | None = None, *, keyframe: str | None = None
@@ -5490,6 +5550,9 @@ class Simulator:
             New target of pd, from this step on. None: the last one.
         target_rate : (..., nv) array_like, optional
             New target velocity of pd, likewise.
+        control : (..., n) array_like or dict of str to float, optional
+            New controls of scene.actuators, from this step on, of a simulator that was created with controls. None: the
+            last ones.
 
         Raises
         ------
@@ -5530,6 +5593,8 @@ class Simulator:
             Joint velocities, rad/s or m/s; zero by default.
         states : optional
             Selection of states as in array[states] = q: a mask, an index, a list of indices or a slice. None: all.
+        activation : (..., n) array_like or dict, optional
+            Activations of the actuators of these states; None: zero. The controls remain.
 
         Raises
         ------
