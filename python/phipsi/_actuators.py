@@ -185,7 +185,7 @@ class Actuators(Sequence[Actuator]):
         for at in np.flatnonzero(self._servo).tolist():
             if np.isfinite(self._limits[:, self._rows[at]]).sum() == 1:
                 self._conflicts.append(f"{self.names[at]!r} with a torque that is limited in one direction, {self._limits[:, self._rows[at]].tolist()}; expected two finite limits, or none")
-        # Those of a control law are symmetric: the center is a constant torque.
+        # The limits of a control law are symmetric; the center of an interval is a constant torque.
         is_limited = np.isfinite(self._limits).all(axis=0) & self._has_servo
         with np.errstate(invalid="ignore"):
             self._center = np.where(is_limited, self._limits.mean(axis=0), 0.0)
@@ -329,7 +329,7 @@ class Actuators(Sequence[Actuator]):
         for name, value, width in (("q", q, scene.nq), ("qd", qd, scene.nv)):
             if value.shape[-1:] != (width,):
                 raise of_argument(ShapeError, name, f"found shape {value.shape}; expected (..., {width})")
-        force = self._forces(self.inputs(self.control(control)), q, qd)
+        force = self._forces(self._inputs(self.control(control)), q, qd)
         tau = np.zeros((*force.shape[:-1], scene.nv))
         clipped = self.gear * np.clip(force, *self.forcerange.T)
         for at, row in enumerate(self._rows):
@@ -337,7 +337,7 @@ class Actuators(Sequence[Actuator]):
         tau[..., self._rows] = np.clip(tau, *self._joint_limits)[..., self._rows]
         return tau
 
-    def inputs(self, control: _Array) -> _Array:
+    def _inputs(self, control: _Array) -> _Array:
         """Controls clipped to their ranges; activations as they are."""
         return np.where(self.has_activation, control, np.clip(control, *self.ctrlrange.T))
 
@@ -349,7 +349,7 @@ class Actuators(Sequence[Actuator]):
 
     # The control law of a simulation
 
-    def activations(self, control: _Array, start: _Array, dt: float) -> tuple[_Array, _Array]:
+    def _activations(self, control: _Array, start: _Array, dt: float) -> tuple[_Array, _Array]:
         """Inputs of the steps, (..., steps, n), from their controls, and the activations after them, (..., n): each
         activation is constant during a step and advances by its exact solution for a constant control.
         """
@@ -367,7 +367,7 @@ class Actuators(Sequence[Actuator]):
         is_integral = np.isinf(self._times)
         return np.stack([np.where(is_integral, 1.0, decay), np.where(is_integral, dt, 1.0 - decay)])
 
-    def law(self, inputs: _Array) -> Law:
+    def _law(self, inputs: _Array) -> Law:
         """Gains, targets and torques of inputs, (..., n)."""
         if self._conflicts:
             raise of_argument(ArgumentError, "control", f"found {self._conflicts[0]}")
@@ -384,7 +384,7 @@ class Actuators(Sequence[Actuator]):
 
     def _torque_of(self, force: _Array) -> _Array:
         """Joint torque of a force that does not depend on the state; only motors are clipped here, and servos by their limits."""
-        return self.gear * (force if self._servo.all() else np.where(self._servo, force, np.clip(force, *self.forcerange.T)))
+        return np.asarray(self.gear * (force if self._servo.all() else np.where(self._servo, force, np.clip(force, *self.forcerange.T))))
 
     def _gains_of(self, inputs: _Array) -> tuple[_Array, ...]:
         """kp and kd of inputs, (..., nv), the factors of a torque in the target and in its rate, and the joints without
@@ -402,7 +402,7 @@ class Actuators(Sequence[Actuator]):
             by_kd = np.where((kp > 0.0) | (kd == 0.0), 0.0, 1.0 / kd)
         return kp, kd, by_kp, by_kd, (kp == 0.0) & (kd == 0.0)
 
-    def gradients(self, path: Trajectory, found: RolloutGradients) -> _Array:
+    def _gradients(self, path: Trajectory, found: RolloutGradients) -> _Array:
         """Gradient by the controls of a trajectory, as they were given, from those by torques and targets."""
         control, inputs = self._of_path(path)
         given = path.given or {}
@@ -437,7 +437,7 @@ class Actuators(Sequence[Actuator]):
             control = np.broadcast_to(control, (*control.shape[:-2], max(path.steps, 1), len(self)))
         elif control.shape[-2] > 1:
             control = control[..., : max(path.steps, 1), :]
-        return control, self.activations(control, path.start_activation, path.dt)[0]
+        return control, self._activations(control, path.start_activation, path.dt)[0]
 
     def _reverse(self, by_input: _Array, control: _Array, inputs: _Array, dt: float) -> _Array:
         """Gradients by the controls of the steps from those by their inputs: the adjoint of activations()."""
@@ -453,7 +453,7 @@ class Actuators(Sequence[Actuator]):
             after = np.where(self.has_activation, by_input[..., step, :] + kept * after, 0.0)
         return by_control
 
-    def clipped(self, path: Trajectory) -> Iterator[tuple[str, str, _Array, tuple[float, float]]]:
+    def _clipped(self, path: Trajectory) -> Iterator[tuple[str, str, _Array, tuple[float, float]]]:
         """Joint, what is clipped, its values in the rows, (..., rows), and the range, of a trajectory with controls."""
         control, inputs = self._of_path(path)
         rows = np.minimum(np.arange(len(path)) * path.record_every, max(path.steps - 1, 0)) if control.shape[-2] > 1 else np.zeros(len(path), int)
@@ -465,7 +465,7 @@ class Actuators(Sequence[Actuator]):
         for joint, row in dict(zip(self.joints, self._rows.tolist(), strict=True)).items():
             yield joint, "torque of actuators", sums[..., row], tuple(self._joint_limits[:, row])
 
-    def keywords(self, law: Law) -> dict[str, Any]:
+    def _keywords(self, law: Law) -> dict[str, Any]:
         """Keywords of Scene.simulator for a control law."""
         if not self.has_servos:
             return {}
@@ -482,14 +482,14 @@ def simulate(scene: Scene, q: ArrayLike, qd: ArrayLike, control: Any, activation
     start = np.zeros(len(actuators)) if activation is None else actuators.control(activation, "activation")
     if actuators.has_activation.any():
         u = np.broadcast_to(u, (*u.shape[:-2], max(steps, 1), len(actuators)))
-    inputs, last = actuators.activations(u, start, dt)
-    law = actuators.law(inputs)
+    inputs, last = actuators._activations(u, start, dt)
+    law = actuators._law(inputs)
     is_constant = inputs.shape[-2] == 1
     if not is_constant and any(np.any(gain != gain[..., :1, :]) for gain in law[:2] if gain.ndim > 1):
         names = ", ".join(repr(one.name) for one in actuators if any(one.gain[1:]))
         raise of_argument(ArgumentError, "control", f"found controls of {names}, and with them gains, that change from step to step; expected constant ones, or Simulator.step")
     at_start = Law(*(part if part.ndim == 1 else np.asarray(part[..., 0, :]) for part in law))
-    given |= actuators.keywords(at_start)
+    given |= actuators._keywords(at_start)
     if "pd" in given and not is_constant:
         given |= {"targets": law.target, "target_rates": law.rate}
     if actuators.has_torques:
@@ -548,11 +548,11 @@ class Drive:
         """Keywords of Scene.simulator."""
         law = self._law()
         self._gains = law[:2]
-        return self.actuators.keywords(law)
+        return self.actuators._keywords(law)
 
     def _law(self) -> Law:
         actuators = self.actuators
-        return actuators.law(np.where(actuators.has_activation, self.activation, np.clip(self.control, *actuators.ctrlrange.T)))
+        return actuators._law(np.where(actuators.has_activation, self.activation, np.clip(self.control, *actuators.ctrlrange.T)))
 
     def spread(self, batch: tuple[int, ...]) -> None:
         """Give each state of the batch its own values."""
@@ -580,7 +580,7 @@ class Drive:
             targets = (law.target, law.rate) if self.actuators.has_servos else (None, None)
             simulator._advance(torque, 1 if has_activation else steps, *targets)
             if has_activation:
-                self.activation = self.actuators.activations(self.control[..., None, :], self.activation, self._dt)[1]
+                self.activation = self.actuators._activations(self.control[..., None, :], self.activation, self._dt)[1]
 
     def read(self, activation: Any) -> _Array:
         """Activations for reset; None: zero."""

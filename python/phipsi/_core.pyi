@@ -531,9 +531,7 @@ class Scene:
         """Names of the keyframes, in the order of the file; unnamed ones are called "key0" and so on."""
     @property
     def actuators(self) -> Actuators:
-        """Actuators of the scene, an Actuators: those of the file (MJCF, `<transmission>` of URDF) and of
-        SceneBuilder.actuator.
-        """
+        """Actuators of the file (MJCF, or `<transmission>` of URDF) and of SceneBuilder.actuator, a sequence by name."""
     def initial(self, keyframe: str | int | None = None) -> _Array:
         """Configuration from which motions begin: that of the file (MJCF: qpos0), or of a keyframe.
 

@@ -476,7 +476,7 @@ class Trajectory(TrajectoryFiles):
         nothing = np.zeros((len(self), self.scene.nv))
         cotangents = [nothing if cotangent is None else cotangent for cotangent in (cotangent_q, cotangent_qd)]
         found = self.scene.simulate_vjp(self.q, self.qd, *cotangents, parameters=parameters, **given)
-        return found if self.control is None else found._replace(control=self.scene.actuators.gradients(self, found))
+        return found if self.control is None else found._replace(control=self.scene.actuators._gradients(self, found))
 
     def _arguments(self) -> dict[str, Any]:
         """Arguments of Scene.simulate, for Scene.simulate_vjp."""
@@ -539,7 +539,7 @@ class Trajectory(TrajectoryFiles):
             for limit, values, bounds, sign in cases:
                 if not np.all(np.isinf(bounds)):
                     found += self._beyond(joint, limit, values, float(bounds[0]), sign)
-        for joint, limit, values, ends in () if self.control is None else self.scene.actuators.clipped(self):
+        for joint, limit, values, ends in () if self.control is None else self.scene.actuators._clipped(self):
             for end, sign in zip(ends, (-1.0, 1.0), strict=True):
                 if not np.isinf(end):
                     found += self._beyond(joint, limit, values[..., None], end, sign)

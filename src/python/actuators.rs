@@ -1,7 +1,8 @@
-//! Actuators: the method of `SceneBuilder` that adds them, their tuples for pickling, and `Scene.actuators`.
+//! Actuators: the method of `SceneBuilder` that adds them, and `Scene.actuators`.
 
 use super::builder::{PySceneBuilder, optional_triple};
 use super::choice::refuse_unknown;
+use super::description::{ActuatorTuple, actuator_of, actuator_tuple};
 use super::input;
 use super::object::{Object, imported};
 use super::scene::PyScene;
@@ -9,32 +10,6 @@ use crate::error::Error;
 use crate::scene::Actuator;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::collections::BTreeMap;
-
-/// Name, joint, gear, gain, bias, ranges of control, force and joint torque, activation (time constant, range), control
-/// and activation of keyframes, reason why it cannot be represented.
-pub(super) type ActuatorTuple = (
-    String,
-    String,
-    f64,
-    [f64; 3],
-    [f64; 3],
-    [[f64; 2]; 3],
-    Option<(f64, [f64; 2])>,
-    BTreeMap<String, [f64; 2]>,
-    Option<String>,
-);
-
-pub(super) fn actuator_tuple(actuator: &Actuator) -> ActuatorTuple {
-    let Actuator { name, joint, gear, gain, bias, control, force, torque, activation, keyframes, missing } =
-        actuator.clone();
-    (name, joint, gear, gain, bias, [control, force, torque], activation, keyframes, missing)
-}
-
-pub(super) fn actuator_of(tuple: ActuatorTuple) -> Actuator {
-    let (name, joint, gear, gain, bias, [control, force, torque], activation, keyframes, missing) = tuple;
-    Actuator { name, joint, gear, gain, bias, control, force, torque, activation, keyframes, missing }
-}
 
 #[pymethods]
 impl PySceneBuilder {
@@ -132,8 +107,7 @@ impl PySceneBuilder {
 
 #[pymethods]
 impl PyScene {
-    /// Actuators of the scene, an Actuators: those of the file (MJCF, `<transmission>` of URDF) and of
-    /// SceneBuilder.actuator.
+    /// Actuators of the file (MJCF, or `<transmission>` of URDF) and of SceneBuilder.actuator, a sequence by name.
     #[getter]
     fn actuators<'py>(slf: &Bound<'py, Self>) -> PyResult<Object<'py>> {
         let tuples: Vec<_> = slf.get().scene.source().actuators().iter().map(actuator_tuple).collect();

@@ -1,6 +1,5 @@
 //! A scene as plain tuples of numbers and names, for pickling, and as one line, for `repr`.
 
-use super::actuators::{ActuatorTuple, actuator_of, actuator_tuple};
 use super::choice::{choose, name_of_mimic, names, read_mimic};
 use super::collider_tuple::{CollisionTuple, collision_tuple, with_collisions};
 use super::connection_tuple::{ConnectionTuple, FrameTuple, connection_of, connection_tuple, frame_from, frame_tuple};
@@ -10,8 +9,8 @@ use crate::error::{Error, number};
 use crate::memory;
 use crate::scene::properties::Properties;
 use crate::scene::{
-    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Simplifications,
-    Spring, Start,
+    Actuator, Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder,
+    Simplifications, Spring, Start,
 };
 use crate::spatial::Symmetric3;
 use pyo3::prelude::*;
@@ -180,6 +179,31 @@ impl Description {
             .with_shapes(shapes)
             .with_actuators(actuators.into_iter().map(actuator_of).collect()))
     }
+}
+
+/// Name, joint, gear, gain, bias, ranges of control, force and joint torque, activation (time constant, range), control
+/// and activation of keyframes, reason why it cannot be represented.
+pub(super) type ActuatorTuple = (
+    String,
+    String,
+    f64,
+    [f64; 3],
+    [f64; 3],
+    [[f64; 2]; 3],
+    Option<(f64, [f64; 2])>,
+    BTreeMap<String, [f64; 2]>,
+    Option<String>,
+);
+
+pub(super) fn actuator_tuple(actuator: &Actuator) -> ActuatorTuple {
+    let Actuator { name, joint, gear, gain, bias, control, force, torque, activation, keyframes, missing } =
+        actuator.clone();
+    (name, joint, gear, gain, bias, [control, force, torque], activation, keyframes, missing)
+}
+
+pub(super) fn actuator_of(tuple: ActuatorTuple) -> Actuator {
+    let (name, joint, gear, gain, bias, [control, force, torque], activation, keyframes, missing) = tuple;
+    Actuator { name, joint, gear, gain, bias, control, force, torque, activation, keyframes, missing }
 }
 
 fn start_tuple(start: &Start) -> StartTuple {

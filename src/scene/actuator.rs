@@ -1,6 +1,6 @@
 //! Actuators: maps from a control to the force on a joint, as data of a scene; simulations in Python apply them.
 
-use super::{Scene, SceneBuilder};
+use super::Scene;
 use crate::error::{Error, number};
 use std::collections::BTreeMap;
 
@@ -80,19 +80,6 @@ impl Actuator {
             return refuse(found, "a joint with one degree of freedom");
         }
         Ok(())
-    }
-}
-
-impl SceneBuilder {
-    /// Adds an actuator, or replaces the one with the same name. The joint can be added later;
-    /// [`SceneBuilder::build`] checks it.
-    #[must_use]
-    pub fn actuator(mut self, actuator: Actuator) -> Self {
-        match self.actuators.iter_mut().find(|other| other.name == actuator.name) {
-            Some(other) => *other = actuator,
-            None => self.actuators.push(actuator),
-        }
-        self
     }
 }
 

@@ -204,6 +204,17 @@ impl SceneBuilder {
         self
     }
 
+    /// Adds an actuator, or replaces the one with the same name. The joint can be added later;
+    /// [`SceneBuilder::build`] checks it.
+    #[must_use]
+    pub fn actuator(mut self, actuator: Actuator) -> Self {
+        match self.actuators.iter_mut().find(|other| other.name == actuator.name) {
+            Some(other) => *other = actuator,
+            None => self.actuators.push(actuator),
+        }
+        self
+    }
+
     /// Sets gravity in the base frame, m/s^2.
     #[must_use]
     pub fn gravity(mut self, gravity: [f64; 3]) -> Self {
