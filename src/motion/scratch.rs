@@ -134,7 +134,7 @@ impl<T: Real> Scratch<T> {
     pub fn new(scene_model: &Model<f64>, settings: &StepSettings) -> Self {
         let mut of_step = scene_model.clone();
         of_step.system.noise = settings.noise(&settings.scheme);
-        for of in &settings.set_valued {
+        for of in settings.set_valued.iter().filter(|of| of.friction > 0.0 || of.stops) {
             let noise = &mut of_step.system.noise[of.row];
             *noise = if *noise == 0.0 { FREE } else { *noise };
         }

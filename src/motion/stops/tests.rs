@@ -57,11 +57,11 @@ fn dense(
     let line = |i: usize| graphs[i].line(pieces[i]);
     let right = DVector::from_fn(moving.len(), |k, _| {
         let i = moving[k];
-        rest[i] + graphs[i].torque(pieces[i]) + line(i).0 - line(i).1 * v[i]
+        rest[i] + graphs[i].torque(pieces[i]) + line(i).at(v[i])
     });
     let mut own = DMatrix::from_fn(moving.len(), moving.len(), |i, j| m[(moving[i], moving[j])]);
     for (k, &i) in moving.iter().enumerate() {
-        own[(k, k)] += h * line(i).1;
+        own[(k, k)] += h * line(i).slope;
     }
     let solved = own.cholesky().expect("positive definite").solve(&right);
     for (at, &i) in moving.iter().enumerate() {
@@ -135,8 +135,8 @@ fn graphs_are_monotone() {
         let velocities = &graph.velocities[..graph.count];
         assert!(velocities.windows(2).all(|pair| pair[0] < pair[1]), "{graph:?}");
         for (k, v) in velocities.iter().enumerate() {
-            let [below, above] = [k, k + 1].map(|k| graph.torques[k] + graph.lines[k].0 - graph.lines[k].1 * v);
-            let rounding = 1e-14 * (1.0 + graph.lines[k].0.abs() + (graph.lines[k].1 * v).abs());
+            let [below, above] = [k, k + 1].map(|k| graph.torques[k] + graph.lines[k].at(*v));
+            let rounding = 1e-13 * (1.0 + [k, k + 1].map(|k| graph.lines[k].slope * v.abs()).into_iter().sum::<f64>());
             assert!(below >= above - rounding, "{graph:?}");
             assert!(graph.holds[k].is_some() || (below - above).abs() <= rounding, "{graph:?}");
         }
