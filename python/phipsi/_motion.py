@@ -593,11 +593,13 @@ def _outcome(about: dict[str, Any]) -> dict[str, Any]:
     """Fields of a trajectory, with counts as integers and impacts by name."""
     most, events, error, unsettled = about.pop("counts")
     if np.any(unsettled):
-        message = (
-            f"found no solution for the torques of friction and joint stops in {int(np.sum(unsettled))} steps, because the inertia of a link is not physical and the mass matrix is indefinite; a joint was locked"
-            " there: load with strict=True to find the link"
-        )
-        warn(message, InertiaWarning)
+        found = f"found no solution for the torques of friction and joint stops in {int(np.sum(unsettled))} steps"
+        if about.get("contacts") is None:
+            message = f"{found}, because the inertia of a link is not physical and the mass matrix is indefinite; a joint was locked there: load with strict=True to find the link"
+            warn(message, InertiaWarning)
+        else:
+            message = f"{found}, or for limits of effort beside contacts, where a joint was at its limit; expected a smaller dt, or inertias that are physical (load with strict=True)"
+            warn(message, ContactWarning)
     counts = (np.asarray(count).astype(np.int_) for count in (most, events))
     return about | dict(zip(("substeps", "events"), counts)) | {"estimated_error": np.asarray(error)}
 

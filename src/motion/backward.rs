@@ -367,7 +367,7 @@ fn release<T: Real>(s: &Scratch<T>, rates: &mut [T]) {
 fn set_event_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scratch<T>, solutions: &[RowSolution]) {
     let hg = if settings.regularized { scheme.tableau.gamma[0][0] } else { 0.0 };
     for (of, solution) in settings.set_valued.iter().zip(solutions).filter(|(of, _)| of.drives) {
-        let (linear, held) = if solution.slope > 0.0 { (1.0, 0.0) } else { (0.0, solution.held) };
+        let (linear, held) = if solution.driven.is_limit { (0.0, solution.driven.torque) } else { (1.0, 0.0) };
         let gains = [KP, KD].map(|i| s.gains[i][of.row] * T::from_f64(linear));
         s.rows[of.row].side = T::from_f64(1.0 - linear);
         s.drive(settings, scheme.implicit_step(), of.row, (gains, T::from_f64(held)));

@@ -168,10 +168,8 @@ impl StopReverse<'_> {
             }
         }
         // At a limit of the sum, the applied torque has no effect.
-        for &row in settings.limited.iter().filter(|_| settings.limits_sum) {
-            if stuck.iter().all(|of| of.row != row) {
-                self.by_torque[row] -= h * y[row];
-            }
+        for &row in solution.at_limit.iter().filter(|_| settings.limits_sum) {
+            self.by_torque[row] -= h * y[row];
         }
         Ok(of_bent)
     }

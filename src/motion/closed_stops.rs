@@ -19,7 +19,7 @@ use super::manifold::advance;
 use super::modes::STUCK_NOISE;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
-use super::stops::{Drive, Graph, Hold, Piece, SetValued, settle};
+use super::stops::{Drive, Graph, Hold, Line, Piece, SetValued, settle};
 use super::totals::note_dropped;
 use super::works::RowWork;
 use crate::contact::{Cone, expansion_kept};
@@ -70,10 +70,10 @@ struct Solution {
     velocities: Vec<f64>,
     torques: DVector<f64>,
     holds: Vec<Option<Hold>>,
-    /// The torque of friction of a moving row, and that of the control law with its slope.
+    /// The torque of friction of a moving row, and that of the control law, with its piece.
     rubbing: Vec<f64>,
     driven: Vec<f64>,
-    slopes: Vec<f64>,
+    lines: Vec<Line>,
 }
 
 /// A solution of the law in a step, for its adjoint: v = `v_free` + W r.
@@ -85,6 +85,8 @@ pub(super) struct LawSolution {
     pub rubbing: Vec<f64>,
     /// The rows on vertical pieces, and those on the slope of a control law.
     pub stuck: Vec<StuckRow>,
+    /// The rows whose control law is at a limit of effort.
+    pub at_limit: Vec<usize>,
     /// The rows that friction holds: projections do not move them.
     pub locked: Vec<usize>,
 }
@@ -366,8 +368,8 @@ impl Acting {
                 torques,
                 holds: holds.iter().map(|hold| hold.map(|(_, hold)| hold)).collect(),
                 rubbing: graphs.iter().zip(&pieces).map(|(graph, &piece)| graph.torque(piece)).collect(),
-                driven: lines().zip(&u).map(|((torque, slope), u)| torque - slope * u).collect(),
-                slopes: lines().map(|(_, slope)| slope).collect(),
+                driven: lines().zip(&u).map(|(line, u)| line.at(*u)).collect(),
+                lines: lines().collect(),
             };
         }
     }
@@ -399,15 +401,15 @@ impl Acting {
     /// The torques of the rows on these pieces, and their velocities. Those of stuck rows, and of rows on the slope of a
     /// control law, r = c - b u, are unknown: u = w - r/b with w the prescribed velocity, or c/b.
     fn response(&self, free: &DVector<f64>, graphs: &[Graph], pieces: &[Piece]) -> (DVector<f64>, DVector<f64>) {
-        let unknown = |(a, (graph, &piece)): (usize, (&Graph, &Piece))| match (graph.velocity(piece), graph.line(piece))
-        {
+        let unknown = |(a, (graph, &piece)): (usize, (&Graph, &Piece))| match (graph.velocity(piece), graph.line(piece)) {
             (Some((velocity, _)), _) => Some((a, velocity, 0.0)),
-            (None, (torque, slope)) if slope > 0.0 => Some((a, (graph.torque(piece) + torque) / slope, 1.0 / slope)),
+            (None, Line { torque, slope, .. }) if slope > 0.0 => {
+                Some((a, (graph.torque(piece) + torque) / slope, 1.0 / slope))
+            }
             _ => None,
         };
         let stuck: Vec<(usize, f64, f64)> = graphs.iter().zip(pieces).enumerate().filter_map(unknown).collect();
-        let mut torques =
-            DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]) + graphs[a].line(pieces[a]).0);
+        let mut torques = DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]) + graphs[a].line(pieces[a]).torque);
         let mut g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
         for (a, (.., compliance)) in stuck.iter().enumerate() {
             g[(a, a)] += compliance;
@@ -477,7 +479,10 @@ impl Acting {
             if found.holds[a] == Some(Hold::Friction) {
                 solution.locked.push(row);
             }
-            let slope = pieces.slopes[a];
+            let Line { slope, is_limit, .. } = pieces.lines[a];
+            if is_limit {
+                solution.at_limit.push(row);
+            }
             let ((slopes, by_bent), compliance) = match pieces.holds[a] {
                 None if slope > 0.0 => (([0.0; 2], 0.0), 1.0 / (h * slope)),
                 None => continue,

@@ -28,8 +28,8 @@ pub(super) const KD: usize = 1;
 pub(super) const LOWER: usize = 2;
 pub(super) const UPPER: usize = 3;
 
-/// The piece of a row: its index in a list of pieces.
-const LINEAR: usize = 1;
+/// The piece between the limits, 0 and 2.
+pub(super) const LINEAR: Piece = Piece::Between(1);
 
 impl<T: Real> Scratch<T> {
     /// Sets the gains that act on a row, the constant torque beside them, and the noise of the row.
@@ -181,7 +181,7 @@ pub(super) fn contradictions(by: StepArguments<'_>, s: &Scratch<f64>, found: &mu
             let beyond = [torque < lower - slack, torque > upper + slack];
             beyond.iter().position(|&beyond| beyond).map(|upper| 2 * upper)
         } else {
-            (of.side * (torque - of.held) < -slack).then_some(LINEAR)
+            (of.side * (torque - of.held) < -slack).then_some(1)
         };
         found.extend(piece.map(|piece| (i, Piece::Between(piece))));
     }
@@ -190,19 +190,19 @@ pub(super) fn contradictions(by: StepArguments<'_>, s: &Scratch<f64>, found: &mu
 /// The pieces of the rows with limits.
 pub(super) fn pieces(settings: &StepSettings, s: &Scratch<f64>) -> Vec<Piece> {
     let piece = |&row: &usize| match s.rows[row].side {
-        side if side < 0.0 => 0,
-        side if side > 0.0 => 2,
+        side if side < 0.0 => Piece::Between(0),
+        side if side > 0.0 => Piece::Between(2),
         _ => LINEAR,
     };
-    settings.limited.iter().map(|row| Piece::Between(piece(row))).collect()
+    settings.limited.iter().map(piece).collect()
 }
 
 /// Gives the pieces of the rows with limits.
 pub(super) fn give(settings: &StepSettings, s: &mut Scratch<f64>, pieces: &[Piece]) {
     for (&row, piece) in settings.limited.iter().zip(pieces) {
-        s.rows[row].side = match piece {
+        s.rows[row].side = match *piece {
             Piece::Between(0) => -1.0,
-            Piece::Between(LINEAR) => 0.0,
+            LINEAR => 0.0,
             _ => 1.0,
         };
     }

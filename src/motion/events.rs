@@ -13,7 +13,7 @@ use super::scratch::{Scratch, clear};
 use super::solver::Checked;
 use super::step::{set_friction, stage};
 use super::step_settings::StepSettings;
-use super::stops::{Drive, Graph, Hold, Piece, SetValued, settle};
+use super::stops::{Drive, Graph, Hold, Line, Piece, SetValued, settle};
 use super::totals::{STOPS, TOTALS, UNSETTLED, WORKS};
 use super::works::{RowWork, add_work};
 use crate::dynamics;
@@ -180,9 +180,8 @@ impl Events {
             s.q_next[settings.set_valued[*row].coordinate] = *bound;
         }
         for (i, of) in settings.set_valued.iter().enumerate() {
-            let (torque, slope) = self.graphs[i].line(self.pieces[i]);
             if of.drives {
-                s.control[of.row] = h * (torque - slope * s.v_next[of.row]);
+                s.control[of.row] = h * self.graphs[i].line(self.pieces[i]).at(s.v_next[of.row]);
             }
             let impulse = self.work(i, of, h, s).add(s);
             let upper = match self.graphs[i].velocity(self.pieces[i]) {
@@ -253,14 +252,14 @@ impl Events {
     /// Stores the accelerations of the stuck rows in the current solution, and the torques of the moving ones.
     fn store_solution(&mut self, settings: &StepSettings, h: f64, s: &Scratch<f64>) {
         let each = settings.set_valued.iter().zip(&self.graphs).zip(&self.pieces).map(|((of, graph), &piece)| {
-            let (held, slope) = graph.line(piece);
+            let driven = graph.line(piece);
             let Some((velocity, hold)) = graph.velocity(piece) else {
                 let torque = graph.torque(piece);
-                return RowSolution { stuck: 0.0, torque, target: 0.0, slopes: [0.0; 2], held, slope };
+                return RowSolution { stuck: 0.0, torque, target: 0.0, slopes: [0.0; 2], driven };
             };
             let [by_q, by_v] = graph.slopes(hold);
             let target = (velocity - s.v[of.row]) / h;
-            RowSolution { stuck: 1.0, torque: 0.0, target, slopes: [by_q / h, (by_v - 1.0) / h], held, slope }
+            RowSolution { stuck: 1.0, torque: 0.0, target, slopes: [by_q / h, (by_v - 1.0) / h], driven }
         });
         self.solutions.push(EventSolution { rows: each.collect(), accelerations: s.m[0].clone() });
     }
@@ -286,7 +285,7 @@ impl Events {
             }
             s.model.system.noise.copy_from_slice(noise);
             for ((of, graph), &piece) in rows() {
-                s.model.system.noise[of.row] += h * graph.line(piece).1;
+                s.model.system.noise[of.row] += h * graph.line(piece).slope;
             }
             dynamics::inverse_dynamics(&s.model, &mut solver.workspace, &s.q, &s.v, &s.m[0], &[], torque);
             for ((right, given), torque) in right.iter_mut().zip(&*given).zip(&*torque) {
@@ -296,18 +295,17 @@ impl Events {
                 if graph.velocity(piece).is_some() {
                     s.model.system.noise[of.row] = STUCK_NOISE;
                 } else {
-                    let (torque, slope) = graph.line(piece);
-                    right[of.row] += graph.torque(piece) + (torque - slope * s.v[of.row]);
+                    right[of.row] += graph.torque(piece) + graph.line(piece).at(s.v[of.row]);
                 }
             }
             solver.factorise_and_solve(&s.model, &s.q, &right, &mut s.m[1]);
             s.model.system.noise.copy_from_slice(noise);
             for ((of, graph), &piece) in rows() {
                 // The torque that holds a stuck row, and the size of the torques whose difference it is.
-                let (held, (driven, slope)) = (graph.velocity(piece), graph.line(piece));
-                let held = held.map(|_| -(STUCK_NOISE * s.m[1][of.row]));
-                torque[of.row] = held.map_or_else(|| graph.torque(piece), |held| held - driven);
-                let size = driven.abs() + (slope * s.v[of.row]).abs();
+                let driven = graph.line(piece);
+                let held = graph.velocity(piece).map(|_| -(STUCK_NOISE * s.m[1][of.row]));
+                torque[of.row] = held.map_or_else(|| graph.torque(piece), |held| held - driven.torque);
+                let size = driven.torque.abs() + (driven.slope * s.v[of.row]).abs();
                 right[of.row] = right[of.row].abs() + given[of.row].abs() + of.friction + size;
                 if held.is_some() {
                     s.m[1][of.row] = 0.0;
@@ -330,7 +328,7 @@ impl Events {
             for (i, ((of, graph), &piece)) in rows().enumerate() {
                 let slow = ROUNDING * s.v[of.row].abs() + ROUNDING_OF_TORQUES * h * fastest;
                 let value = match piece {
-                    Piece::At(_) => torque[of.row] + graph.line(piece).0,
+                    Piece::At(_) => torque[of.row] + graph.line(piece).torque,
                     Piece::Between(_) => s.v_next[of.row],
                 };
                 let change = graph.contradicted(piece, value, [slow, ROUNDING_OF_TORQUES * right[of.row]]);
@@ -415,7 +413,6 @@ pub(super) struct RowSolution {
     /// Acceleration of a stuck row, and its derivatives by q and v of the row.
     pub target: f64,
     pub slopes: [f64; 2],
-    /// Constant torque and slope of its control law with limits of effort.
-    pub held: f64,
-    pub slope: f64,
+    /// The torque of its control law with limits of effort.
+    pub driven: Line,
 }

@@ -204,8 +204,9 @@ impl Gains {
                 return Err(Error::argument(name, found, expected));
             }
         }
-        let each =
-            |name, values: &[f64]| values.chunks_exact(nq.max(1)).try_for_each(|q| scene.check_configuration(name, q));
+        let each = |name, values: &[f64]| {
+            values.chunks_exact(nq.max(1)).try_for_each(|q| scene.check_configuration(name, q))
+        };
         each(target, &self.target).and_then(|()| each(targets, &self.targets))
     }
 
@@ -229,8 +230,9 @@ impl Gains {
     /// limits.
     pub(super) fn of_state(&self, nv: usize, state: usize) -> [&[f64]; 4] {
         let Self { proportional, derivative, effort_lower, effort_upper, .. } = self;
-        [proportional, derivative, effort_lower, effort_upper]
-            .map(|values| if values.is_empty() { &values[..] } else { of_state(values, nv, state) })
+        [proportional, derivative, effort_lower, effort_upper].map(|values| {
+            if values.is_empty() { &values[..] } else { of_state(values, nv, state) }
+        })
     }
 
     /// The largest gains of a row in any state.

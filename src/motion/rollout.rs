@@ -128,18 +128,13 @@ impl<S: Borrow<Scene>> Rollout<S> {
             gains.check(holds, states)?;
         }
         if let Some(gains) = settings.gains.as_ref().filter(|_| holds.touches())
-            && let Some(free) = holds
-                .joints()
-                .iter()
-                .find(|joint| joint.kind == JointKind::Floating && joint.v.clone().any(|row| gains.is_limited(nv, row)))
+            && let Some(free) = holds.joints().iter().find(|joint| {
+                joint.kind == JointKind::Floating && joint.v.clone().any(|row| gains.is_limited(nv, row))
+            })
         {
             let [.., name] = Gains::names();
             let found = format!("limits for the free joint {:?} of a scene with contacts", free.name);
-            return Err(Error::argument(
-                name,
-                found,
-                "infinite limits for its degrees of freedom, which have no motor",
-            ));
+            return Err(Error::argument(name, found, "infinite limits for its degrees of freedom, which have no motor"));
         }
         let stops = settings.limits == Limits::Stop;
         let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
@@ -493,8 +488,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// unchanged.
     pub fn aim(&mut self, target: Option<&[f64]>, target_rate: Option<&[f64]>) -> Result<(), Error> {
         let Some(gains) = &self.settings.gains else {
-            let expected =
-                in_language("a rollout with Settings::gains", "a simulator that was created with pd=PD(kp, kd)");
+            let expected = in_language("a rollout with Settings::gains", "a simulator that was created with pd=PD(kp, kd)");
             return Err(Error::argument("target", "targets without a control law", expected));
         };
         let mut gains = Gains::clone(gains);

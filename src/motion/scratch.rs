@@ -134,7 +134,7 @@ impl<T: Real> Scratch<T> {
     pub fn new(scene_model: &Model<f64>, settings: &StepSettings) -> Self {
         let mut of_step = scene_model.clone();
         of_step.system.noise = settings.noise(&settings.scheme);
-        for of in &settings.set_valued {
+        for of in settings.set_valued.iter().filter(|of| of.friction > 0.0 || of.stops) {
             let noise = &mut of_step.system.noise[of.row];
             *noise = if *noise == 0.0 { FREE } else { *noise };
         }
@@ -239,12 +239,7 @@ impl<T: Vectorized> Scratch<T> {
 
     /// Takes the targets of step `n` if they change.
     #[inline(always)]
-    pub fn take_targets(
-        &mut self,
-        settings: &StepSettings,
-        (n, count): (usize, usize),
-        state: impl Fn(usize) -> usize,
-    ) {
+    pub fn take_targets(&mut self, settings: &StepSettings, (n, count): (usize, usize), state: impl Fn(usize) -> usize) {
         if let Some(gains) = settings.gains.as_ref().filter(|gains| gains.changes()) {
             self.aim(gains, (n, count), &state);
         }

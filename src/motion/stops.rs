@@ -122,16 +122,31 @@ impl Drive {
         [self.upper, self.lower].map(|limit| (self.offset - limit) / self.slope)
     }
 
-    /// The constant torque and the slope beside a kink or between two, at velocity v.
-    fn line(&self, v: f64) -> (f64, f64) {
+    /// Its torque around velocity v.
+    fn line(&self, v: f64) -> Line {
         let [first, last] = self.kinks();
+        let limit = |torque: f64| Line { torque, slope: 0.0, is_limit: true };
         if v <= first {
-            (self.upper, 0.0)
+            limit(self.upper)
         } else if v >= last {
-            (self.lower, 0.0)
+            limit(self.lower)
         } else {
-            (self.offset, self.slope)
+            Line { torque: self.offset, slope: self.slope, is_limit: false }
         }
+    }
+}
+
+/// The torque of a control law on one of its pieces, torque - slope v'; constant at a limit of effort.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Line {
+    pub torque: f64,
+    pub slope: f64,
+    pub is_limit: bool,
+}
+
+impl Line {
+    pub fn at(&self, v: f64) -> f64 {
+        self.torque - self.slope * v
     }
 }
 
@@ -147,9 +162,9 @@ pub(super) struct Graph {
     /// `None` for the kinks of the control law.
     holds: [Option<Hold>; KNOTS],
     torques: [f64; KNOTS + 1],
-    /// The control law, and its torque between the velocities: a constant and a slope.
+    /// The control law, and its torque between the velocities.
     drive: Option<Drive>,
-    lines: [(f64, f64); KNOTS + 1],
+    lines: [Line; KNOTS + 1],
     /// Derivatives of the velocity bounds by q and v.
     slopes: [[f64; 2]; 2],
 }
@@ -178,7 +193,7 @@ impl Graph {
             holds: [None; KNOTS],
             torques: [0.0; KNOTS + 1],
             drive: None,
-            lines: [(0.0, 0.0); KNOTS + 1],
+            lines: [Line::default(); KNOTS + 1],
             slopes: [[0.0; 2]; 2],
         };
         graph.torques[0] = if low < 0.0 { friction } else { -friction };
@@ -213,8 +228,7 @@ impl Graph {
         // A kink at a vertical piece, or beyond a stop, is no velocity of its own.
         let [first, last] = [self.torques[0], self.torques[self.count]].map(f64::is_infinite);
         let within = |v: &f64| {
-            let inside =
-                (!first || own.first().is_none_or(|low| v > low)) && (!last || own.last().is_none_or(|high| v < high));
+            let inside = (!first || own.first().is_none_or(|low| v > low)) && (!last || own.last().is_none_or(|high| v < high));
             v.is_finite() && inside && !own.contains(v)
         };
         let mut knots: Vec<(f64, Option<Hold>)> = drive.kinks().into_iter().filter(within).map(|v| (v, None)).collect();
@@ -276,12 +290,14 @@ impl Graph {
         if let Piece::At(k) = piece { self.holds[k].map(|hold| (self.velocities[k], hold)) } else { None }
     }
 
-    /// The torque of the control law at velocity v: a constant and a slope on the piece of a moving row, and for a stuck
-    /// one the constant.
-    pub fn line(&self, piece: Piece) -> (f64, f64) {
+    /// The torque of the control law on a piece; that of a stuck row is constant.
+    pub fn line(&self, piece: Piece) -> Line {
         match piece {
             Piece::Between(k) => self.lines[k],
-            Piece::At(k) => (self.drive.map_or(0.0, |drive| drive.torque(self.velocities[k])), 0.0),
+            Piece::At(k) => {
+                let torque = self.drive.map_or(0.0, |drive| drive.torque(self.velocities[k]));
+                Line { torque, ..Line::default() }
+            }
         }
     }
 
@@ -307,12 +323,10 @@ impl Graph {
         // At a kink, the error of the torque is the slope times that of the velocity.
         let near = |k: usize| match self.holds[k] {
             Some(_) => slow,
-            None => {
-                slow.min(weak / self.lines[k].1.max(self.lines[k + 1].1)).max(f64::EPSILON * self.velocities[k].abs())
-            }
+            None => slow.min(weak / self.lines[k].slope.max(self.lines[k + 1].slope)).max(f64::EPSILON * self.velocities[k].abs()),
         };
         let beyond = |k: usize, next: usize| if self.holds[k].is_some() { Piece::At(k) } else { Piece::Between(next) };
-        let torque = |k: usize, v: f64| self.torques[k] + (self.lines[k].0 - self.lines[k].1 * v);
+        let torque = |k: usize, v: f64| self.torques[k] + self.lines[k].at(v);
         match piece {
             Piece::Between(k) => {
                 if k < self.count && !(found <= self.velocities[k] + near(k)) {

@@ -1,16 +1,15 @@
 //! One step of one state with contacts.
 
-use super::super::drives::{contradictions, give, pieces};
+use super::super::drives::{LINEAR, contradictions, give, pieces};
 use super::super::events::StopImpact;
 use super::super::faults::fault_of;
 use super::super::limit_rows::{is_violent, least_velocity, limit_rows, rebounds, settle_at};
-use super::super::properties::Gains;
 use super::super::scratch::Scratch;
 use super::super::solver::Checked;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
-use super::super::stops::{Piece, settle};
-use super::super::totals::{STOPS, note_dropped};
+use super::super::stops::Piece;
+use super::super::totals::{STOPS, UNSETTLED, note_dropped};
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
 use super::faults::{REFUSED, check, check_movable, check_normals, factorised, held_still};
@@ -48,6 +47,11 @@ const TOUCHING: f64 = 1e-9;
 /// Rounding errors of impulses relative to the largest, and of their work relative to impulse times velocity.
 const ROUNDING: f64 = 1e-9;
 
+/// Number of changes of all contradicted pieces of control laws together, and the largest number of changes of single
+/// ones.
+const BLOCK_ROUNDS: usize = 4;
+const MOST_ROUNDS: usize = 200;
+
 /// Scratch memory for one state.
 pub(super) struct ContactStep {
     pub solver: Checked,
@@ -63,6 +67,8 @@ pub(super) struct ContactStep {
     pub division: Division,
     /// The control laws whose pieces the last step contradicts, with the pieces to which they must change.
     contradicted: Vec<(usize, Piece)>,
+    /// Those that stay at a limit.
+    frozen: Vec<usize>,
 }
 
 /// Gaps, axes and velocities of contacts at the start of a step.
@@ -128,13 +134,14 @@ impl ContactStep {
         // The equations of motion are those of the tree; coupled joints are rows of the step.
         let solver = Checked::new(scene.model(), None, form).accepting(settings.tolerance);
         let (impacts, division) = (Vec::new(), Division::default());
-        let contradicted = Vec::new();
-        Self { solver, rows, impacts, record: None, acceleration: 0.0, reverses: false, division, contradicted }
+        let (contradicted, frozen) = (Vec::new(), Vec::new());
+        Self { solver, rows, impacts, record: None, acceleration: 0.0, reverses: false, division, contradicted, frozen }
     }
 
     /// A step, or a part of it, from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the
     /// joint and the error if it fails, and false, without an effect, if the least gap at the end of the rows that the
-    /// part passes is not `accepted`. It is repeated until the pieces of the control laws with limits agree with its end.
+    /// part passes is not `accepted`. It is repeated until the pieces of the control laws with limits agree with its end,
+    /// first with all that contradict it changed together, then one after another; a joint on no piece stays at its limit.
     pub fn part(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
@@ -147,26 +154,30 @@ impl ContactStep {
             return self.on_pieces((scene, settings), s, kept, accepted);
         }
         let (totals, passing) = (s.totals, self.division.passing.clone());
+        self.frozen.clear();
         let mut outcome = self.on_pieces((scene, settings), s, kept, accepted);
-        let mut first = Some(std::mem::take(&mut self.contradicted));
-        let mut pieces = pieces(settings, s);
-        let settled = settle(&mut pieces, |pieces, found| {
-            if let Some(first) = first.take() {
-                found.extend(first);
-                return;
+        let (mut pieces, mut at, mut before) = (pieces(settings, s), 0, None);
+        for round in 0.. {
+            let found = std::mem::take(&mut self.contradicted);
+            let next = found.iter().find(|(i, _)| *i >= at).or(found.first());
+            let Some(&(i, piece)) = next.filter(|_| outcome.is_ok()) else { break };
+            if round < BLOCK_ROUNDS {
+                found.iter().for_each(|&(i, piece)| pieces[i] = piece);
+            } else if before == Some((i, piece)) || round > MOST_ROUNDS {
+                // Contacts can make the law of a joint ambiguous, or leave it without a solution in this step.
+                pieces[i] = if piece == LINEAR { pieces[i] } else { piece };
+                self.frozen.push(i);
+            } else {
+                (at, before) = (i, Some((i, pieces[i])));
+                pieces[i] = piece;
             }
-            give(settings, s, pieces);
+            give(settings, s, &pieces);
             s.totals = totals;
             self.division.passing.clone_from(&passing);
             outcome = self.on_pieces((scene, settings), s, kept, accepted);
-            found.append(&mut self.contradicted);
-        });
-        if settled || outcome.is_err() {
-            return outcome;
         }
-        let [.., name] = Gains::names();
-        let found = "contacts and torques at their limits without a common solution";
-        Err((String::new(), Error::argument(name, found, "a smaller dt, or a control law without limits of effort")))
+        s.totals[UNSETTLED] += f64::from(u8::from(!self.frozen.is_empty()));
+        outcome
     }
 
     /// As [`ContactStep::part`], for given pieces. Stops, without an effect on `kept`, if its end contradicts them.
@@ -203,7 +214,12 @@ impl ContactStep {
         };
         self.reverses = outcome.reverses;
         self.record = v_free.map(|v_free| StepRecord::new(v_free, &s.v_next, &before, &mut outcome));
+        // The law is that of the end, not of the mean velocity of a step with an impact at its start.
+        let mut ends = outcome.slowed.as_mut().filter(|_| outcome.strikes);
+        ends.iter_mut().for_each(|ends| std::mem::swap(*ends, &mut s.v_next));
         contradictions((settings, &settings.scheme), s, &mut self.contradicted);
+        ends.iter_mut().for_each(|ends| std::mem::swap(*ends, &mut s.v_next));
+        self.contradicted.retain(|(i, _)| !self.frozen.contains(i));
         if !self.contradicted.is_empty() {
             return Ok(false);
         }

@@ -6,8 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 /// A control law, or none: soft and stiff, and with one limit or two.
 fn drive(random: &mut Draw) -> Option<Drive> {
-    let limit =
-        |random: &mut Draw| if random.uniform(0.0, 1.0) < 0.8 { random.uniform(0.0, 2.0) } else { f64::INFINITY };
+    let limit = |random: &mut Draw| if random.uniform(0.0, 1.0) < 0.8 { random.uniform(0.0, 2.0) } else { f64::INFINITY };
     (random.uniform(0.0, 1.0) < 0.6).then(|| {
         let (offset, slope) = (10.0 * random.uniform(-1.0, 1.0), 10.0_f64.powf(random.uniform(-3.0, 6.0)));
         Drive { offset, slope, lower: -limit(random), upper: limit(random) }
@@ -58,11 +57,11 @@ fn dense(
     let line = |i: usize| graphs[i].line(pieces[i]);
     let right = DVector::from_fn(moving.len(), |k, _| {
         let i = moving[k];
-        rest[i] + graphs[i].torque(pieces[i]) + line(i).0 - line(i).1 * v[i]
+        rest[i] + graphs[i].torque(pieces[i]) + line(i).at(v[i])
     });
     let mut own = DMatrix::from_fn(moving.len(), moving.len(), |i, j| m[(moving[i], moving[j])]);
     for (k, &i) in moving.iter().enumerate() {
-        own[(k, k)] += h * line(i).1;
+        own[(k, k)] += h * line(i).slope;
     }
     let solved = own.cholesky().expect("positive definite").solve(&right);
     for (at, &i) in moving.iter().enumerate() {
@@ -88,8 +87,7 @@ fn all_rows_meet_their_law() {
                 (of, q, if case < 400 { None } else { drive(&mut random) })
             })
             .collect();
-        let graph =
-            |(i, (of, q, drive)): (usize, &(SetValued, f64, Option<Drive>))| Graph::new(of, (*q, v[i]), h, *drive);
+        let graph = |(i, (of, q, drive)): (usize, &(SetValued, f64, Option<Drive>))| Graph::new(of, (*q, v[i]), h, *drive);
         let graphs: Vec<Graph> = rows.iter().enumerate().map(graph).collect();
         let mut pieces: Vec<Piece> = graphs.iter().enumerate().map(|(i, graph)| graph.piece(v[i])).collect();
         let settled = settle(&mut pieces, |pieces, found| {
@@ -137,8 +135,8 @@ fn graphs_are_monotone() {
         let velocities = &graph.velocities[..graph.count];
         assert!(velocities.windows(2).all(|pair| pair[0] < pair[1]), "{graph:?}");
         for (k, v) in velocities.iter().enumerate() {
-            let [below, above] = [k, k + 1].map(|k| graph.torques[k] + graph.lines[k].0 - graph.lines[k].1 * v);
-            let rounding = 1e-14 * (1.0 + graph.lines[k].0.abs() + (graph.lines[k].1 * v).abs());
+            let [below, above] = [k, k + 1].map(|k| graph.torques[k] + graph.lines[k].at(*v));
+            let rounding = 1e-13 * (1.0 + [k, k + 1].map(|k| graph.lines[k].slope * v.abs()).into_iter().sum::<f64>());
             assert!(below >= above - rounding, "{graph:?}");
             assert!(graph.holds[k].is_some() || (below - above).abs() <= rounding, "{graph:?}");
         }
