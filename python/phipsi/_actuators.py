@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from ._motion_parts import PD
+from ._recorded import torques
 from .errors import ArgumentError, ModelWarning, NotFiniteError, ShapeError, SimulationError, SimulationInterrupted, known_names, of_argument, warn
 
 if TYPE_CHECKING:
@@ -487,7 +488,7 @@ def simulate(scene: Scene, q: ArrayLike, qd: ArrayLike, control: Any, activation
     is_constant = inputs.shape[-2] == 1
     if not is_constant and any(np.any(gain != gain[..., :1, :]) for gain in law[:2] if gain.ndim > 1):
         names = ", ".join(repr(one.name) for one in actuators if any(one.gain[1:]))
-        raise of_argument(ArgumentError, "control", f"found controls of {names}, and with them gains, that change from step to step; expected constant ones, or Simulator.step")
+        raise of_argument(ArgumentError, "control", f"found controls of {names}, and with them gains, that change from step to step; expected constant ones")
     at_start = Law(*(part if part.ndim == 1 else np.asarray(part[..., 0, :]) for part in law))
     given |= actuators._keywords(at_start)
     if "pd" in given and not is_constant:
@@ -529,7 +530,7 @@ def _sum_of_torques(scene: Scene, own: _Array, is_constant: bool, tau: Any, tau_
     if is_constant and own.ndim > 1:
         own, is_constant = np.repeat(own[..., None, :], max(steps, 1), axis=-2), False
     if callable(tau):
-        return (lambda t, q, qd: np.asarray(tau(t, q, qd)) + (own if is_constant else own[..., round(t / dt), :])), tau_steps
+        return (lambda t, q, qd: torques(tau, scene, t, q, qd) + (own if is_constant else own[..., round(t / dt), :])), tau_steps
     if tau_steps is not None:
         return tau, np.asarray(_core._numbers("tau_steps", tau_steps, scene, False)) + (own[..., None, :] if is_constant else own)
     given = np.zeros(1) if tau is None else np.asarray(_core._numbers("tau", tau, scene, False))
