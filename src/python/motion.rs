@@ -172,7 +172,7 @@ impl PyScene {
         given: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
-        let all = given.map(|given| given.copy()).transpose()?;
+        let all = given.map(PyDictMethods::copy).transpose()?;
         let keywords = Keywords::take(py, "Scene.simulate", given, [true; 2])?;
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
