@@ -1,7 +1,7 @@
 //! Inputs of a simulation: joint torques (constant, one per step, or from a function) and the control law.
 
-use super::input::{self, Input, wrong_shape};
 use super::coupling::Expand;
+use super::input::{self, Input, wrong_shape};
 use super::object::Object;
 use super::output::from_numbers;
 use super::scene::PyScene;
@@ -132,9 +132,8 @@ impl<'py> Pd<'py> {
             None => Input::filled(py, "pd.target_rate", 0.0, scene.scene.nv())?,
         };
         let [kp, kd] = [("pd.kp", 0), ("pd.kd", 1)].map(|(name, at)| of_joints(scene, name, &parts.get_item(at)?, 0.0));
-        let target = part(2).map(|target| {
-            scene.on_tree(py, scene.configuration("pd.target", &target)?, Coupling::configuration)
-        });
+        let target = part(2)
+            .map(|target| scene.on_tree(py, scene.configuration("pd.target", &target)?, Coupling::configuration));
         let effort = match part(4) {
             Some(effort) if effort.is_instance_of::<PyBool>() && !effort.is_truthy()? => None,
             effort => effort,

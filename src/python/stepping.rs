@@ -93,7 +93,12 @@ impl<'py> Keywords<'py> {
     }
 
     /// Reads the settings, and the control law, whose targets can be a batch.
-    pub fn read(&self, py: Python<'py>, own: &PyScene, (dt, steps): (f64, usize)) -> PyResult<(Settings, Option<Pd<'py>>)> {
+    pub fn read(
+        &self,
+        py: Python<'py>,
+        own: &PyScene,
+        (dt, steps): (f64, usize),
+    ) -> PyResult<(Settings, Option<Pd<'py>>)> {
         let mut settings = Settings::new(&own.scene, dt);
         match self.method.as_deref().map(Method::named).transpose()? {
             // Scenes with contacts have one method, which is their default.
