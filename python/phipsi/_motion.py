@@ -24,8 +24,8 @@ from ._motion_parts import (
     StopImpact,
     Violation,
     contact_wrenches,
+    efforts,
     first_rows,
-    of_motors,
     shape_contacts,
 )
 from ._recorded import Recorded
@@ -303,47 +303,7 @@ class Trajectory(TrajectoryFiles):
         u = -own("damping", scene.damping) * v - self.stiffness * self._displacement(self.rest, self.q)
         speed = self.friction_speed
         u -= own("friction", scene.friction) * (v / np.sqrt(v**2 + speed**2) if speed > 0.0 else np.sign(v))
-        return np.asarray(u + self._efforts(given))
-
-    def _efforts(self, given: dict[str, Any]) -> _Array:
-        """Torques of the motors in every row: tau and pd, within the limits that the simulation enforces."""
-        scene, v = self.scene, self.qd
-
-        def read(name: str, value: ArrayLike, coordinates: bool = False) -> _Array:
-            return np.asarray(_core._numbers(name, value, scene, coordinates))
-
-        begun = np.minimum(np.arange(len(self)) * self.record_every, max(self.steps - 1, 0))
-        u = np.zeros_like(v)
-        if self.applied is not None:
-            u = u + self.applied
-        elif given.get("tau") is not None:
-            u = u + read("tau", given["tau"])[..., None, :]
-        if given.get("tau_steps") is not None and self.steps:
-            u = u + read("tau_steps", given["tau_steps"])[..., begun, :]
-        law = None if given.get("pd") is None else PD(*given["pd"])
-        if law is not None:
-            kp, kd = (read(name, of_motors(scene, gain))[..., None, :] for name, gain in (("kp", law.kp), ("kd", law.kd)))
-            rates = law.target_rate
-            if given.get("target_rates") is not None and self.steps:
-                rate = read("target_rates", given["target_rates"])[..., begun, :]
-            else:
-                rate = np.zeros(1) if rates is None else read("target_rate", rates)[..., None, :]
-            if given.get("targets") is not None and self.steps:
-                target = read("targets", given["targets"], True)[..., begun, :]
-            else:
-                target = read("target", scene.neutral() if law.target is None else law.target, True)[..., None, :]
-            control = kd * (rate - v) - kp * self._displacement(target, self.q)
-            if law.effort is not None and law.effort is not False:
-                limit = scene.limits.effort if law.effort is True else read("effort", of_motors(scene, law.effort, np.inf))
-                if given.get("effort") == "clip":
-                    u = np.clip(u + control, -limit[..., None, :], limit[..., None, :])
-                else:
-                    u = u + np.clip(control, -limit[..., None, :], limit[..., None, :])
-            else:
-                u = u + control
-        if given.get("effort") == "clip":
-            u = np.clip(u, -scene.limits.effort, scene.limits.effort)
-        return u
+        return np.asarray(u + efforts(self, given))
 
     @property
     def connection_forces(self) -> NoReturn:
@@ -527,15 +487,15 @@ class Trajectory(TrajectoryFiles):
         """
         found = []
         limits = self.scene.limits
-        efforts = self._efforts(self._known(by_function=True)) if self.has_torques else None
+        motors = efforts(self, self._known(by_function=True)) if self.has_torques else None
         for joint in self.scene.joint_names:
             q, v = self.scene.q_index(joint), self.scene.v_index(joint)
             cases = []
             if q.stop - q.start == v.stop - v.start:
                 cases = [("lower", self.q[..., q], limits.lower[v], -1.0), ("upper", self.q[..., q], limits.upper[v], 1.0)]
             cases.append(("velocity", self.qd[..., v], limits.velocity[v], 1.0))
-            if efforts is not None:
-                cases.append(("effort", efforts[..., v], limits.effort[v], 1.0))
+            if motors is not None:
+                cases.append(("effort", motors[..., v], limits.effort[v], 1.0))
             for limit, values, bounds, sign in cases:
                 if not np.all(np.isinf(bounds)):
                     found += self._beyond(joint, limit, values, float(bounds[0]), sign)

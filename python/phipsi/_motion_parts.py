@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import TYPE_CHECKING, NamedTuple, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from . import _core
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -71,6 +73,47 @@ def of_motors(scene: Scene, given: ArrayLike, free: float = 0.0) -> ArrayLike:
         if scene.joints[joint].type == "floating":
             values[scene.v_index(joint)] = free
     return values
+
+
+def efforts(path: Any, given: dict[str, Any]) -> _Array:
+    """Torques of the motors in every row: tau and pd, within the limits that the simulation enforces."""
+    scene, v = path.scene, path.qd
+
+    def read(name: str, value: ArrayLike, coordinates: bool = False) -> _Array:
+        return np.asarray(_core._numbers(name, value, scene, coordinates))
+
+    begun = np.minimum(np.arange(len(path)) * path.record_every, max(path.steps - 1, 0))
+    u = np.zeros_like(v)
+    if path.applied is not None:
+        u = u + path.applied
+    elif given.get("tau") is not None:
+        u = u + read("tau", given["tau"])[..., None, :]
+    if given.get("tau_steps") is not None and path.steps:
+        u = u + read("tau_steps", given["tau_steps"])[..., begun, :]
+    law = None if given.get("pd") is None else PD(*given["pd"])
+    if law is not None:
+        kp, kd = (read(name, of_motors(scene, gain))[..., None, :] for name, gain in (("kp", law.kp), ("kd", law.kd)))
+        rates = law.target_rate
+        if given.get("target_rates") is not None and path.steps:
+            rate = read("target_rates", given["target_rates"])[..., begun, :]
+        else:
+            rate = np.zeros(1) if rates is None else read("target_rate", rates)[..., None, :]
+        if given.get("targets") is not None and path.steps:
+            target = read("targets", given["targets"], True)[..., begun, :]
+        else:
+            target = read("target", scene.neutral() if law.target is None else law.target, True)[..., None, :]
+        control = kd * (rate - v) - kp * path._displacement(target, path.q)
+        if law.effort is not None and law.effort is not False:
+            limit = scene.limits.effort if law.effort is True else read("effort", of_motors(scene, law.effort, np.inf))
+            if given.get("effort") == "clip":
+                u = np.clip(u + control, -limit[..., None, :], limit[..., None, :])
+            else:
+                u = u + np.clip(control, -limit[..., None, :], limit[..., None, :])
+        else:
+            u = u + control
+    if given.get("effort") == "clip":
+        u = np.clip(u, -scene.limits.effort, scene.limits.effort)
+    return u
 
 
 class MotionEnergy(NamedTuple):

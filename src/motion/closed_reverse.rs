@@ -178,7 +178,8 @@ impl ClosedReverse {
         if let Some(record) = &mut record {
             forward.stop(settings, rows, (s, (scheme.step, 0.0, &mut Vec::new())), record).map_err(named)?;
             if !settings.limited.is_empty() && record.rebound(s, scheme.step).is_some() {
-                let expected = "restitution 0, or a control law without limits of effort, for gradients in closed loops";
+                let expected =
+                    "restitution 0, or a control law without limits of effort, for gradients in closed loops";
                 let error = Error::argument("restitution", settings.restitution.to_string(), expected);
                 return Err((String::new(), error));
             }

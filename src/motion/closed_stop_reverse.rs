@@ -12,8 +12,8 @@
 //! connections](crate::dynamics::constraints). A row on the slope b of its control law is one with the compliance 1/(h b):
 //! r = c - b v, so that `y_S` = sigma/(h b).
 
-use super::closed_stops::{Displacement, LawSolution, StopRecord, solution_of_stuck};
-use super::constrained::ConstrainedScratch;
+use super::closed_stops::{Displacement, LawSolution, StopRecord};
+use super::constrained::{ConstrainedScratch, solution_of_stuck};
 use super::drives::{KD, KP};
 use super::manifold::advance_cotangents;
 use super::modes::STUCK_NOISE;

@@ -12,7 +12,7 @@
 //! At a dead center connections can prevent a joint from returning to its limits. Such a demand is dropped in this
 //! step.
 
-use super::constrained::{Constrained, Failure};
+use super::constrained::{Constrained, Failure, solution_of_stuck};
 use super::events::{Ending, Rebound, StopImpact, largest};
 use super::limit_rows::{is_violent, rebounds, settle_at};
 use super::manifold::advance;
@@ -35,11 +35,6 @@ const LATE: f64 = 1e-12;
 /// at most this number of times.
 const CURVED: f64 = 1e-13;
 const CORRECTIONS: usize = 10;
-
-/// Compliance of the stuck rows, relative to the diagonal of their matrix and to its largest entry, which makes the
-/// torques of dependent rows unique; and the number of steps that remove it from the velocities.
-const COMPLIANCE: [f64; 2] = [1e-9, 1e-13];
-const REFINEMENTS: usize = 4;
 
 /// A velocity demanded by a stop is not met if it is missed by more than this, relative to the largest change.
 const MISSED: f64 = 1e-5;
@@ -165,13 +160,7 @@ impl Constrained<'_> {
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
         let limits: Vec<_> = rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h)).collect();
         let bounds: Vec<[f64; 2]> = limits.iter().map(|of| of.map(|bound| bound.velocity)).collect();
-        let acts = |&i: &usize| rows[i].friction > 0.0 || rows[i].drives;
-        let (near, n) = ((0..rows.len()).filter(acts).collect::<Vec<_>>(), rows.len());
-        s.displace_from_targets(settings, false);
-        let drives = rows.iter().map(|of| of.drives.then(|| Drive::of(settings, s, of.row, h))).collect();
-        let (columns, g) = (Vec::new(), DMatrix::zeros(0, 0));
-        let mut acting = Acting { near: Vec::new(), columns, g, reduced: vec![0; n], drives };
-        self.join(&mut acting, &near, (rows, h), s)?;
+        let (mut acting, n) = (self.acting(settings, (rows, h), s)?, rows.len());
         let mut bent = vec![0.0; n];
         let mut correction = 0;
         let (reached, is_still) = loop {
@@ -293,6 +282,26 @@ impl Constrained<'_> {
         projected.map(|()| moved)
     }
 
+    /// The rows that act in every step: those with friction or limits of effort.
+    fn acting(
+        &mut self,
+        settings: &StepSettings,
+        (rows, h): (&[SetValued], f64),
+        s: &mut Scratch<f64>,
+    ) -> Result<Acting, Failure> {
+        let near: Vec<usize> = (0..rows.len()).filter(|&i| rows[i].friction > 0.0 || rows[i].drives).collect();
+        s.displace_from_targets(settings, false);
+        let mut acting = Acting {
+            near: Vec::new(),
+            columns: Vec::new(),
+            g: DMatrix::zeros(0, 0),
+            reduced: vec![0; rows.len()],
+            drives: rows.iter().map(|of| of.drives.then(|| Drive::of(settings, s, of.row, h))).collect(),
+        };
+        self.join(&mut acting, &near, (rows, h), s)?;
+        Ok(acting)
+    }
+
     /// Adds rows to the acting ones.
     fn join(
         &mut self,
@@ -401,7 +410,8 @@ impl Acting {
     /// The torques of the rows on these pieces, and their velocities. Those of stuck rows, and of rows on the slope of a
     /// control law, r = c - b u, are unknown: u = w - r/b with w the prescribed velocity, or c/b.
     fn response(&self, free: &DVector<f64>, graphs: &[Graph], pieces: &[Piece]) -> (DVector<f64>, DVector<f64>) {
-        let unknown = |(a, (graph, &piece)): (usize, (&Graph, &Piece))| match (graph.velocity(piece), graph.line(piece)) {
+        let unknown = |(a, (graph, &piece)): (usize, (&Graph, &Piece))| match (graph.velocity(piece), graph.line(piece))
+        {
             (Some((velocity, _)), _) => Some((a, velocity, 0.0)),
             (None, Line { torque, slope, .. }) if slope > 0.0 => {
                 Some((a, (graph.torque(piece) + torque) / slope, 1.0 / slope))
@@ -409,7 +419,8 @@ impl Acting {
             _ => None,
         };
         let stuck: Vec<(usize, f64, f64)> = graphs.iter().zip(pieces).enumerate().filter_map(unknown).collect();
-        let mut torques = DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]) + graphs[a].line(pieces[a]).torque);
+        let mut torques =
+            DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]) + graphs[a].line(pieces[a]).torque);
         let mut g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
         for (a, (.., compliance)) in stuck.iter().enumerate() {
             g[(a, a)] += compliance;
@@ -563,26 +574,4 @@ impl Acting {
         }
         before
     }
-}
-
-/// The solution of a system with the matrix `g` of the stuck rows, whose `residual` vanishes at it; unique also if rows
-/// are dependent. Calls `residual` with the solution at last. `largest` entry of the matrix of all rows.
-pub(super) fn solution_of_stuck(
-    mut g: DMatrix<f64>,
-    largest: f64,
-    mut residual: impl FnMut(&DVector<f64>) -> DVector<f64>,
-) -> DVector<f64> {
-    let mut found = DVector::zeros(g.nrows());
-    let [own, beside] = COMPLIANCE;
-    for a in 0..g.nrows() {
-        g[(a, a)] += own * g[(a, a)] + beside * largest;
-    }
-    let mut left = residual(&found);
-    if let Some(factor) = g.cholesky() {
-        for _ in 0..REFINEMENTS {
-            found += factor.solve(&left);
-            left = residual(&found);
-        }
-    }
-    found
 }

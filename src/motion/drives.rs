@@ -12,10 +12,17 @@
 //! torque at the start of the step determines the piece, and the end of the step tests it. In steps of one stage the test is
 //! the law itself. In others both the torque at the end and the mean torque of the step have to be on the piece.
 
+use super::properties::Gains;
+use super::rollout::Rollout;
 use super::scratch::Scratch;
+use super::simulator::Simulator;
 use super::step_settings::{StepArguments, StepSettings};
 use super::stops::{Drive, Piece};
+use crate::error::{Error, in_language};
 use crate::scalar::{Real, larger};
+use crate::scene::Scene;
+use std::borrow::Borrow;
+use std::sync::Arc;
 
 /// Rounding errors of torques, relative to the torques of the law at a displacement and a velocity of one.
 const ROUNDING: f64 = 1e-15;
@@ -125,9 +132,9 @@ pub(super) fn set_drives<T: Real>((settings, scheme): StepArguments<'_>, s: &mut
 
 /// The torque of a row without limits and that of its piece at the end of a step of one stage, for its velocity there.
 #[inline(always)]
-fn at_end_of_stage<T: Real>((_, scheme): StepArguments<'_>, s: &Scratch<T>, row: usize) -> T {
+fn at_end_of_stage<T: Real>((_, scheme): StepArguments<'_>, (s, ends): (&Scratch<T>, &[T]), row: usize) -> T {
     let hg = s.v[row].constant(scheme.implicit_step());
-    let v = if scheme.implicit { s.v_next[row] } else { s.v[row] };
+    let v = if scheme.implicit { ends[row] } else { s.v[row] };
     s.law(row, v.mul_add(hg, s.displaced_target[row]), v)
 }
 
@@ -160,7 +167,7 @@ pub(super) fn agreement<T: Real>(by @ (settings, scheme): StepArguments<'_>, s: 
             least = least.worst(upper - torque + other).worst(torque - lower + other);
         };
         let torque = if is_one_stage {
-            at_end_of_stage(by, s, row)
+            at_end_of_stage(by, (s, &s.v_next), row)
         } else {
             test(s.control_impulse(row) * one.constant(1.0 / scheme.step));
             s.law(row, displaced, s.v_next[row])
@@ -171,11 +178,15 @@ pub(super) fn agreement<T: Real>(by @ (settings, scheme): StepArguments<'_>, s: 
     least
 }
 
-/// Lists the rows with limits whose torque at the end of a step of one stage contradicts their piece, by their index in
+/// Lists the rows with limits whose torque at the velocities `ends` of a step of one stage contradicts their piece, by their index in
 /// the list of these rows, with the piece to which they must change.
-pub(super) fn contradictions(by: StepArguments<'_>, s: &Scratch<f64>, found: &mut Vec<(usize, Piece)>) {
+pub(super) fn contradictions(
+    by: StepArguments<'_>,
+    (s, ends): (&Scratch<f64>, &[f64]),
+    found: &mut Vec<(usize, Piece)>,
+) {
     for (i, &row) in by.0.limited.iter().enumerate() {
-        let (of, torque) = (&s.rows[row], at_end_of_stage(by, s, row));
+        let (of, torque) = (&s.rows[row], at_end_of_stage(by, (s, ends), row));
         let (slack, [.., lower, upper]) = (rounding(s, row, s.displaced_target[row]), s.terms(by.0, row));
         let piece = if of.side == 0.0 {
             let beyond = [torque < lower - slack, torque > upper + slack];
@@ -207,4 +218,44 @@ pub(super) fn give(settings: &StepSettings, s: &mut Scratch<f64>, pieces: &[Piec
         };
     }
     s.are_sides_given = true;
+}
+
+impl<S: Borrow<Scene>> Rollout<S> {
+    /// Changes the targets of the control law from the next step on, given as in [`Gains`]; `None` leaves them.
+    ///
+    /// # Errors
+    ///
+    /// A rollout without a control law; targets of a wrong size, or that are not configurations. The targets are then
+    /// unchanged.
+    pub fn aim(&mut self, target: Option<&[f64]>, target_rate: Option<&[f64]>) -> Result<(), Error> {
+        let Some(gains) = &self.settings.gains else {
+            let expected =
+                in_language("a rollout with Settings::gains", "a simulator that was created with pd=PD(kp, kd)");
+            return Err(Error::argument("target", "targets without a control law", expected));
+        };
+        let mut gains = Gains::clone(gains);
+        for (to, from) in [(&mut gains.target, target), (&mut gains.target_rate, target_rate)] {
+            if let Some(from) = from {
+                from.clone_into(to);
+            }
+        }
+        gains.check(self.scene(), self.states())?;
+        let gains = Arc::new(gains);
+        if let Some(free) = &mut self.settings.free {
+            free.gains = Some(Arc::clone(&gains));
+        }
+        self.settings.gains = Some(gains);
+        Ok(())
+    }
+}
+
+impl<S: Borrow<Scene>> Simulator<S> {
+    /// As [`Rollout::aim`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Rollout::aim`].
+    pub fn aim(&mut self, target: Option<&[f64]>, target_rate: Option<&[f64]>) -> Result<(), Error> {
+        self.rollout.aim(target, target_rate)
+    }
 }

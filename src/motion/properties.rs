@@ -204,9 +204,8 @@ impl Gains {
                 return Err(Error::argument(name, found, expected));
             }
         }
-        let each = |name, values: &[f64]| {
-            values.chunks_exact(nq.max(1)).try_for_each(|q| scene.check_configuration(name, q))
-        };
+        let each =
+            |name, values: &[f64]| values.chunks_exact(nq.max(1)).try_for_each(|q| scene.check_configuration(name, q));
         each(target, &self.target).and_then(|()| each(targets, &self.targets))
     }
 
@@ -230,9 +229,8 @@ impl Gains {
     /// limits.
     pub(super) fn of_state(&self, nv: usize, state: usize) -> [&[f64]; 4] {
         let Self { proportional, derivative, effort_lower, effort_upper, .. } = self;
-        [proportional, derivative, effort_lower, effort_upper].map(|values| {
-            if values.is_empty() { &values[..] } else { of_state(values, nv, state) }
-        })
+        [proportional, derivative, effort_lower, effort_upper]
+            .map(|values| if values.is_empty() { &values[..] } else { of_state(values, nv, state) })
     }
 
     /// The largest gains of a row in any state.
@@ -244,7 +242,7 @@ impl Gains {
     /// True if the law acts on a row, with a limit of effort in some state.
     pub(super) fn is_limited(&self, nv: usize, row: usize) -> bool {
         let mut limits = [&self.effort_lower, &self.effort_upper].into_iter();
-        (self.limits_sum || self.largest(nv, row) != [0.0; 2])
+        (self.limits_sum || self.largest(nv, row).iter().any(|&gain| gain > 0.0))
             && limits.any(|limits| limits.iter().skip(row).step_by(nv).any(|limit| limit.is_finite()))
     }
 }

@@ -16,13 +16,13 @@ use crate::algorithm::Algorithm;
 use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
-use crate::error::{Error, in_language};
+use crate::error::Error;
 use crate::filter::Form;
 use crate::joints::JointKind;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 /// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`. A clone continues
 /// independently.
@@ -128,13 +128,18 @@ impl<S: Borrow<Scene>> Rollout<S> {
             gains.check(holds, states)?;
         }
         if let Some(gains) = settings.gains.as_ref().filter(|_| holds.touches())
-            && let Some(free) = holds.joints().iter().find(|joint| {
-                joint.kind == JointKind::Floating && joint.v.clone().any(|row| gains.is_limited(nv, row))
-            })
+            && let Some(free) = holds
+                .joints()
+                .iter()
+                .find(|joint| joint.kind == JointKind::Floating && joint.v.clone().any(|row| gains.is_limited(nv, row)))
         {
             let [.., name] = Gains::names();
             let found = format!("limits for the free joint {:?} of a scene with contacts", free.name);
-            return Err(Error::argument(name, found, "infinite limits for its degrees of freedom, which have no motor"));
+            return Err(Error::argument(
+                name,
+                found,
+                "infinite limits for its degrees of freedom, which have no motor",
+            ));
         }
         let stops = settings.limits == Limits::Stop;
         let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
@@ -477,29 +482,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(fault);
         }
         self.done = last;
-        Ok(())
-    }
-
-    /// Changes the targets of the control law from the next step on, given as in [`Gains`]; `None` leaves them.
-    ///
-    /// # Errors
-    ///
-    /// A rollout without a control law; targets of a wrong size, or that are not configurations. The targets are then
-    /// unchanged.
-    pub fn aim(&mut self, target: Option<&[f64]>, target_rate: Option<&[f64]>) -> Result<(), Error> {
-        let Some(gains) = &self.settings.gains else {
-            let expected = in_language("a rollout with Settings::gains", "a simulator that was created with pd=PD(kp, kd)");
-            return Err(Error::argument("target", "targets without a control law", expected));
-        };
-        let mut gains = Gains::clone(gains);
-        target.into_iter().for_each(|target| gains.target = target.to_vec());
-        target_rate.into_iter().for_each(|rate| gains.target_rate = rate.to_vec());
-        gains.check(self.scene(), self.states)?;
-        let gains = Arc::new(gains);
-        if let Some(free) = &mut self.settings.free {
-            free.gains = Some(Arc::clone(&gains));
-        }
-        self.settings.gains = Some(gains);
         Ok(())
     }
 

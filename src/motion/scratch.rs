@@ -239,7 +239,12 @@ impl<T: Vectorized> Scratch<T> {
 
     /// Takes the targets of step `n` if they change.
     #[inline(always)]
-    pub fn take_targets(&mut self, settings: &StepSettings, (n, count): (usize, usize), state: impl Fn(usize) -> usize) {
+    pub fn take_targets(
+        &mut self,
+        settings: &StepSettings,
+        (n, count): (usize, usize),
+        state: impl Fn(usize) -> usize,
+    ) {
         if let Some(gains) = settings.gains.as_ref().filter(|gains| gains.changes()) {
             self.aim(gains, (n, count), &state);
         }

@@ -74,15 +74,6 @@ impl<S: Borrow<Scene>> Simulator<S> {
         again.and(Err(fault))
     }
 
-    /// As [`Rollout::aim`].
-    ///
-    /// # Errors
-    ///
-    /// As [`Rollout::aim`].
-    pub fn aim(&mut self, target: Option<&[f64]>, target_rate: Option<&[f64]>) -> Result<(), Error> {
-        self.rollout.aim(target, target_rate)
-    }
-
     /// Resets some states: state `states[i]` becomes state i of `q` and `qd`, at time zero. The others are unchanged.
     ///
     /// # Errors

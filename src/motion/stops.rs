@@ -228,7 +228,8 @@ impl Graph {
         // A kink at a vertical piece, or beyond a stop, is no velocity of its own.
         let [first, last] = [self.torques[0], self.torques[self.count]].map(f64::is_infinite);
         let within = |v: &f64| {
-            let inside = (!first || own.first().is_none_or(|low| v > low)) && (!last || own.last().is_none_or(|high| v < high));
+            let inside =
+                (!first || own.first().is_none_or(|low| v > low)) && (!last || own.last().is_none_or(|high| v < high));
             v.is_finite() && inside && !own.contains(v)
         };
         let mut knots: Vec<(f64, Option<Hold>)> = drive.kinks().into_iter().filter(within).map(|v| (v, None)).collect();
@@ -323,7 +324,9 @@ impl Graph {
         // At a kink, the error of the torque is the slope times that of the velocity.
         let near = |k: usize| match self.holds[k] {
             Some(_) => slow,
-            None => slow.min(weak / self.lines[k].slope.max(self.lines[k + 1].slope)).max(f64::EPSILON * self.velocities[k].abs()),
+            None => slow
+                .min(weak / self.lines[k].slope.max(self.lines[k + 1].slope))
+                .max(f64::EPSILON * self.velocities[k].abs()),
         };
         let beyond = |k: usize, next: usize| if self.holds[k].is_some() { Piece::At(k) } else { Piece::Between(next) };
         let torque = |k: usize, v: f64| self.torques[k] + self.lines[k].at(v);

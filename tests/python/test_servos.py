@@ -186,7 +186,7 @@ def kind(name: str) -> tuple[phipsi.Scene, np.ndarray, np.ndarray]:
         builder = phipsi.SceneBuilder().link("base").link("a", mass=1.0, com=(0.2, 0, 0), inertia=0.02 * np.eye(3)).link("b", mass=0.5, com=(0.1, 0, 0), inertia=0.01 * np.eye(3))
         builder = builder.joint("lead", "revolute", "base", "a", axis=(0, 1, 0), effort=4.0)
         builder = builder.joint("follow", "revolute", "a", "b", xyz=(0.4, 0, 0), axis=(0, 1, 0), mimic="lead", mimic_multiplier=-2.0, mimic_offset=0.1)
-        return builder.build(mimic="couple"), np.array([0.3]), np.array([-0.8])
+        return builder.build(mimic="couple"), np.array([0.3]), np.array([1.0])
     scene = linkage()
     q = scene.project(scene.neutral(), np.zeros(scene.nv)).q
     moved = scene.project(q + np.r_[0.4, np.zeros(scene.nv - 1)], np.zeros(scene.nv)).q
@@ -264,7 +264,7 @@ def test_gradients_go_through_limits_as_differences_do(name: str, method: str, c
     on, limit = gains_of(name, scene)
     pd = phipsi.PD(60.0 * on, 4.0 * on, target, 0.1 * on, effort=0.8 * limit)
     if name == "mimic":
-        pd = pd._replace(kp=3.2 * on, kd=0.5 * on)
+        pd = pd._replace(kp=12.0 * on, kd=1.5 * on)
     given = {"dt": 2e-3, "steps": 120 if name == "mimic" else 60, "pd": pd, "tau": 0.3 * on, "method": method, "limits": "report", "effort": clip}
     path = compared(scene, q, -0.5 * on, given)
     torque = np.abs(path.torques() - (0.0 if clip else 0.3)) / (0.8 * limit)
@@ -410,7 +410,7 @@ def test_position_servos_of_mujoco_with_force_limits() -> None:
         servo.set_to_position(kp=kp, kv=kd)
         servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-force, force]
     model = spec.compile()
-    model.dof_frictionloss[:] = 0.0
+    model.dof_frictionloss[:], model.dof_armature[:], model.dof_damping[:] = 0.0, scene.armature, scene.damping
     data = mujoco.MjData(model)
     target = np.array([0.8, -0.9, 1.1, 0.4, -0.7, 0.5])
     data.ctrl[:] = target

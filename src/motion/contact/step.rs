@@ -162,7 +162,9 @@ impl ContactStep {
             let next = found.iter().find(|(i, _)| *i >= at).or(found.first());
             let Some(&(i, piece)) = next.filter(|_| outcome.is_ok()) else { break };
             if round < BLOCK_ROUNDS {
-                found.iter().for_each(|&(i, piece)| pieces[i] = piece);
+                for &(i, piece) in &found {
+                    pieces[i] = piece;
+                }
             } else if before == Some((i, piece)) || round > MOST_ROUNDS {
                 // Contacts can make the law of a joint ambiguous, or leave it without a solution in this step.
                 pieces[i] = if piece == LINEAR { pieces[i] } else { piece };
@@ -215,10 +217,8 @@ impl ContactStep {
         self.reverses = outcome.reverses;
         self.record = v_free.map(|v_free| StepRecord::new(v_free, &s.v_next, &before, &mut outcome));
         // The law is that of the end, not of the mean velocity of a step with an impact at its start.
-        let mut ends = outcome.slowed.as_mut().filter(|_| outcome.strikes);
-        ends.iter_mut().for_each(|ends| std::mem::swap(*ends, &mut s.v_next));
-        contradictions((settings, &settings.scheme), s, &mut self.contradicted);
-        ends.iter_mut().for_each(|ends| std::mem::swap(*ends, &mut s.v_next));
+        let ends = outcome.slowed.as_ref().filter(|_| outcome.strikes).unwrap_or(&s.v_next);
+        contradictions((settings, &settings.scheme), (s, ends), &mut self.contradicted);
         self.contradicted.retain(|(i, _)| !self.frozen.contains(i));
         if !self.contradicted.is_empty() {
             return Ok(false);

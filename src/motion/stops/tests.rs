@@ -6,7 +6,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// A control law, or none: soft and stiff, and with one limit or two.
 fn drive(random: &mut Draw) -> Option<Drive> {
-    let limit = |random: &mut Draw| if random.uniform(0.0, 1.0) < 0.8 { random.uniform(0.0, 2.0) } else { f64::INFINITY };
+    let limit =
+        |random: &mut Draw| if random.uniform(0.0, 1.0) < 0.8 { random.uniform(0.0, 2.0) } else { f64::INFINITY };
     (random.uniform(0.0, 1.0) < 0.6).then(|| {
         let (offset, slope) = (10.0 * random.uniform(-1.0, 1.0), 10.0_f64.powf(random.uniform(-3.0, 6.0)));
         Drive { offset, slope, lower: -limit(random), upper: limit(random) }
@@ -87,7 +88,8 @@ fn all_rows_meet_their_law() {
                 (of, q, if case < 400 { None } else { drive(&mut random) })
             })
             .collect();
-        let graph = |(i, (of, q, drive)): (usize, &(SetValued, f64, Option<Drive>))| Graph::new(of, (*q, v[i]), h, *drive);
+        let graph =
+            |(i, (of, q, drive)): (usize, &(SetValued, f64, Option<Drive>))| Graph::new(of, (*q, v[i]), h, *drive);
         let graphs: Vec<Graph> = rows.iter().enumerate().map(graph).collect();
         let mut pieces: Vec<Piece> = graphs.iter().enumerate().map(|(i, graph)| graph.piece(v[i])).collect();
         let settled = settle(&mut pieces, |pieces, found| {
