@@ -426,3 +426,11 @@ def test_position_servos_of_mujoco_with_force_limits() -> None:
     assert_near(path.q, np.stack(rows), 5e-3)
     assert_near(path.q[-1], rows[-1], 2e-4)
     assert_near(path.qd[-1], np.zeros(6), 1e-3)
+
+
+@pytest.mark.parametrize("method", ["implicit-euler", "rosenbrock-2", "rosenbrock-3"])
+@pytest.mark.parametrize("effort", [None, 10.0])
+def test_the_work_of_a_stiff_law_is_that_of_its_torque_within_the_step(method: str, effort: float | None) -> None:
+    path = cart().simulate([0.0], [0.5], dt=2e-3, steps=400, pd=phipsi.PD(1e4, 500.0, [1.0], effort=effort), method=method)
+    audit = path.energy_audit()
+    assert_near(audit.control, audit.change, product(400, float(np.abs(path.energy().kinetic).max())))
