@@ -20,6 +20,7 @@ broadcast.
 """
 
 from . import errors, estimation, scenes, shapes, tasks
+from ._actuators import Actuator, Actuators
 from ._compile import Compiled, compile
 from ._core import (
     BUNDLED_ARM,
@@ -78,6 +79,8 @@ from .operators import Factor, Operator
 #: `compile` is missing, because `from phipsi import *` would shadow the builtin.
 __all__ = [
     "Accuracy",
+    "Actuator",
+    "Actuators",
     "BUNDLED_ARM",
     "Compiled",
     "CompiledForCuda",

@@ -8,6 +8,7 @@ from typing import Any, Final, Literal, TypeAlias, final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._actuators import Actuators
 from ._functions import Function as _Function
 from ._motion import PD, ContactMotion, StopImpact, Trajectory
 from ._ode import Ode
@@ -277,7 +278,7 @@ class Scene:
         ignore : collection of str, optional
             Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
             a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
-            "gravcomp", "keyframes" (their time, act and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
+            "gravcomp", "keyframes" (their time and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
             (springs, damping, plasticity), "plugins", "softness" (of equality constraints and contacts) and "tendons".
         contacts : {"all", "plane"}, optional
             "all": geoms that can collide become colliders, by MuJoCo's rules. "plane": only fixed planes touch other
@@ -322,8 +323,8 @@ class Scene:
         The equality constraints connect, weld and joint (linear) become rigid connections with their names or "equality
         0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
         joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
-        inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls, also those
-        of keyframes. scene.initial() is qpos0, and scene.initial(keyframe) the qpos of a keyframe.
+        inward by margin. Sensors and the integrator are not read; scene.actuators are those of hinges and slides, with
+        the controls of keyframes. scene.initial() is qpos0, and scene.initial(keyframe) the qpos of a keyframe.
 
         With `contacts`, a collider has the name of its geom, or "geom3" and so on; a mesh stands for its convex hull.
         contype, conaffinity, filterparent, <exclude>, <pair>, priority, condim, margin, gap and the flag override have
@@ -451,7 +452,7 @@ class Scene:
 
         The fields are lower, upper (rad or m), velocity, effort (N m or N), acceleration, deceleration and jerk. A
         joint of several degrees of freedom repeats its limits. Position limits are stops in simulations, unless
-        limits="report"; the other limits are reported only.
+        limits="report"; limits of effort are those of PD(effort=True) and effort="clip". The others are reported only.
         """
 
     def q_index(self, joint: str, /, part: Literal["position", "quaternion"] | None = None) -> slice[int, int, int]:
@@ -528,6 +529,9 @@ class Scene:
     @property
     def keyframes(self) -> tuple[str, ...]:
         """Names of the keyframes, in the order of the file; unnamed ones are called "key0" and so on."""
+    @property
+    def actuators(self) -> Actuators:
+        """Actuators of the file (MJCF, or `<transmission>` of URDF) and of SceneBuilder.actuator, a sequence by name."""
     def initial(self, keyframe: str | int | None = None) -> _Array:
         """Configuration from which motions begin: that of the file (MJCF: qpos0), or of a keyframe.
 
@@ -718,7 +722,7 @@ class Scene:
         tau_steps: ArrayLike | None = None,
         method: _Method = "auto",
         record_every: int = 1,
-        pd: PD | tuple[ArrayLike, ...] | None = None,
+        pd: PD | tuple[ArrayLike | None, ...] | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
@@ -732,6 +736,9 @@ class Scene:
         restitution: float = 0.0,
         compliance: ArrayLike | None = None,
         smoothing: float = 0.0,
+        targets: ArrayLike | None = None,
+        target_rates: ArrayLike | None = None,
+        effort: Literal["report", "clip"] | None = None,
     ) -> RolloutGradients:
         """Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
 
@@ -755,15 +762,15 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution, compliance, smoothing
+        limits, restitution, compliance, smoothing, targets, target_rates, effort
             As given to simulate.
 
         Returns
         -------
         gradients : RolloutGradients
-            Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes): (...,
-            nv) each; tau is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None; contacts has the
-            gradients by each contact.
+            Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes, target,
+            target_rate): (..., nv) each; tau is (..., steps, nv) with tau_steps, target with targets and target_rate
+            with target_rates; parameters is (..., bodies, 10) or None; contacts has the gradients by each contact.
 
         Raises
         ------
@@ -808,7 +815,7 @@ class Scene:
         tau_steps: ArrayLike | None = None,
         method: _Method = "auto",
         record_every: int = 1,
-        pd: PD | tuple[ArrayLike, ...] | None = None,
+        pd: PD | tuple[ArrayLike | None, ...] | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
@@ -825,6 +832,11 @@ class Scene:
         smoothing: float = 0.0,
         duration: float | None = None,
         covariance: MotionUncertainty | ArrayLike | object | None = None,
+        targets: ArrayLike | None = None,
+        target_rates: ArrayLike | None = None,
+        effort: Literal["report", "clip"] | None = None,
+        control: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
     ) -> Trajectory:
         """Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
 
@@ -851,7 +863,14 @@ class Scene:
         record_every : int, default 1
             Steps between two rows.
         pd : PD, optional
-            Control law PD(kp, kd, target, target_rate), evaluated within the step.
+            Control law PD(kp, kd, target, target_rate, effort), evaluated within the step.
+        targets : (..., steps, nq) array_like, optional
+            Target of pd in each step, instead of pd.target.
+        target_rates : (..., steps, nv) array_like, optional
+            Target velocity of pd in each step, instead of pd.target_rate.
+        effort : {"report", "clip"}, default "report"
+            "clip": the sum of tau and pd is limited to scene.limits.effort. "report": Trajectory.violations() lists
+            rows with more.
         armature : float or (nv,) array_like, optional
             Armature instead of that of the scene, kg m^2 or kg.
         damping : float or (nv,) array_like, optional
@@ -890,6 +909,12 @@ class Scene:
             Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
             alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
             An error for impacts on stops, accuracy and functions tau.
+        control : (n,) or (..., steps, n) array_like, or dict of str to float or array_like, optional
+            Controls of scene.actuators: constant, or for each step (an axis of one step: for all steps); by name, a
+            float or (..., steps), and 0 for the others. They are clipped to ctrlrange, which Trajectory.violations()
+            lists. Servos act within the step, like pd, which cannot be given too; torques of tau are added.
+        activation : (..., n) array_like or dict, optional
+            Activations of the actuators at the start, as Trajectory.activation; None: zero.
 
         Returns
         -------
@@ -945,7 +970,7 @@ class Scene:
         *,
         dt: float,
         method: _Method = "auto",
-        pd: PD | tuple[ArrayLike, ...] | None = None,
+        pd: PD | tuple[ArrayLike | None, ...] | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
@@ -959,6 +984,9 @@ class Scene:
         restitution: float = 0.0,
         accuracy: float | None = None,
         smoothing: float = 0.0,
+        effort: Literal["report", "clip"] | None = None,
+        control: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
     ) -> Simulator:
         """Create a Simulator: one state or a batch that is advanced call by call.
 
@@ -972,8 +1000,12 @@ class Scene:
             Step, s.
         method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
             As in simulate, for all steps.
-        compliance, limits, restitution, accuracy, smoothing
-            As in simulate, for all steps.
+        compliance, limits, restitution, accuracy, smoothing, effort
+            As in simulate, for all steps. The targets of pd can be changed by step.
+        control : (..., n) array_like or dict of str to float, optional
+            Controls of scene.actuators, which then act in all steps; step(control=...) changes them.
+        activation : (..., n) array_like or dict, optional
+            Activations of the actuators at the start; None: zero.
 
         Returns
         -------
@@ -998,7 +1030,7 @@ class Scene:
         self,
         *,
         tau: ArrayLike | Callable[[float, _Array, _Array], ArrayLike] | None = None,
-        pd: PD | tuple[ArrayLike, ...] | None = None,
+        pd: PD | tuple[ArrayLike | None, ...] | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
         rest: ArrayLike | None = None,
@@ -4999,6 +5031,71 @@ class SceneBuilder:
         (('pin',), (3, 3))
         """
 
+    def actuator(
+        self,
+        name: str,
+        joint: str,
+        *,
+        gear: float = 1.0,
+        kp: float | None = None,
+        kv: float | None = None,
+        gain: ArrayLike | None = None,
+        bias: ArrayLike | None = None,
+        ctrlrange: ArrayLike | None = None,
+        forcerange: ArrayLike | None = None,
+        timeconst: float | None = None,
+        actrange: ArrayLike | None = None,
+    ) -> SceneBuilder:
+        """Add an actuator of a joint with one degree of freedom, or replace the one with the same name.
+
+        Parameters
+        ----------
+        name : str
+            Name of the actuator.
+        joint : str
+            Name of the joint, which may be added later.
+        gear : float, default 1
+            Joint torque per force of the actuator, and its length and velocity per joint position and velocity.
+        kp : float, optional
+            Gain of a position servo, whose force is kp (control - length) - kv velocity.
+        kv : float, optional
+            Gain of the velocity; without kp that of a velocity servo, whose force is kv (control - velocity).
+        gain : (3,) array_like, optional
+            Coefficients of the control (constant, by length, by velocity), instead of kp and kv; (1, 0, 0) without
+            both: a motor. (0, 0, -kv) is a damper.
+        bias : (3,) array_like, optional
+            Force without control (constant, by length, by velocity), instead of kp and kv.
+        ctrlrange : (2,) array_like, optional
+            Smallest and largest control, to which controls are clipped.
+        forcerange : (2,) array_like, optional
+            Smallest and largest force, to which the force is clipped before the gear.
+        timeconst : float, optional
+            Time constant of a first-order filter of the control, s; inf: the input is the time integral of the control.
+        actrange : (2,) array_like, optional
+            Smallest and largest output of the filter or integral.
+
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Raises
+        ------
+        ShapeError, ArgumentError
+            kp or kv together with gain or bias, or invalid arrays. The message names the actuator; build() checks the rest.
+
+        Notes
+        -----
+        The torques of all actuators of a joint together are clipped to its effort limit.
+
+        Examples
+        --------
+        >>> builder = phipsi.scenes.chain(2).to_builder()
+        >>> builder = builder.actuator("shoulder", "j0", kp=100.0, kv=10.0).actuator("elbow", "j1", gear=50.0)
+        >>> builder.build().actuators.names
+        ('shoulder', 'elbow')
+        """
+    def _set_actuators(self, actuators: list[tuple[Any, ...]], /) -> None: ...
     def start(
         self, q: Mapping[str, ArrayLike] | None = None, qd: Mapping[str, ArrayLike] | None = None, *, keyframe: str | None = None
     ) -> SceneBuilder:
@@ -5430,7 +5527,15 @@ class Simulator:
     True
     """
 
-    def step(self, tau: ArrayLike | None = None, steps: int = 1) -> None:
+    def step(
+        self,
+        tau: ArrayLike | None = None,
+        steps: int = 1,
+        *,
+        target: ArrayLike | None = None,
+        target_rate: ArrayLike | None = None,
+        control: Mapping[str, ArrayLike] | ArrayLike | None = None,
+    ) -> None:
         """Advance all states by steps of dt, with constant joint torques.
 
         Parameters
@@ -5439,6 +5544,13 @@ class Simulator:
             Joint torques, N m or N, which broadcast to the batch. None: zero.
         steps : int, default 1
             Number of steps.
+        target : (..., nq) array_like, optional
+            New target of pd, from this step on. None: the last one.
+        target_rate : (..., nv) array_like, optional
+            New target velocity of pd, likewise.
+        control : (..., n) array_like or dict of str to float, optional
+            New controls of scene.actuators, from this step on, of a simulator that was created with controls. None: the
+            last ones.
 
         Raises
         ------
@@ -5458,7 +5570,17 @@ class Simulator:
         >>> bool(simulator.qd[0] > 0.0)
         True
         """
-    def reset(self, q: ArrayLike, qd: ArrayLike | None = None, *, states: Any = None) -> None:
+    def _advance(
+        self, tau: ArrayLike | None, steps: int, target: ArrayLike | None, target_rate: ArrayLike | None, /
+    ) -> None: ...
+    def reset(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        *,
+        states: Any = None,
+        activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
+    ) -> None:
         """Set states and their times to a new start; the other states remain.
 
         Parameters
@@ -5469,6 +5591,8 @@ class Simulator:
             Joint velocities, rad/s or m/s; zero by default.
         states : optional
             Selection of states as in array[states] = q: a mask, an index, a list of indices or a slice. None: all.
+        activation : (..., n) array_like or dict, optional
+            Activations of the actuators of these states; None: zero. The controls remain.
 
         Raises
         ------
@@ -5498,6 +5622,12 @@ class Simulator:
     @property
     def qd(self) -> _Array:
         """Current joint velocities, (..., nv), rad/s or m/s, a copy."""
+    @property
+    def control(self) -> _Array | None:
+        """Controls of the actuators, (..., n), a copy; None without control."""
+    @property
+    def activation(self) -> _Array | None:
+        """Activations of the actuators, (..., n), a copy, zero for those without one; None without control."""
     @property
     def t(self) -> Any:
         """Time since the start or last reset of each state, (...), s: a float for one state, otherwise an array."""

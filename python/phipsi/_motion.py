@@ -24,6 +24,7 @@ from ._motion_parts import (
     StopImpact,
     Violation,
     contact_wrenches,
+    efforts,
     first_rows,
     shape_contacts,
 )
@@ -126,6 +127,14 @@ class Trajectory(TrajectoryFiles):
     """Torques that a control function returned for the step that begins at each row (in the last row, for the last
     step), (..., rows, nv), N m or N; None if tau was not a function.
     """
+    control: _Array | None = field(default=None, repr=False)
+    """Controls as they were given, (n,) or (..., steps, n); None without control."""
+    activation: _Array | None = field(default=None, repr=False)
+    """Activations of the actuators after the last step, (..., n), for another call of simulate; zero for those without
+    one. None without control.
+    """
+    start_activation: _Array | None = field(default=None, repr=False)
+    """Activations at the start, likewise."""
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -255,8 +264,8 @@ class Trajectory(TrajectoryFiles):
                 accurate = scene.simulate(*start, dt=self.dt, steps=self.steps, record_every=self.record_every, accuracy=1e-7, **given)
             except ArgumentError:
                 # This method or scene does not support error control.
-                if "tau_steps" in given:
-                    given["tau_steps"] = np.repeat(np.asarray(given["tau_steps"])[..., : self.steps, :], 3, axis=-2)
+                for name in _OF_STEPS & set(given):
+                    given[name] = np.repeat(np.asarray(given[name])[..., : self.steps, :], 3, axis=-2)
                 accurate = scene.simulate(*start, dt=self.dt / 3, steps=3 * self.steps, record_every=3 * self.record_every, **given)
         difference: _Array = 2.0 * np.abs(scene.difference(self.q, accurate.q)).max(axis=-1, initial=0.0)
         return difference
@@ -288,29 +297,13 @@ class Trajectory(TrajectoryFiles):
         """
         given, scene, v = self._known(by_function=True), self.scene, self.qd
 
-        def read(name: str, value: ArrayLike, coordinates: bool = False) -> _Array:
-            return np.asarray(_core._numbers(name, value, scene, coordinates))
-
         def own(name: str, usual: _Array) -> _Array:
-            return usual if given.get(name) is None else read(name, given[name])
+            return usual if given.get(name) is None else np.asarray(_core._numbers(name, given[name], scene, False))
 
         u = -own("damping", scene.damping) * v - self.stiffness * self._displacement(self.rest, self.q)
         speed = self.friction_speed
         u -= own("friction", scene.friction) * (v / np.sqrt(v**2 + speed**2) if speed > 0.0 else np.sign(v))
-        if self.applied is not None:
-            u = u + self.applied
-        elif given.get("tau") is not None:
-            u = u + read("tau", given["tau"])[..., None, :]
-        if given.get("tau_steps") is not None and self.steps:
-            begun = np.minimum(np.arange(len(self)) * self.record_every, self.steps - 1)
-            u = u + read("tau_steps", given["tau_steps"])[..., begun, :]
-        if given.get("pd") is not None:
-            law = PD(*given["pd"])
-            target = read("target", law.target, True)[..., None, :]
-            rate = 0.0 if law.target_rate is None else read("target_rate", law.target_rate)[..., None, :]
-            kp, kd = (read(name, gain) for name, gain in (("kp", law.kp), ("kd", law.kd)))
-            u = u - kp * self._displacement(target, self.q) + kd * (rate - v)
-        return np.asarray(u)
+        return np.asarray(u + efforts(self, given))
 
     @property
     def connection_forces(self) -> NoReturn:
@@ -442,15 +435,16 @@ class Trajectory(TrajectoryFiles):
         given = self._arguments()
         nothing = np.zeros((len(self), self.scene.nv))
         cotangents = [nothing if cotangent is None else cotangent for cotangent in (cotangent_q, cotangent_qd)]
-        return self.scene.simulate_vjp(self.q, self.qd, *cotangents, parameters=parameters, **given)
+        found = self.scene.simulate_vjp(self.q, self.qd, *cotangents, parameters=parameters, **given)
+        return found if self.control is None else found._replace(control=self.scene.actuators._gradients(self, found))
 
     def _arguments(self) -> dict[str, Any]:
         """Arguments of Scene.simulate, for Scene.simulate_vjp."""
         given = self._known()
         if given.pop("accuracy") is not None:
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps, which have gradients")
-        if "tau_steps" in given:
-            given["tau_steps"] = np.asarray(given["tau_steps"])[..., : self.steps, :]
+        for name in _OF_STEPS & set(given):
+            given[name] = np.asarray(given[name])[..., : self.steps, :]
         own = {"dt": self.dt, "steps": self.steps, "method": self.method, "record_every": self.record_every}
         return {**given, **own, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
 
@@ -470,9 +464,13 @@ class Trajectory(TrajectoryFiles):
         return dict(self.given)
 
     def violations(self) -> list[Violation]:
-        """Limits of position and velocity that recorded rows exceed.
+        """Limits of position, velocity and effort that recorded rows exceed.
 
-        Velocities are never limited in a simulation; positions are limited with limits="stop".
+        Velocities are never limited in a simulation; positions are limited with limits="stop", whose stops may push with
+        any torque, and efforts with effort="clip" and with PD(effort=...). The effort of a joint is that of tau and pd
+        for the step that begins at a row. It is not listed for a Simulator and for Scene.ode with a function tau.
+        With control, the controls, forces and joint torques of actuators that are clipped to their ranges are listed,
+        with the values before.
 
         Returns
         -------
@@ -489,20 +487,28 @@ class Trajectory(TrajectoryFiles):
         """
         found = []
         limits = self.scene.limits
+        motors = efforts(self, self._known(by_function=True)) if self.has_torques else None
         for joint in self.scene.joint_names:
             q, v = self.scene.q_index(joint), self.scene.v_index(joint)
             cases = []
             if q.stop - q.start == v.stop - v.start:
                 cases = [("lower", self.q[..., q], limits.lower[v], -1.0), ("upper", self.q[..., q], limits.upper[v], 1.0)]
             cases.append(("velocity", self.qd[..., v], limits.velocity[v], 1.0))
+            if motors is not None:
+                cases.append(("effort", motors[..., v], limits.effort[v], 1.0))
             for limit, values, bounds, sign in cases:
                 if not np.all(np.isinf(bounds)):
                     found += self._beyond(joint, limit, values, float(bounds[0]), sign)
+        for joint, limit, values, ends in () if self.control is None else self.scene.actuators._clipped(self):
+            for end, sign in zip(ends, (-1.0, 1.0), strict=True):
+                if not np.isinf(end):
+                    found += self._beyond(joint, limit, values[..., None], end, sign)
         return found
 
     def _beyond(self, joint: str, limit: str, values: _Array, bound: float, sign: float) -> list[Violation]:
-        size = np.abs(values) if limit == "velocity" else sign * values
-        beyond = size > sign * bound
+        size = np.abs(values) if limit in ("velocity", "effort") else sign * values
+        # The torque at a limit that is enforced is known to rounding.
+        beyond = size > sign * bound + 1e-12 * abs(bound) * (limit not in ("lower", "upper", "velocity"))
         if not beyond.any():
             return []
         worst = values.reshape(-1)[np.argmax(size)]
@@ -511,6 +517,8 @@ class Trajectory(TrajectoryFiles):
         return [Violation(joint, limit, bound, float(worst), float(self.t[first]), int(rows.sum()))]
 
 
+#: Arguments with a value for each step.
+_OF_STEPS = {"tau_steps", "targets", "target_rates"}
 #: Placeholder for a torque that was a function: its gradients are unknown, and few functions can be pickled.
 _FUNCTION = "a function"
 
@@ -545,11 +553,13 @@ def _outcome(about: dict[str, Any]) -> dict[str, Any]:
     """Fields of a trajectory, with counts as integers and impacts by name."""
     most, events, error, unsettled = about.pop("counts")
     if np.any(unsettled):
-        message = (
-            f"found no solution for the torques of friction and joint stops in {int(np.sum(unsettled))} steps, because the inertia of a link is not physical and the mass matrix is indefinite; a joint was locked"
-            " there: load with strict=True to find the link"
-        )
-        warn(message, InertiaWarning)
+        found = f"found no solution for the torques of friction and joint stops in {int(np.sum(unsettled))} steps"
+        if about.get("contacts") is None:
+            message = f"{found}, because the inertia of a link is not physical and the mass matrix is indefinite; a joint was locked there: load with strict=True to find the link"
+            warn(message, InertiaWarning)
+        else:
+            message = f"{found}, or for limits of effort beside contacts, where a joint was at its limit; expected a smaller dt, or inertias that are physical (load with strict=True)"
+            warn(message, ContactWarning)
     counts = (np.asarray(count).astype(np.int_) for count in (most, events))
     return about | dict(zip(("substeps", "events"), counts)) | {"estimated_error": np.asarray(error)}
 

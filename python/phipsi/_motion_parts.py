@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
-from typing import TYPE_CHECKING, NamedTuple, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from . import _core
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -28,10 +31,12 @@ _Number = TypeVar("_Number", np.float64, np.int8)
 
 
 class PD(NamedTuple):
-    """Proportional-derivative control law for Scene.simulate: tau = kp (target - q) + kd (target_rate - qd).
+    """Proportional-derivative control law for Scene.simulate: tau = kp (target - q) + kd (target_rate - qd), up to the
+    limits of effort.
 
     The difference target - q is taken on the manifold. Implicit methods treat the law implicitly, so that the
-    gains can be arbitrarily stiff.
+    gains can be arbitrarily stiff. Limits apply within the step: at a limit the torque is constant, and otherwise the
+    step is the one without limits.
 
     Examples
     --------
@@ -44,13 +49,71 @@ class PD(NamedTuple):
     """
 
     kp: ArrayLike
-    """Proportional gains, (nv,) or scalar, N m/rad or N/m."""
+    """Proportional gains, (..., nv), N m/rad or N/m. A scalar is the gain of all joints but free ones, which have no
+    motor.
+    """
     kd: ArrayLike
-    """Derivative gains, (nv,) or scalar, N m s/rad or N s/m."""
-    target: ArrayLike
-    """Target configurations, (..., nq)."""
+    """Derivative gains, likewise, N m s/rad or N s/m."""
+    target: ArrayLike | None = None
+    """Target configurations, (..., nq). None: not needed if kp is zero, or if the call has targets of each step."""
     target_rate: ArrayLike | None = None
     """Target joint velocities, (..., nv); None: zero."""
+    effort: ArrayLike | bool | None = None
+    """Largest torque of the law in both directions, (..., nv), or a scalar for all joints but free ones, N m or N.
+    True: scene.limits.effort. None: no limits.
+    """
+
+
+def of_motors(scene: Scene, given: ArrayLike, free: float = 0.0) -> ArrayLike:
+    """A gain or limit of PD for each degree of freedom: a scalar is that of all joints but free ones."""
+    if isinstance(given, Mapping) or np.ndim(given):
+        return given
+    values = np.full(scene.nv, given, dtype=np.float64)
+    for joint in scene.joint_names:
+        if scene.joints[joint].type == "floating":
+            values[scene.v_index(joint)] = free
+    return values
+
+
+def efforts(path: Any, given: dict[str, Any]) -> _Array:
+    """Torques of the motors in every row: tau and pd, within the limits that the simulation enforces."""
+    scene, v = path.scene, path.qd
+
+    def read(name: str, value: ArrayLike, coordinates: bool = False) -> _Array:
+        return np.asarray(_core._numbers(name, value, scene, coordinates))
+
+    begun = np.minimum(np.arange(len(path)) * path.record_every, max(path.steps - 1, 0))
+    u = np.zeros_like(v)
+    if path.applied is not None:
+        u = u + path.applied
+    elif given.get("tau") is not None:
+        u = u + read("tau", given["tau"])[..., None, :]
+    if given.get("tau_steps") is not None and path.steps:
+        u = u + read("tau_steps", given["tau_steps"])[..., begun, :]
+    law = None if given.get("pd") is None else PD(*given["pd"])
+    if law is not None:
+        kp, kd = (read(name, of_motors(scene, gain))[..., None, :] for name, gain in (("kp", law.kp), ("kd", law.kd)))
+        rates = law.target_rate
+        if given.get("target_rates") is not None and path.steps:
+            rate = read("target_rates", given["target_rates"])[..., begun, :]
+        else:
+            rate = np.zeros(1) if rates is None else read("target_rate", rates)[..., None, :]
+        if given.get("targets") is not None and path.steps:
+            target = read("targets", given["targets"], True)[..., begun, :]
+        else:
+            target = read("target", scene.neutral() if law.target is None else law.target, True)[..., None, :]
+        control = kd * (rate - v) - kp * path._displacement(target, path.q)
+        if law.effort is not None and law.effort is not False:
+            limit = scene.limits.effort if law.effort is True else read("effort", of_motors(scene, law.effort, np.inf))
+            if given.get("effort") == "clip":
+                u = np.clip(u + control, -limit[..., None, :], limit[..., None, :])
+            else:
+                u = u + np.clip(control, -limit[..., None, :], limit[..., None, :])
+        else:
+            u = u + control
+    if given.get("effort") == "clip":
+        u = np.clip(u, -scene.limits.effort, scene.limits.effort)
+    return u
 
 
 class MotionEnergy(NamedTuple):
@@ -370,11 +433,13 @@ class Violation(NamedTuple):
     joint: str
     """Name of the joint."""
     limit: str
-    """Limit: "lower", "upper" or "velocity"."""
+    """Limit: "lower", "upper", "velocity" or "effort"; of actuators "control of NAME", "force of NAME", or "torque of
+    actuators" of a joint.
+    """
     bound: float
     """Value of the limit."""
     worst: float
-    """Coordinate or velocity furthest beyond the limit."""
+    """Coordinate, velocity or torque furthest beyond the limit."""
     time: float
     """Time of the first row beyond the limit, s."""
     rows: int

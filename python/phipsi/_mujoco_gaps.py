@@ -221,17 +221,16 @@ def _of_actuators(model: mujoco.MjModel) -> Iterator[Gap]:
 
 
 def _of_keyframes(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
-    """Parts of keyframes beyond the state; phipsi.mujoco.actuators reads their controls."""
+    """Parts of keyframes beyond the state and the controls."""
     mocap = np.argsort(model.body_mocapid)[model.nbody - model.nmocap :]
     for at, name in enumerate(names.keyframes):
         for what, values, usual in (
             ("time", model.key_time[at], 0.0),
-            ("act", model.key_act[at], 0.0),
             ("mpos", model.key_mpos[at].reshape(-1, 3), model.body_pos[mocap]),
             ("mquat", model.key_mquat[at].reshape(-1, 4), model.body_quat[mocap]),
         ):
             if np.any(values != usual):
-                yield Gap("keyframes", f"{what} of the keyframe {name!r}", "only qpos and qvel are read", False)
+                yield Gap("keyframes", f"{what} of the keyframe {name!r}", "only qpos, qvel, ctrl and act are read", False)
 
 
 def _where(condition: Any) -> list[int]:

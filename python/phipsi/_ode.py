@@ -15,7 +15,7 @@ they are centered at its end.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -38,6 +38,7 @@ from ._chart import (
 from ._coordinates import Coordinates
 from ._install import command
 from ._motion import PD, Trajectory
+from ._motion_parts import of_motors
 from ._recorded import torques
 from ._signals import by_handler
 
@@ -117,27 +118,21 @@ class Ode:
         self._pd: tuple[_Array, _Array, _Array, _Array] | None = None
         if pd is not None:
             law = PD(*pd)
-            for name, gain in (("pd.kp", law.kp), ("pd.kd", law.kd)):
-                self._check_gain(name, gain)
+            if law.effort is not None and law.effort is not False:
+                raise errors.of_argument(errors.ArgumentError, "pd.effort", "found limits of effort; expected None: Scene.simulate has them")
+            kp, kd = (rates(name, of_motors(scene, gain), 0.0) for name, gain in (("pd.kp", law.kp), ("pd.kd", law.kd)))
+            if law.target is None and kp.any():
+                raise errors.of_argument(errors.ArgumentError, "pd.target", "found None; expected a target configuration")
             self._pd = (
-                rates("pd.kp", law.kp, 0.0),
-                rates("pd.kd", law.kd, 0.0),
-                self._configuration("pd.target", law.target),
+                kp,
+                kd,
+                self._configuration("pd.target", scene.neutral() if law.target is None else law.target),
                 rates("pd.target_rate", law.target_rate, 0.0, signed=True),
             )
         #: Entries of rotations, and of the translations of free joints.
         coordinates = Coordinates(scene)
         self._turns, self._moves = coordinates.turns, coordinates.moves
         self._center = scene.neutral()
-
-    def _check_gain(self, name: str, gain: ArrayLike) -> None:
-        """Refuse one gain for all joints if a joint is free, as Scene.simulate does."""
-        free = [joint for joint in self.scene.joint_names if self.scene.joints[joint].type == "floating"]
-        if free and not isinstance(gain, Mapping) and np.ndim(gain) == 0:
-            at = self.scene.v_index(free[0])
-            found = f'found one number for all joints, which would also hold "{free[0]}" in the air'
-            text = f'{found}; expected {self.scene.nv} gains, those of "{free[0]}" at {at.start}:{at.stop} explicitly, for instance 0'
-            raise errors.of_argument(errors.ArgumentError, name, text)
 
     def _configuration(self, name: str, value: ArrayLike) -> _Array:
         q = _core._numbers(name, value, self.scene, True)

@@ -420,6 +420,16 @@ class RolloutGradients(NamedTuple):
     """Contacts that open, close, stick or slide between two steps, in the order of states and steps. The gradients are
     those of the modes of this trajectory: where a margin of a contact is zero, they are one-sided.
     """
+    target: NDArray[np.float64] | None = None
+    """With respect to the target of pd, in its tangent space: (..., steps, nv) if targets was given; otherwise (..., nv),
+    summed over all steps. None without a control law.
+    """
+    target_rate: NDArray[np.float64] | None = None
+    """With respect to its target velocity, likewise with target_rates."""
+    control: NDArray[np.float64] | None = None
+    """With respect to the controls, of the shape in which they were given, after the axes of the batch; NaN for
+    actuators whose gains depend on the control. None without control.
+    """
 
 
 class LinearSystem(NamedTuple):

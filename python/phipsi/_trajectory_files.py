@@ -31,8 +31,10 @@ FORMAT = 1
 #: Fields of a trajectory that are arrays, and those that are numbers or texts.
 ARRAYS = ("t", "q", "qd", "armature", "stiffness", "rest", "substeps", "events", "estimated_error")
 PLAIN = ("dt", "steps", "method", "record_every", "integrator", "friction_speed", "limits")
+#: Fields that are arrays or None.
+OPTIONAL = ("applied", "control", "activation", "start_activation")
 #: Arguments of Scene.simulate that are arrays.
-GIVEN = ("tau", "tau_steps", "damping", "friction", "compliance")
+GIVEN = ("tau", "tau_steps", "targets", "target_rates", "damping", "friction", "compliance")
 
 
 def columns(scene: Scene, letter: str) -> list[str]:
@@ -180,8 +182,7 @@ class TrajectoryFiles:
         for name in ("end", "works"):
             for at, value in enumerate(fields[name] or ()):
                 arrays[f"{name}/{at}"] = value
-        if fields["applied"] is not None:
-            arrays["applied"] = fields["applied"]
+        arrays |= {name: fields[name] for name in OPTIONAL if fields[name] is not None}
         if self.has_torques:
             arrays["tau"] = self.torques()
         if fields["contacts"] is not None:
@@ -211,10 +212,12 @@ class TrajectoryFiles:
         for name, value in given.items():
             if name == "pd" and value is not None:
                 for part, gain in PD(*value)._asdict().items():
-                    if gain is not None:
+                    if isinstance(gain, bool):
+                        arrays[f"given/pd/{part}"] = np.array(gain)
+                    elif gain is not None:
                         arrays[f"given/pd/{part}"] = _core._numbers(part, gain, self.scene, part == "target")
             elif name in GIVEN and value is not None and not isinstance(value, str):
-                arrays[f"given/{name}"] = _core._numbers(name, value, *(() if name == "compliance" else (self.scene,)))
+                arrays[f"given/{name}"] = _core._numbers(name, value, *(() if name == "compliance" else (self.scene, name == "targets")))
             else:
                 kept[name] = value
         return kept
@@ -284,11 +287,13 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
     if given is not None:
         given |= {name: arrays[f"given/{name}"] for name in GIVEN if f"given/{name}" in arrays}
         if "given/pd/kp" in arrays:
-            given["pd"] = PD(*(arrays.get(f"given/pd/{part}") for part in PD._fields))  # type: ignore[arg-type]
+            law = PD(*(arrays.get(f"given/pd/{part}") for part in PD._fields))  # type: ignore[arg-type]
+            is_flag = law.effort is not None and np.asarray(law.effort).dtype == bool
+            given["pd"] = law._replace(effort=bool(law.effort)) if is_flag else law
     stops = [StopImpact(**one | {"state": tuple(one["state"]) if isinstance(one["state"], list) else one["state"]}) for one in about["stops"]]
     return {
         "scene": scene, "given": given, "stops": stops, "contacts": contacts, "end": end or None, "works": several("works"),
-        "applied": arrays.get("applied"),
+        **{name: arrays.get(name) for name in OPTIONAL},
         **{name: arrays[name] for name in ARRAYS}, **{name: about[name] for name in PLAIN},
     }  # fmt: skip
 

@@ -62,6 +62,7 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
             _check_root(joint)
         else:
             _joint(robot, joint, is_new)
+    _add_actuators(scene, robot)
     if is_new:
         robot.set("version", "1.2")
     elif any(True for _ in robot.iter("capsule")) or any("quat_xyzw" in origin.attrib for origin in robot.iter("origin")):
@@ -122,6 +123,23 @@ def _add_colliders(scene: Scene, shapes: dict[str, list[ElementTree.Element]]) -
     if lost:
         more = f" and {len(lost) - 8} more" if len(lost) > 8 else ""
         warn(f"scene: found colliders ({', '.join(map(repr, lost[:8]))}{more}), which URDF cannot represent; they are not written", ModelWarning)
+
+
+def _add_actuators(scene: Scene, robot: ElementTree.Element) -> None:
+    """Add a transmission for each motor whose control is limited by the effort of its joint alone; warn of the others."""
+    lost = list(scene.actuators.unsupported)
+    for one in scene.actuators:
+        most = scene.joints[one.joint].effort / abs(one.gear) if one.gear else np.inf
+        if one.kind != "motor" or one.ctrlrange != (-most, most) or np.isfinite([one.forcerange, one.torquerange]).any():
+            lost.append(one.name)
+            continue
+        element = _child(robot, "transmission", name=one.name)
+        _child(element, "type").text = "transmission_interface/SimpleTransmission"
+        _child(element, "joint", name=one.joint)
+        _child(_child(element, "actuator", name=one.name), "mechanicalReduction").text = _text(one.gear)
+    if lost:
+        more = f" and {len(lost) - 8} more" if len(lost) > 8 else ""
+        warn(f"scene: found actuators ({', '.join(map(repr, lost[:8]))}{more}), which URDF cannot represent; they are not written", ModelWarning)
 
 
 def _check_root(joint: Joint) -> None:

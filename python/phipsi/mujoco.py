@@ -22,7 +22,7 @@ from ._arguments import leading, vectors
 from ._core import Scene, SceneBuilder
 from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, SLIDE, WIDTHS, Names
 from ._mjcf import along_world, compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, joint_name, link_name, stops, ties_bodies
-from ._mjcf_actuators import Actuators, actuators
+from ._mjcf_actuators import actuator_tuples
 from ._mjcf_contacts import Collisions
 from ._mujoco_gaps import check
 from .errors import ArgumentError, SceneError, of_argument
@@ -32,9 +32,7 @@ if TYPE_CHECKING:
 
     import mujoco
 
-__all__ = [
-    "Actuators", "actuators", "from_accelerations", "from_forces", "from_state", "joint_name", "link_name", "to_accelerations", "to_forces", "to_state",
-]  # fmt: skip
+__all__ = ["from_accelerations", "from_forces", "from_state", "joint_name", "link_name", "to_accelerations", "to_forces", "to_state"]
 
 _Array = NDArray[np.float64]
 
@@ -63,6 +61,7 @@ def read(
     builder = _Reader(model, names, ignore).builder()
     if contacts is not None:
         collisions.add(builder, names)
+    builder._set_actuators(actuator_tuples(model, names))
     if file is not None:
         builder._set_file(file)
     if gravity is None:

@@ -115,6 +115,26 @@ impl<T: Real> Motion<T> {
             _ => of_q[0] += displaced[0],
         }
     }
+
+    /// As [`Motion::displacement_cotangent`], for the configuration of rest, in its tangent space.
+    #[inline(always)]
+    pub(crate) fn rest_cotangent(&self, (rest, q): (&[T], &[T]), displaced: &[T], of_rest: &mut [T]) {
+        // The rotation from q to rest is the inverse.
+        let of_turn = |rest: &[T], q: &[T], turned: &[T]| {
+            let inverse = triple(turned) * turned[0].constant(-1.0);
+            of_logarithm(&turn_between(q, rest), &inverse)
+        };
+        match self {
+            Self::Spherical => add_to(of_rest, &of_turn(rest, q, displaced)),
+            Self::Free => {
+                let pushed = rotation(&rest[3..7]).rotate_back(&rotation(&q[3..7]).rotate(&triple(displaced)));
+                add_to(of_rest, &(pushed * q[0].constant(-1.0)));
+                add_to(&mut of_rest[3..], &of_turn(&rest[3..7], &q[3..7], &displaced[3..]));
+            }
+            Self::Fixed => {}
+            _ => of_rest[0] -= displaced[0],
+        }
+    }
 }
 
 /// exp(-ad x)* g and Jr(x)* g for a twist x.
@@ -250,6 +270,8 @@ mod tests {
                 let mut of_v = value(&bar);
                 motion.carry_back_cotangents((&value(&x), &value(&v)), &mut of_v, &mut of_carried);
                 motion.displacement_cotangent((&value(rest), &value(q)), &value(&bar), &mut of_q_by_spring);
+                let mut of_rest = [Dual::constant_of(0.0); 6];
+                motion.rest_cotangent((&value(rest), &value(q)), &value(&bar), &mut of_rest);
                 let plain = |x: &[Number]| x[..nv].iter().map(|x| x.value).collect::<Vec<_>>();
                 for i in 0..nv {
                     let d: Vec<f64> = (0..nv).map(|j| f64::from(u8::from(i == j))).collect();
@@ -277,6 +299,8 @@ mod tests {
                     let mut displaced = vec![Dual::constant_of(f64::NAN); nv];
                     motion.displacement(&value(rest), &tangent(&motion, &value(q), &d), &mut displaced);
                     near(plain(&of_q_by_spring)[i], pairing(&bar, &change(&displaced)), (scale, "q of displacement"));
+                    motion.displacement(&tangent(&motion, &value(rest), &d), &value(q), &mut displaced);
+                    near(plain(&of_rest)[i], pairing(&bar, &change(&displaced)), (scale, "rest of displacement"));
                 }
             }
         }

@@ -16,6 +16,7 @@
 //! ([`Motion`](crate::joints::Motion)). A stage costs one factorization of M, one additional solve and one reverse
 //! product, all O(N), with the sweeps of forward dynamics.
 
+use super::drives::{KD, KP, set_drives};
 use super::events::RowSolution;
 use super::manifold::advance_cotangents;
 use super::method::STAGES;
@@ -46,7 +47,7 @@ pub(super) struct StepGradients<T> {
     pub end: [Vec<T>; 2],
     /// By the initial state of the step.
     pub start: [Vec<T>; 2],
-    /// By torque, armature, damping, stiffness and friction, (nv) each.
+    /// By torque, target, target velocity, armature, damping, stiffness and friction, (nv) each.
     pub acting: [Vec<T>; ACTING],
     /// By the inertial parameters of each body; empty if they are not requested.
     pub parameters: Vec<Parameters<T>>,
@@ -67,13 +68,16 @@ pub(super) struct StepGradients<T> {
 }
 
 /// Number of quantities per degree of freedom with gradients.
-pub(super) const ACTING: usize = 5;
-/// Index of the applied torque.
+pub(super) const ACTING: usize = 7;
+/// Indices; the first ones are inputs, which can change from step to step.
 pub(super) const TORQUE: usize = 0;
-pub(super) const ARMATURE: usize = 1;
-const DAMPING: usize = 2;
-const STIFFNESS: usize = 3;
-pub(super) const FRICTION: usize = 4;
+pub(super) const TARGET: usize = 1;
+pub(super) const RATE: usize = 2;
+pub(super) const INPUTS: usize = 3;
+pub(super) const ARMATURE: usize = 3;
+const DAMPING: usize = 4;
+const STIFFNESS: usize = 5;
+pub(super) const FRICTION: usize = 6;
 
 impl<T: Real> StepGradients<T> {
     pub fn new(model: &Model<T>, parameters: bool) -> Self {
@@ -300,6 +304,9 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
 ) -> u64 {
     let last = scheme.tableau.last_stage();
     let mut fallback = 0;
+    if solutions.is_none() {
+        set_drives(by, s);
+    }
     if settings.regularized {
         set_friction(by, s);
     }
@@ -313,6 +320,7 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
         test_stuck_rows(s, i);
         finish_stage(by, s, i);
     }
+    clear(&mut s.control);
     for i in (0..=last).rev() {
         stage(by, s, i);
         fallback |= solver.factor(at_stage(s, i));
@@ -358,6 +366,12 @@ fn release<T: Real>(s: &Scratch<T>, rates: &mut [T]) {
 /// Sets the modes of an event.
 fn set_event_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scratch<T>, solutions: &[RowSolution]) {
     let hg = if settings.regularized { scheme.tableau.gamma[0][0] } else { 0.0 };
+    for (of, solution) in settings.set_valued.iter().zip(solutions).filter(|(of, _)| of.drives) {
+        let (linear, held) = if solution.driven.is_limit { (0.0, solution.driven.torque) } else { (1.0, 0.0) };
+        let gains = [KP, KD].map(|i| s.gains[i][of.row] * T::from_f64(linear));
+        s.rows[of.row].side = T::from_f64(1.0 - linear);
+        s.drive(settings, scheme.implicit_step(), of.row, (gains, T::from_f64(held)));
+    }
     for (mode, row_solution) in s.modes.iter_mut().zip(solutions) {
         (mode.stuck, mode.target) = (T::from_f64(row_solution.stuck), T::from_f64(row_solution.target));
         s.dry[mode.row] = T::from_f64(row_solution.torque);
@@ -412,6 +426,7 @@ impl<T: Real> StepGradients<T> {
             let noise_bar = -(u_bar * s.m[i][row]);
             let v0 = settings.properties.friction_speed;
             acting[TORQUE][row] += u_bar;
+            acting[RATE][row] = of.derivative.mul_add(u_bar, acting[RATE][row]);
             acting[ARMATURE][row] += noise_bar;
             acting[DAMPING][row] = acting[DAMPING][row].minus_product(v, u_bar);
             acting[STIFFNESS][row] = acting[STIFFNESS][row].minus_product(s.displaced[row], u_bar);
@@ -446,6 +461,10 @@ impl<T: Real> StepGradients<T> {
                 chord[row] += by_damping;
             }
         }
+        // At a limit of the sum, the applied torque has no effect.
+        for &row in settings.limited.iter().filter(|_| settings.limits_sum) {
+            acting[TORQUE][row] = acting[TORQUE][row].minus_product(s.rows[row].side.abs(), by_u[row]);
+        }
         // A joint without friction can have that of joints that follow it, which the loop above contains.
         let rubs = |row: usize| settings.properties.friction[row] != 0.0;
         for (mode, of) in s.modes.iter().zip(&settings.set_valued).filter(|(_, of)| of.friction > 0.0 && rubs(of.row)) {
@@ -465,8 +484,11 @@ impl<T: Real> StepGradients<T> {
                     let of = &s.rows[row];
                     spring[row] = -((if by_spring { of.stiffness } else { of.proportional }) * by_u[row]);
                 }
-                let row = rows.start;
-                body.motion.displacement_cotangent((&rest[at..], &s.q_stage[at..]), &spring[row..], &mut by_q[row..]);
+                let (row, ends) = (rows.start, (&rest[at..], &s.q_stage[at..]));
+                body.motion.displacement_cotangent(ends, &spring[row..], &mut by_q[row..]);
+                if !by_spring {
+                    body.motion.rest_cotangent(ends, &spring[row..], &mut acting[TARGET][row..]);
+                }
             }
         }
     }

@@ -47,23 +47,28 @@ pub(super) fn step_settings(
     of.restitution = settings.restitution;
     of.stops = stops;
     of.accuracy = accuracy;
-    of.set_valued = set_valued(scene, of.coupling.as_deref(), &of.properties, stops && is_tree);
+    if let Some(gains) = &of.gains {
+        of.limits_sum = gains.limits_sum;
+        of.limited = (0..scene.nv()).filter(|&row| gains.is_limited(scene.nv(), row)).collect();
+    }
+    of.set_valued = set_valued(scene, &of, stops && is_tree);
     of.tolerance = settings.tolerance;
     of.connected = !scene.constraints().is_empty();
     of.compliance.clone_from(&settings.compliance);
     of
 }
 
-/// For a scene with connections: the rows with exact friction or stops.
+/// For a scene with connections: the rows with exact friction, stops or limits of effort.
 pub(super) fn closed_rows(scene: &Scene, settings: &StepSettings) -> Vec<SetValued> {
-    set_valued(scene, settings.coupling.as_deref(), &settings.properties, settings.stops)
+    set_valued(scene, settings, settings.stops)
 }
 
-/// The rows with exact friction or stops. For coupled joints, these are the independent rows, with the friction and
-/// limits of the joints that follow them.
-fn set_valued(scene: &Scene, coupling: Option<&Coupling>, properties: &Properties, stops: bool) -> Vec<SetValued> {
+/// The rows with exact friction, stops or limits of effort. For coupled joints, friction and stops are those of the
+/// independent rows, with the friction and limits of the joints that follow them.
+fn set_valued(scene: &Scene, settings: &StepSettings, stops: bool) -> Vec<SetValued> {
+    let StepSettings { properties, limited, .. } = settings;
     let exact = properties.friction_speed == 0.0;
-    let reduced = coupling.map(|coupling| {
+    let reduced = settings.coupling.as_ref().map(|coupling| {
         let friction = coupling.torques(&coupling.reduce_friction(&properties.friction));
         let limits: HashMap<usize, _> =
             coupling.independent_coordinates_at().iter().copied().zip(coupling.limits()).collect();
@@ -84,9 +89,10 @@ fn set_valued(scene: &Scene, coupling: Option<&Coupling>, properties: &Propertie
         let (lower, upper) = bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
         for row in joint.v.clone() {
             let friction = if exact { friction[row] } else { 0.0 };
-            if friction > 0.0 || bounds.is_some() {
+            let drives = limited.contains(&row);
+            if friction > 0.0 || bounds.is_some() || drives {
                 let coordinate = joint.q.start;
-                rows.push(SetValued { row, coordinate, friction, stops: bounds.is_some(), lower, upper });
+                rows.push(SetValued { row, coordinate, friction, stops: bounds.is_some(), lower, upper, drives });
             }
         }
     }
@@ -105,11 +111,11 @@ const CONTROLLED: f64 = 1e-3;
 /// this step, by the bounds sum d (M^-1)_jj and sum k (M^-1)_jj at the first state, and friction is exact.
 fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>, q: &[f64]) -> Method {
     let (nq, nv) = (scene.nq(), scene.nv());
-    let with = |own: &[f64], settings: Option<&[f64]>| -> Vec<f64> {
-        own.iter().enumerate().map(|(i, x)| x + settings.map_or(0.0, |settings| settings[i])).collect()
+    let with = |own: &[f64], which: usize| -> Vec<f64> {
+        let gain = |row: usize| gains.map_or(0.0, |gains| gains.largest(nv, row)[which]);
+        own.iter().enumerate().map(|(row, x)| x + gain(row)).collect()
     };
-    let damping = with(&properties.damping, gains.map(|gains| &gains.derivative[..]));
-    let stiffness = with(&properties.stiffness, gains.map(|gains| &gains.proportional[..]));
+    let (damping, stiffness) = (with(&properties.damping, 1), with(&properties.stiffness, 0));
     let regularized = properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f > 0.0);
     if regularized {
         return Method::Rosenbrock2;

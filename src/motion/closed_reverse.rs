@@ -4,7 +4,7 @@
 //! Every Newton step of the projection of positions is differentiated: its result is that of least kinetic energy to
 //! first order only, and depends on the steps beyond.
 
-use super::backward::{ARMATURE, BackwardSolver, FRICTION, StepGradients, backward};
+use super::backward::{ARMATURE, BackwardSolver, FRICTION, RATE, StepGradients, TARGET, TORQUE, backward};
 use super::closed_steps::{ClosedScratch, ClosedSteps};
 use super::closed_stop_reverse::StopReverse;
 use super::closed_stops::{StopRecord, is_past};
@@ -165,6 +165,7 @@ impl ClosedReverse {
         if acts && !settings.set_valued.is_empty() {
             by.0 = without;
             clear(&mut s.dry);
+            s.release_drives(settings, scheme.implicit_step());
             forces.clear();
             step(by, s, &mut Recorded { forward: &mut forward, forces });
             free.copy_from_slice(&s.v_next);
@@ -176,6 +177,12 @@ impl ClosedReverse {
         let mut record = acts.then(StopRecord::default);
         if let Some(record) = &mut record {
             forward.stop(settings, rows, (s, (scheme.step, 0.0, &mut Vec::new())), record).map_err(named)?;
+            if !settings.limited.is_empty() && record.rebound(s, scheme.step).is_some() {
+                let expected =
+                    "restitution 0, or a control law without limits of effort, for gradients in closed loops";
+                let error = Error::argument("restitution", settings.restitution.to_string(), expected);
+                return Err((String::new(), error));
+            }
             if record.kept < 1.0 {
                 let expected = "rebounds that leave the kinetic energy below that before, or a smaller restitution: a \
                                 rebound that the energy limits has no gradient";
@@ -196,6 +203,9 @@ impl ClosedReverse {
             by_v: vec![0.0; nv],
             by_free: vec![0.0; nv],
             by_friction: vec![0.0; nv],
+            by_target: vec![0.0; nv],
+            by_rate: vec![0.0; nv],
+            by_torque: vec![0.0; nv],
         };
         let mut through = Ok(());
         if let Some(record) = &record {
@@ -203,7 +213,7 @@ impl ClosedReverse {
             clear(&mut gradients.end[0]);
             gradients.end[1].copy_from_slice(&stopped.by_free);
         }
-        let StopReverse { by_q, by_v, by_friction, .. } = stopped;
+        let StopReverse { by_q, by_v, by_friction, by_target, by_rate, by_torque, .. } = stopped;
         let through = through.and_then(|()| {
             through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &end), gradients)
         });
@@ -218,7 +228,10 @@ impl ClosedReverse {
         }
         add_scaled(&mut gradients.acting[ARMATURE], 1.0, &adjoint.noise);
         add_scaled(gradients.parameters.as_flattened_mut(), 1.0, adjoint.parameters.as_flattened());
-        add_scaled(&mut gradients.acting[FRICTION], 1.0, &by_friction);
+        let acting = [(FRICTION, by_friction), (TARGET, by_target), (RATE, by_rate), (TORQUE, by_torque)];
+        for (which, more) in acting {
+            add_scaled(&mut gradients.acting[which], 1.0, &more);
+        }
         for (start, more) in gradients.start.iter_mut().zip([by_q, by_v]) {
             add_scaled(start, 1.0, &more);
         }

@@ -19,7 +19,7 @@ use crate::workspace::Workspace;
 /// Scratch memory for the steps of one state.
 pub(super) struct ClosedScratch {
     pub rows_of_connections: ConstrainedScratch,
-    /// The joints with friction or stops, and the settings of steps without friction.
+    /// The joints with friction, stops or limits of effort, and the settings of steps without friction and these limits.
     pub rows: Vec<SetValued>,
     pub without: StepSettings,
 }
@@ -29,7 +29,7 @@ impl ClosedScratch {
         Self {
             rows_of_connections: ConstrainedScratch::new(scene, settings, form),
             rows: closed_rows(scene, settings),
-            without: StepSettings { set_valued: Vec::new(), ..settings.clone() },
+            without: StepSettings { set_valued: Vec::new(), limited: Vec::new(), ..settings.clone() },
         }
     }
 }
@@ -82,7 +82,9 @@ impl Steps for ClosedSteps<'_> {
         let mut found = self.failure.take().map_or(Ok(()), Err);
         if found.is_ok() && !settings.set_valued.is_empty() {
             clear(&mut s.dry);
-            step((without, &Scheme::new(settings.method, ending.0)), s, &mut solver);
+            let scheme = Scheme::new(settings.method, ending.0);
+            s.release_drives(settings, scheme.implicit_step());
+            step((without, &scheme), s, &mut solver);
             found = solver.finish(settings, s);
         }
         let (h, mut record) = (ending.0, StopRecord::default());

@@ -9,10 +9,12 @@
 //! ```
 //!
 //! so that the rows S, which are constant, are further rows of the [adjoint of the
-//! connections](crate::dynamics::constraints).
+//! connections](crate::dynamics::constraints). A row on the slope b of its control law is one with the compliance 1/(h b):
+//! r = c - b v, so that `y_S` = sigma/(h b).
 
-use super::closed_stops::{Displacement, LawSolution, StopRecord, solution_of_stuck};
-use super::constrained::ConstrainedScratch;
+use super::closed_stops::{Displacement, LawSolution, StopRecord};
+use super::constrained::{ConstrainedScratch, solution_of_stuck};
+use super::drives::{KD, KP};
 use super::manifold::advance_cotangents;
 use super::modes::STUCK_NOISE;
 use super::scratch::Scratch;
@@ -34,6 +36,9 @@ pub(super) struct StopReverse<'a> {
     pub by_v: Vec<f64>,
     pub by_free: Vec<f64>,
     pub by_friction: Vec<f64>,
+    pub by_target: Vec<f64>,
+    pub by_rate: Vec<f64>,
+    pub by_torque: Vec<f64>,
 }
 
 impl StopReverse<'_> {
@@ -101,7 +106,7 @@ impl StopReverse<'_> {
         (free, solution): (&[f64], &LawSolution),
         of_v: &[f64],
     ) -> Result<Vec<f64>, RowFault> {
-        let Self { scene, settings, h, closed, adjoint, by_q, by_v, by_free, by_friction } = self;
+        let Self { scene, settings, h, closed, adjoint, by_q, by_v, by_free, .. } = self;
         let (h, compliance, system) = (*h, &settings.compliance[..], (&s.model, scene.constraints()));
         let ConstrainedScratch { workspace, rows, .. } = &mut **closed;
         let stuck = &solution.stuck;
@@ -125,6 +130,7 @@ impl StopReverse<'_> {
         for (a, of) in stuck.iter().enumerate() {
             unit[of.row] = 1.0;
             g.set_column(a, &solved(&unit, adjoint));
+            g[(a, a)] += of.compliance;
             unit[of.row] = 0.0;
         }
         let sigma = solution_of_stuck(g.clone(), g.amax(), |sigma| &wanted - &g * sigma);
@@ -143,10 +149,27 @@ impl StopReverse<'_> {
             by_v[of.row] += sigma * of.slopes[1];
             of_bent[of.row] += sigma * of.by_bent;
         }
+        // Constant torques, also those of rows on the slope of a control law.
         for (row, &friction) in settings.properties.friction.iter().enumerate().filter(|(_, f)| **f > 0.0) {
-            if stuck.iter().all(|of| of.row != row) {
-                by_friction[row] += h * y[row] * solution.torques[row] / friction;
+            if stuck.iter().all(|of| of.row != row || of.compliance > 0.0) {
+                self.by_friction[row] += h * y[row] * solution.rubbing[row] / friction;
             }
+        }
+        let mut of_displaced = vec![0.0; y.len()];
+        for of in stuck.iter().filter(|of| of.compliance > 0.0) {
+            of_displaced[of.row] = -h * y[of.row] * s.gains[KP][of.row];
+            self.by_rate[of.row] += h * y[of.row] * s.gains[KD][of.row];
+        }
+        for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
+            let (row, ends) = (stage.first_row, (&s.target[body.q..], &s.q[body.q..]));
+            if of_displaced[row..row + stage.rows.count()].iter().any(|x| *x != 0.0) {
+                body.motion.displacement_cotangent(ends, &of_displaced[row..], &mut by_q[row..]);
+                body.motion.rest_cotangent(ends, &of_displaced[row..], &mut self.by_target[row..]);
+            }
+        }
+        // At a limit of the sum, the applied torque has no effect.
+        for &row in solution.at_limit.iter().filter(|_| settings.limits_sum) {
+            self.by_torque[row] -= h * y[row];
         }
         Ok(of_bent)
     }

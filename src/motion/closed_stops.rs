@@ -12,14 +12,14 @@
 //! At a dead center connections can prevent a joint from returning to its limits. Such a demand is dropped in this
 //! step.
 
-use super::constrained::{Constrained, Failure};
+use super::constrained::{Constrained, Failure, solution_of_stuck};
 use super::events::{Ending, Rebound, StopImpact, largest};
 use super::limit_rows::{is_violent, rebounds, settle_at};
 use super::manifold::advance;
 use super::modes::STUCK_NOISE;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
-use super::stops::{Graph, Hold, Piece, SetValued, settle};
+use super::stops::{Drive, Graph, Hold, Line, Piece, SetValued, settle};
 use super::totals::note_dropped;
 use super::works::RowWork;
 use crate::contact::{Cone, expansion_kept};
@@ -35,11 +35,6 @@ const LATE: f64 = 1e-12;
 /// at most this number of times.
 const CURVED: f64 = 1e-13;
 const CORRECTIONS: usize = 10;
-
-/// Compliance of the stuck rows, relative to the diagonal of their matrix and to its largest entry, which makes the
-/// torques of dependent rows unique; and the number of steps that remove it from the velocities.
-const COMPLIANCE: [f64; 2] = [1e-9, 1e-13];
-const REFINEMENTS: usize = 4;
 
 /// A velocity demanded by a stop is not met if it is missed by more than this, relative to the largest change.
 const MISSED: f64 = 1e-5;
@@ -60,6 +55,8 @@ struct Acting {
     g: DMatrix<f64>,
     /// Per row of the scene: 0, or 1 if its stop only prevents motion further outside, or 2 if it is dropped.
     reduced: Vec<u8>,
+    /// The control laws with limits of effort.
+    drives: Vec<Option<Drive>>,
 }
 
 /// A solution of the set-valued law: all velocities at the end, and the torques and pieces of the acting rows.
@@ -68,24 +65,33 @@ struct Solution {
     velocities: Vec<f64>,
     torques: DVector<f64>,
     holds: Vec<Option<Hold>>,
+    /// The torque of friction of a moving row, and that of the control law, with its piece.
+    rubbing: Vec<f64>,
+    driven: Vec<f64>,
+    lines: Vec<Line>,
 }
 
 /// A solution of the law in a step, for its adjoint: v = `v_free` + W r.
 #[derive(Default)]
 pub(super) struct LawSolution {
     pub velocities: Vec<f64>,
-    /// r of every row of the model.
+    /// r of every row of the model, and the part of friction in that of moving rows.
     pub torques: Vec<f64>,
-    /// The rows on vertical pieces.
+    pub rubbing: Vec<f64>,
+    /// The rows on vertical pieces, and those on the slope of a control law.
     pub stuck: Vec<StuckRow>,
+    /// The rows whose control law is at a limit of effort.
+    pub at_limit: Vec<usize>,
     /// The rows that friction holds: projections do not move them.
     pub locked: Vec<usize>,
 }
 
-/// A row whose velocity is prescribed.
+/// A row whose velocity is prescribed, or is linear in its torque.
 pub(super) struct StuckRow {
     /// Index in v.
     pub row: usize,
+    /// 1/(h b) for the slope b of a control law, else zero.
+    pub compliance: f64,
     /// The derivatives of its velocity by q and v at the start, and by the curvature of the connections.
     pub slopes: [f64; 2],
     pub by_bent: f64,
@@ -154,9 +160,7 @@ impl Constrained<'_> {
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
         let limits: Vec<_> = rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h)).collect();
         let bounds: Vec<[f64; 2]> = limits.iter().map(|of| of.map(|bound| bound.velocity)).collect();
-        let (near, n) = ((0..rows.len()).filter(|&i| rows[i].friction > 0.0).collect::<Vec<_>>(), rows.len());
-        let mut acting = Acting { near: Vec::new(), columns: Vec::new(), g: DMatrix::zeros(0, 0), reduced: vec![0; n] };
-        self.join(&mut acting, &near, (rows, h), s)?;
+        let (mut acting, n) = (self.acting(settings, (rows, h), s)?, rows.len());
         let mut bent = vec![0.0; n];
         let mut correction = 0;
         let (reached, is_still) = loop {
@@ -175,7 +179,7 @@ impl Constrained<'_> {
                 found = acting.solved(rows, &free, wanted);
             }
             let by_bent = if record.displacements.is_empty() { 0.0 } else { -1.0 };
-            let solution = acting.recorded(rows, (&found, &found.holds), |i, side| {
+            let solution = acting.recorded((rows, h), (&found, &found), |i, side| {
                 let is_reduced = acting.reduced[i] > 0 && limits[i][side].velocity * [1.0, -1.0][side] > 0.0;
                 if is_reduced { ([0.0; 2], 0.0) } else { (limits[i][side].slopes, by_bent) }
             });
@@ -233,11 +237,11 @@ impl Constrained<'_> {
         let (resting, rebounding): (Vec<_>, Vec<_>) = (0..n).map(|i| (returning(i), back(i))).unzip();
         let mut last = if is_stopped { acting.solved(rows, &free, |i| resting[i]) } else { reached.clone() };
         record.kept = 1.0;
-        let mut pieces = last.holds.clone();
+        let mut pieces = last.clone();
         if elastic {
             (record.kept, pieces) = acting.expand(rows, &free, h, &mut last, |i| rebounding[i]);
         }
-        record.last = acting.recorded(rows, (&last, &pieces), |i, side| match () {
+        record.last = acting.recorded((rows, h), (&last, &pieces), |i, side| match () {
             () if bounced[i] => ([0.0, -settings.restitution], 0.0),
             () if rows[i].is_outside(&s.q) => (limits[i][side].slopes, 0.0),
             () => ([0.0; 2], 0.0),
@@ -278,6 +282,26 @@ impl Constrained<'_> {
         projected.map(|()| moved)
     }
 
+    /// The rows that act in every step: those with friction or limits of effort.
+    fn acting(
+        &mut self,
+        settings: &StepSettings,
+        (rows, h): (&[SetValued], f64),
+        s: &mut Scratch<f64>,
+    ) -> Result<Acting, Failure> {
+        let near: Vec<usize> = (0..rows.len()).filter(|&i| rows[i].friction > 0.0 || rows[i].drives).collect();
+        s.displace_from_targets(settings, false);
+        let mut acting = Acting {
+            near: Vec::new(),
+            columns: Vec::new(),
+            g: DMatrix::zeros(0, 0),
+            reduced: vec![0; rows.len()],
+            drives: rows.iter().map(|of| of.drives.then(|| Drive::of(settings, s, of.row, h))).collect(),
+        };
+        self.join(&mut acting, &near, (rows, h), s)?;
+        Ok(acting)
+    }
+
     /// Adds rows to the acting ones.
     fn join(
         &mut self,
@@ -316,7 +340,7 @@ impl Acting {
                     (1, [low, high]) => [low.min(0.0), high.max(0.0)],
                     _ => [f64::NEG_INFINITY, f64::INFINITY],
                 };
-                Graph::between(low, high.max(low), rows[i].friction)
+                Graph::between(low, high.max(low), rows[i].friction, self.drives[i])
             };
             let graphs: Vec<Graph> = self.near.iter().map(graph).collect();
             let mut pieces: Vec<Piece> = graphs.iter().zip(&own).map(|(graph, &u)| graph.piece(u)).collect();
@@ -324,11 +348,9 @@ impl Acting {
                 let (torques, u) = self.response(&own, &graphs, pieces);
                 let (slow, weak) = (ROUNDING * (own.amax() + u.amax()), ROUNDING * torques.amax());
                 for (a, (graph, &piece)) in graphs.iter().zip(pieces).enumerate() {
-                    let (value, tolerance) = match piece {
-                        Piece::At(_) => (torques[a], weak + ROUNDING * rows[self.near[a]].friction),
-                        Piece::Between(_) => (u[a], slow),
-                    };
-                    found.extend(graph.contradicted(piece, value, tolerance).map(|piece| (a, piece)));
+                    let value = if matches!(piece, Piece::At(_)) { torques[a] } else { u[a] };
+                    let weak = weak + ROUNDING * rows[self.near[a]].friction;
+                    found.extend(graph.contradicted(piece, value, [slow, weak]).map(|piece| (a, piece)));
                 }
             });
             let (torques, u) = self.response(&own, &graphs, &pieces);
@@ -349,10 +371,14 @@ impl Acting {
                 let v = &mut velocities[rows[i].row];
                 *v = hold.map_or(*v, |(velocity, _)| if (*v - velocity).abs() <= LATE { velocity } else { *v });
             }
+            let lines = || graphs.iter().zip(&pieces).map(|(graph, &piece)| graph.line(piece));
             return Solution {
                 velocities,
                 torques,
                 holds: holds.iter().map(|hold| hold.map(|(_, hold)| hold)).collect(),
+                rubbing: graphs.iter().zip(&pieces).map(|(graph, &piece)| graph.torque(piece)).collect(),
+                driven: lines().zip(&u).map(|(line, u)| line.at(*u)).collect(),
+                lines: lines().collect(),
             };
         }
     }
@@ -381,23 +407,34 @@ impl Acting {
         any
     }
 
-    /// The torques of the rows on these pieces, and their velocities.
+    /// The torques of the rows on these pieces, and their velocities. Those of stuck rows, and of rows on the slope of a
+    /// control law, r = c - b u, are unknown: u = w - r/b with w the prescribed velocity, or c/b.
     fn response(&self, free: &DVector<f64>, graphs: &[Graph], pieces: &[Piece]) -> (DVector<f64>, DVector<f64>) {
-        let stuck: Vec<(usize, f64)> = graphs
-            .iter()
-            .zip(pieces)
-            .enumerate()
-            .filter_map(|(a, (graph, &piece))| graph.velocity(piece).map(|(velocity, _)| (a, velocity)))
-            .collect();
-        let mut torques = DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]));
-        let g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
+        let unknown = |(a, (graph, &piece)): (usize, (&Graph, &Piece))| match (graph.velocity(piece), graph.line(piece))
+        {
+            (Some((velocity, _)), _) => Some((a, velocity, 0.0)),
+            (None, Line { torque, slope, .. }) if slope > 0.0 => {
+                Some((a, (graph.torque(piece) + torque) / slope, 1.0 / slope))
+            }
+            _ => None,
+        };
+        let stuck: Vec<(usize, f64, f64)> = graphs.iter().zip(pieces).enumerate().filter_map(unknown).collect();
+        let mut torques =
+            DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]) + graphs[a].line(pieces[a]).torque);
+        let mut g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
+        for (a, (.., compliance)) in stuck.iter().enumerate() {
+            g[(a, a)] += compliance;
+        }
         let largest = (0..self.g.nrows()).fold(f64::MIN_POSITIVE, |most, a| most.max(self.g[(a, a)]));
         solution_of_stuck(g, largest, |found| {
-            for (&(a, _), torque) in stuck.iter().zip(found) {
+            for (&(a, ..), torque) in stuck.iter().zip(found) {
                 torques[a] = *torque;
             }
             let u = free + &self.g * &torques;
-            DVector::from_fn(stuck.len(), |a, _| stuck[a].1 - u[stuck[a].0])
+            DVector::from_fn(stuck.len(), |k, _| {
+                let (a, velocity, compliance) = stuck[k];
+                velocity - compliance * torques[a] - u[a]
+            })
         });
         let u = free + &self.g * &torques;
         (torques, u)
@@ -411,7 +448,7 @@ impl Acting {
         h: f64,
         rest: &mut Solution,
         bounds: impl Fn(usize) -> [f64; 2],
-    ) -> (f64, Vec<Option<Hold>>) {
+    ) -> (f64, Solution) {
         let bounced = self.solved(rows, free, bounds);
         let normal = |of: &dyn Fn(usize) -> f64| {
             DVector::from_fn(3 * self.near.len(), |row, _| if row % 3 == 2 { of(row / 3) } else { 0.0 })
@@ -430,31 +467,40 @@ impl Acting {
         for (v, bounced) in rest.velocities.iter_mut().zip(&bounced.velocities) {
             *v += kept * (bounced - *v);
         }
-        (kept, bounced.holds)
+        for (torque, bounced) in rest.driven.iter_mut().zip(&bounced.driven) {
+            *torque += kept * (bounced - *torque);
+        }
+        (kept, bounced)
     }
 
     /// A solution on these pieces for its adjoint. `slopes`: the derivatives of a bound, 0 or 1, of a row by q and v,
     /// and by the curvature of the connections.
     fn recorded(
         &self,
-        rows: &[SetValued],
-        (found, pieces): (&Solution, &[Option<Hold>]),
+        (rows, h): (&[SetValued], f64),
+        (found, pieces): (&Solution, &Solution),
         slopes: impl Fn(usize, usize) -> ([f64; 2], f64),
     ) -> LawSolution {
         let mut solution = LawSolution { velocities: found.velocities.clone(), ..LawSolution::default() };
         solution.torques.resize(found.velocities.len(), 0.0);
+        solution.rubbing.resize(found.velocities.len(), 0.0);
         for (a, &index) in self.near.iter().enumerate() {
             let row = rows[index].row;
-            solution.torques[row] = found.torques[a];
+            (solution.torques[row], solution.rubbing[row]) = (found.torques[a], pieces.rubbing[a]);
             if found.holds[a] == Some(Hold::Friction) {
                 solution.locked.push(row);
             }
-            let (slopes, by_bent) = match pieces[a] {
+            let Line { slope, is_limit, .. } = pieces.lines[a];
+            if is_limit {
+                solution.at_limit.push(row);
+            }
+            let ((slopes, by_bent), compliance) = match pieces.holds[a] {
+                None if slope > 0.0 => (([0.0; 2], 0.0), 1.0 / (h * slope)),
                 None => continue,
-                Some(Hold::Friction) => ([0.0; 2], 0.0),
-                Some(hold) => slopes(index, usize::from(hold == Hold::Upper)),
+                Some(Hold::Friction) => (([0.0; 2], 0.0), 0.0),
+                Some(hold) => (slopes(index, usize::from(hold == Hold::Upper)), 0.0),
             };
-            solution.stuck.push(StuckRow { row, slopes, by_bent });
+            solution.stuck.push(StuckRow { row, compliance, slopes, by_bent });
         }
         solution
     }
@@ -469,7 +515,10 @@ impl Acting {
     ) -> Vec<StopImpact> {
         let mut impacts = Vec::new();
         for (at, &i) in self.near.iter().enumerate() {
-            let (of, torque) = (&rows[i], last.torques[at]);
+            let (of, torque) = (&rows[i], last.torques[at] - last.driven[at]);
+            if of.drives {
+                s.control[of.row] = h * last.driven[at];
+            }
             let hold = reached.holds[at].filter(|&hold| hold != Hold::Friction);
             let impulse = RowWork::new(of, (h, torque, hold), s).add(s);
             let Some(hold) = hold else { continue };
@@ -502,7 +551,7 @@ impl Acting {
             lasts &= match hold {
                 Some(Hold::Friction) => start == 0.0,
                 Some(_) => is_at_stop,
-                None => start * s.v_next[of.row] >= 0.0,
+                None => of.friction == 0.0 || start * s.v_next[of.row] >= 0.0,
             };
             if hold.is_some_and(|hold| hold != Hold::Friction) && !bounced[i] && !is_at_stop {
                 let (back, slowing) = (settings.restitution * start.abs(), (free[of.row] - start).abs() / h);
@@ -525,26 +574,4 @@ impl Acting {
         }
         before
     }
-}
-
-/// The solution of a system with the matrix `g` of the stuck rows, whose `residual` vanishes at it; unique also if rows
-/// are dependent. Calls `residual` with the solution at last. `largest` entry of the matrix of all rows.
-pub(super) fn solution_of_stuck(
-    mut g: DMatrix<f64>,
-    largest: f64,
-    mut residual: impl FnMut(&DVector<f64>) -> DVector<f64>,
-) -> DVector<f64> {
-    let mut found = DVector::zeros(g.nrows());
-    let [own, beside] = COMPLIANCE;
-    for a in 0..g.nrows() {
-        g[(a, a)] += own * g[(a, a)] + beside * largest;
-    }
-    let mut left = residual(&found);
-    if let Some(factor) = g.cholesky() {
-        for _ in 0..REFINEMENTS {
-            found += factor.solve(&left);
-            left = residual(&found);
-        }
-    }
-    found
 }

@@ -14,9 +14,15 @@ use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
+use nalgebra::{DMatrix, DVector};
 
 /// The fix that the error of a step suggests.
 const SMALLER: &str = "a step that ends near a configuration that satisfies the connections: take a smaller dt";
+
+/// Compliance of the stuck rows, relative to the diagonal of their matrix and to its largest entry, which makes the
+/// torques of dependent rows unique; and the number of steps that remove it from the velocities.
+const COMPLIANCE: [f64; 2] = [1e-9, 1e-13];
+const REFINEMENTS: usize = 4;
 
 /// The singular pivot, or the error, that ends a step.
 pub(super) type Failure = (Option<LostPivot>, Option<Error>);
@@ -163,4 +169,26 @@ impl Constrained<'_> {
         let Some(row) = velocities.stays else { return Ok(()) };
         Err((None, Some(scene.open_at("the end of a step", row, velocities.left, "m/s or rad/s", SMALLER))))
     }
+}
+
+/// The solution of a system with the matrix `g` of the stuck rows, whose `residual` vanishes at it; unique also if rows
+/// are dependent. Calls `residual` with the solution at last. `largest` entry of the matrix of all rows.
+pub(super) fn solution_of_stuck(
+    mut g: DMatrix<f64>,
+    largest: f64,
+    mut residual: impl FnMut(&DVector<f64>) -> DVector<f64>,
+) -> DVector<f64> {
+    let mut found = DVector::zeros(g.nrows());
+    let [own, beside] = COMPLIANCE;
+    for a in 0..g.nrows() {
+        g[(a, a)] += own * g[(a, a)] + beside * largest;
+    }
+    let mut left = residual(&found);
+    if let Some(factor) = g.cholesky() {
+        for _ in 0..REFINEMENTS {
+            found += factor.solve(&left);
+            left = residual(&found);
+        }
+    }
+    found
 }

@@ -13,7 +13,7 @@ use super::scratch::{Scratch, clear};
 use super::solver::Checked;
 use super::step::{set_friction, stage};
 use super::step_settings::StepSettings;
-use super::stops::{Graph, Hold, Piece, SetValued, settle};
+use super::stops::{Drive, Graph, Hold, Line, Piece, SetValued, settle};
 use super::totals::{STOPS, TOTALS, UNSETTLED, WORKS};
 use super::works::{RowWork, add_work};
 use crate::dynamics;
@@ -82,6 +82,7 @@ impl Events {
         let scheme = Scheme::new(Method::ImplicitEuler, h);
         let by = (settings, &scheme);
         s.adopt(settings, &scheme);
+        s.release_drives(settings, h);
         if settings.regularized {
             set_friction(by, s);
         }
@@ -93,7 +94,8 @@ impl Events {
         self.graphs.clear();
         self.pieces.clear();
         for of in &settings.set_valued {
-            let graph = Graph::new(of, (s.q[of.coordinate], s.v[of.row]), h);
+            let drive = of.drives.then(|| Drive::of(settings, s, of.row, h));
+            let graph = Graph::new(of, (s.q[of.coordinate], s.v[of.row]), h, drive);
             self.graphs.push(graph);
             self.pieces.push(graph.piece(s.v[of.row]));
         }
@@ -178,6 +180,9 @@ impl Events {
             s.q_next[settings.set_valued[*row].coordinate] = *bound;
         }
         for (i, of) in settings.set_valued.iter().enumerate() {
+            if of.drives {
+                s.control[of.row] = h * self.graphs[i].line(self.pieces[i]).at(s.v_next[of.row]);
+            }
             let impulse = self.work(i, of, h, s).add(s);
             let upper = match self.graphs[i].velocity(self.pieces[i]) {
                 Some((_, Hold::Lower)) if s.v[of.row] < 0.0 => false,
@@ -247,12 +252,14 @@ impl Events {
     /// Stores the accelerations of the stuck rows in the current solution, and the torques of the moving ones.
     fn store_solution(&mut self, settings: &StepSettings, h: f64, s: &Scratch<f64>) {
         let each = settings.set_valued.iter().zip(&self.graphs).zip(&self.pieces).map(|((of, graph), &piece)| {
+            let driven = graph.line(piece);
             let Some((velocity, hold)) = graph.velocity(piece) else {
-                return RowSolution { stuck: 0.0, torque: graph.torque(piece), target: 0.0, slopes: [0.0; 2] };
+                let torque = graph.torque(piece);
+                return RowSolution { stuck: 0.0, torque, target: 0.0, slopes: [0.0; 2], driven };
             };
             let [by_q, by_v] = graph.slopes(hold);
             let target = (velocity - s.v[of.row]) / h;
-            RowSolution { stuck: 1.0, torque: 0.0, target, slopes: [by_q / h, (by_v - 1.0) / h] }
+            RowSolution { stuck: 1.0, torque: 0.0, target, slopes: [by_q / h, (by_v - 1.0) / h], driven }
         });
         self.solutions.push(EventSolution { rows: each.collect(), accelerations: s.m[0].clone() });
     }
@@ -277,6 +284,9 @@ impl Events {
                 s.m[0] = coupling.rates(&coupling.independent_rates(&s.m[0]));
             }
             s.model.system.noise.copy_from_slice(noise);
+            for ((of, graph), &piece) in rows() {
+                s.model.system.noise[of.row] += h * graph.line(piece).slope;
+            }
             dynamics::inverse_dynamics(&s.model, &mut solver.workspace, &s.q, &s.v, &s.m[0], &[], torque);
             for ((right, given), torque) in right.iter_mut().zip(&*given).zip(&*torque) {
                 *right = given - torque;
@@ -285,16 +295,18 @@ impl Events {
                 if graph.velocity(piece).is_some() {
                     s.model.system.noise[of.row] = STUCK_NOISE;
                 } else {
-                    right[of.row] += graph.torque(piece);
+                    right[of.row] += graph.torque(piece) + graph.line(piece).at(s.v[of.row]);
                 }
             }
             solver.factorise_and_solve(&s.model, &s.q, &right, &mut s.m[1]);
             s.model.system.noise.copy_from_slice(noise);
             for ((of, graph), &piece) in rows() {
                 // The torque that holds a stuck row, and the size of the torques whose difference it is.
+                let driven = graph.line(piece);
                 let held = graph.velocity(piece).map(|_| -(STUCK_NOISE * s.m[1][of.row]));
-                torque[of.row] = held.unwrap_or_else(|| graph.torque(piece));
-                right[of.row] = right[of.row].abs() + given[of.row].abs() + of.friction;
+                torque[of.row] = held.map_or_else(|| graph.torque(piece), |held| held - driven.torque);
+                let size = driven.torque.abs() + (driven.slope * s.v[of.row]).abs();
+                right[of.row] = right[of.row].abs() + given[of.row].abs() + of.friction + size;
                 if held.is_some() {
                     s.m[1][of.row] = 0.0;
                 }
@@ -314,13 +326,12 @@ impl Events {
             }
             let fastest = largest(&s.m[0], 0.0);
             for (i, ((of, graph), &piece)) in rows().enumerate() {
-                let change = match piece {
-                    Piece::At(_) => graph.contradicted(piece, torque[of.row], ROUNDING_OF_TORQUES * right[of.row]),
-                    Piece::Between(_) => {
-                        let slow = ROUNDING * s.v[of.row].abs() + ROUNDING_OF_TORQUES * h * fastest;
-                        graph.contradicted(piece, s.v_next[of.row], slow)
-                    }
+                let slow = ROUNDING * s.v[of.row].abs() + ROUNDING_OF_TORQUES * h * fastest;
+                let value = match piece {
+                    Piece::At(_) => torque[of.row] + graph.line(piece).torque,
+                    Piece::Between(_) => s.v_next[of.row],
                 };
+                let change = graph.contradicted(piece, value, [slow, ROUNDING_OF_TORQUES * right[of.row]]);
                 found.extend(change.map(|piece| (i, piece)));
             }
         });
@@ -402,4 +413,6 @@ pub(super) struct RowSolution {
     /// Acceleration of a stuck row, and its derivatives by q and v of the row.
     pub target: f64,
     pub slopes: [f64; 2],
+    /// The torque of its control law with limits of effort.
+    pub driven: Line,
 }

@@ -6,6 +6,7 @@
 //! the number of steps between rows. If every step is recorded, none is recomputed. With contacts, the whole run is
 //! repeated and every step is stored. `reverser` iterates over the steps; `backward` differentiates one.
 
+use super::backward::{RATE, TARGET, TORQUE};
 use super::contact::{ContactReverse, ModeChange, check_reproduced};
 use super::gradient_layout::{Layout, RecordedRows};
 use super::job::Records;
@@ -32,6 +33,11 @@ pub struct RolloutGradients {
     pub qd: Vec<f64>,
     /// By the applied torques in their shape: (nv) for constant torques, also if there are none, or (steps, nv).
     pub torque: Vec<f64>,
+    /// By the targets of the control law, in the tangent space of each, (nv), or (steps, nv) if they change; empty
+    /// without a control law.
+    pub target: Vec<f64>,
+    /// By its target velocities, likewise.
+    pub target_rate: Vec<f64>,
     /// By the armature, (nv).
     pub armature: Vec<f64>,
     /// By the damping, (nv).
@@ -130,9 +136,15 @@ impl<S: Borrow<Scene>> Rollout<S> {
         }
         let (scene, states) = (self.scene(), self.states());
         let (nv, bodies) = (scene.nv(), if parameters { scene.model().bodies.len() } else { 0 });
-        let torques = if matches!(torque, Torque::Steps { .. }) { steps } else { 1 };
+        let each = |changes: bool| if changes { steps } else { 1 };
+        let gains = self.settings.gains.as_deref();
+        let inputs = [
+            each(matches!(torque, Torque::Steps { .. })),
+            gains.map_or(0, |gains| each(!gains.targets.is_empty())),
+            gains.map_or(0, |gains| each(!gains.target_rates.is_empty())),
+        ];
         let contacts = if touches { scene.contacts().len() } else { 0 };
-        let layout = Layout { nv, torques, bodies, contacts };
+        let layout = Layout { nv, inputs, bodies, contacts };
         let width = layout.width();
         let mut all = memory::filled("q", states.saturating_mul(width), 0.0).map_err(refuse)?;
         let settings = &self.settings.backward();
@@ -259,7 +271,9 @@ impl RolloutGradients {
             damping: of_rows(3)?,
             stiffness: of_rows(4)?,
             friction: of_rows(5)?,
-            torque: gathered(layout.torque(0).start..layout.contacts().start)?,
+            torque: gathered(layout.all(TORQUE))?,
+            target: gathered(layout.all(TARGET))?,
+            target_rate: gathered(layout.all(RATE))?,
             parameters: gathered(layout.parameters())?.as_chunks().0.to_vec(),
             contacts: ContactGradients::of(&gathered(layout.contacts())?),
             mode_changes: Vec::new(),

@@ -1,6 +1,6 @@
 //! The layout of the gradients of a rollout, and the recorded rows that they are computed from.
 
-use super::backward::ACTING;
+use super::backward::{ACTING, INPUTS};
 use super::contact::ContactReverse;
 use std::ops::Range;
 
@@ -19,13 +19,14 @@ pub struct RecordedRows<'a> {
     pub by_qd: &'a [f64],
 }
 
-/// Layout of the gradients of one state: by q, qd, armature, damping, stiffness and friction, then torques, then
-/// contacts, then parameters.
+/// Layout of the gradients of one state: by q, qd, armature, damping, stiffness and friction, then torques, targets and
+/// target velocities, then contacts, then parameters.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layout {
     pub nv: usize,
-    /// Number of torque vectors: one, or one per step.
-    pub torques: usize,
+    /// Number of vectors of torques, of targets and of target velocities: one, or one per step; none without a control
+    /// law.
+    pub inputs: [usize; INPUTS],
     /// Zero if parameters are not requested.
     pub bodies: usize,
     pub contacts: usize,
@@ -33,10 +34,11 @@ pub(super) struct Layout {
 
 impl Layout {
     /// Number of gradients with (nv) entries.
-    const OF_ROWS: usize = ACTING + 1;
+    const OF_ROWS: usize = ACTING - INPUTS + 2;
 
     pub fn width(&self) -> usize {
-        self.torques.saturating_add(Self::OF_ROWS).saturating_mul(self.nv).saturating_add(self.beyond())
+        let inputs = self.inputs.iter().fold(Self::OF_ROWS, |sum, count| sum.saturating_add(*count));
+        inputs.saturating_mul(self.nv).saturating_add(self.beyond())
     }
 
     /// Number of gradients by contacts and parameters.
@@ -49,9 +51,16 @@ impl Layout {
         first..first + ContactReverse::WIDTH * self.contacts
     }
 
-    pub fn torque(&self, index: usize) -> Range<usize> {
-        let first = (Self::OF_ROWS + index) * self.nv;
+    /// An input in one step, or in all.
+    pub fn input(&self, which: usize, index: usize) -> Range<usize> {
+        let first = (Self::OF_ROWS + self.inputs[..which].iter().sum::<usize>() + index) * self.nv;
         first..first + self.nv
+    }
+
+    /// An input in all steps.
+    pub fn all(&self, which: usize) -> Range<usize> {
+        let first = self.input(which, 0).start;
+        first..first + self.inputs[which] * self.nv
     }
 
     pub fn parameters(&self) -> Range<usize> {

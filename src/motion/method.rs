@@ -242,6 +242,12 @@ pub(crate) struct Scheme {
 }
 
 impl Scheme {
+    /// h g, the length over which a stage is implicit, the same for all stages of a method; zero for explicit ones.
+    #[inline(always)]
+    pub fn implicit_step(&self) -> f64 {
+        if self.implicit { self.tableau.gamma[0][0] } else { 0.0 }
+    }
+
     pub fn new(method: Method, step: f64) -> Self {
         let t = 1.0 / 6.0;
         // The weights of the method minus those of its embedded method.

@@ -59,6 +59,7 @@ mod connected;
 mod constrained;
 mod contact;
 mod division;
+mod drives;
 mod events;
 mod faults;
 mod gradient;

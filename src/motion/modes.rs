@@ -4,6 +4,8 @@
 //! bound, so that its acceleration is zero, and a sliding joint has constant friction. Two values per lane report
 //! if the modes hold until the end of the step, and if the step is short enough for the method.
 
+use super::drives::agreement;
+use super::method::Method;
 use super::scratch::Scratch;
 use super::step_settings::{RateKind, StepArguments};
 use crate::scalar::{Real, larger};
@@ -80,6 +82,10 @@ pub(super) fn observe_end<T: Real>(by @ (settings, scheme): StepArguments<'_>, s
             let inward = next * (mode.at_lower - mode.at_upper);
             s.consistent = s.consistent.worst(inward + barely);
         }
+    }
+    // Contacts change the end of their steps.
+    if settings.method != Method::Contact {
+        s.consistent = s.consistent.worst(agreement(by, s));
     }
     if settings.divides {
         let [(fastest, error), (linear, linear_error)] = speeds_and_errors(by, s);

@@ -60,7 +60,7 @@ impl Properties {
             ("stiffness", &self.stiffness),
             ("friction", &self.friction),
         ] {
-            check_positive(scene, name, values)?;
+            check_positive(scene, name, values, 1)?;
         }
         scene.check_configuration("rest", &self.rest)?;
         if !(self.friction_speed.is_finite() && self.friction_speed >= 0.0) {
@@ -71,13 +71,18 @@ impl Properties {
     }
 }
 
-/// Checks values per degree of freedom: their number, finite, none negative.
-fn check_positive(scene: &Scene, name: &str, values: &[f64]) -> Result<(), Error> {
-    check_length(name, values.len(), scene.nv())?;
+/// Checks values per degree of freedom, for all states or for each: their number, finite, none negative.
+fn check_positive(scene: &Scene, name: &str, values: &[f64], states: usize) -> Result<(), Error> {
+    check_width(name, values, (scene.nv(), states))?;
     check_finite(name, values)?;
-    let Some(row) = values.iter().position(|&value| value < 0.0) else { return Ok(()) };
-    let joint = joint_of_row(scene, row);
-    Err(Error::argument(name, format!("{} for joint {joint:?}", values[row]), "values that are zero or positive"))
+    let Some(at) = values.iter().position(|&value| value < 0.0) else { return Ok(()) };
+    let joint = joint_of_row(scene, at % scene.nv());
+    Err(Error::argument(name, format!("{} for joint {joint:?}", values[at]), "values that are zero or positive"))
+}
+
+/// Checks the number of values, `width` for all states or for each.
+fn check_width(name: &str, values: &[f64], (width, states): (usize, usize)) -> Result<(), Error> {
+    if values.len() == width { Ok(()) } else { check_length(name, values.len(), width * states) }
 }
 
 /// Name of the joint that owns a degree of freedom.
@@ -86,22 +91,37 @@ pub(crate) fn joint_of_row(scene: &Scene, row: usize) -> String {
 }
 
 /// Proportional-derivative control: the torque kp (target - q) + kd (target velocity - v), with the difference on the
-/// configuration manifold. Implicit methods treat it implicitly, so that the gains can be arbitrarily stiff.
+/// configuration manifold, up to the limits of effort. Implicit methods treat it implicitly, so that the gains can be
+/// arbitrarily stiff; the limits apply to the torque at the end of the step.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Gains {
-    /// kp, (nv), N m/rad or N/m.
+    /// kp, (nv) for all states, or one per state, N m/rad or N/m.
     pub proportional: Vec<f64>,
-    /// kd, (nv), N m s/rad or N s/m.
+    /// kd, (nv) for all states, or one per state, N m s/rad or N s/m.
     pub derivative: Vec<f64>,
     /// Target configurations, (nq) for all states, or one per state, one after another.
     pub target: Vec<f64>,
     /// Target joint velocities, (nv) for all states, or one per state.
     pub target_rate: Vec<f64>,
+    /// Targets of each step of the run instead of `target`, (steps, nq) for all states, or one after another for each;
+    /// empty if they do not change.
+    pub targets: Vec<f64>,
+    /// Target velocities of each step instead of `target_rate`, (steps, nv), likewise.
+    pub target_rates: Vec<f64>,
+    /// Number of steps in `targets` and `target_rates`.
+    pub steps: usize,
+    /// Least torque, (nv) for all states, or one per state, zero or negative; empty if no torque is limited.
+    pub effort_lower: Vec<f64>,
+    /// Largest torque, likewise, zero or positive.
+    pub effort_upper: Vec<f64>,
+    /// True if the limits are those of the sum of this torque and the applied one, also of rows without gains.
+    pub limits_sum: bool,
 }
 
 impl Gains {
-    /// Gains `proportional` and `derivative` (nv each) toward configurations `target`, with target velocities of zero.
+    /// Gains `proportional` and `derivative` (nv each) toward configurations `target`, with target velocities of zero and
+    /// without limits of effort.
     #[must_use]
     pub fn new(
         proportional: impl Into<Vec<f64>>,
@@ -110,7 +130,18 @@ impl Gains {
     ) -> Self {
         let derivative = derivative.into();
         let target_rate = vec![0.0; derivative.len()];
-        Self { proportional: proportional.into(), derivative, target: target.into(), target_rate }
+        Self {
+            proportional: proportional.into(),
+            derivative,
+            target: target.into(),
+            target_rate,
+            targets: Vec::new(),
+            target_rates: Vec::new(),
+            steps: 0,
+            effort_lower: Vec::new(),
+            effort_upper: Vec::new(),
+            limits_sum: false,
+        }
     }
 }
 
@@ -119,29 +150,100 @@ setters!(Gains {
     with_derivative: derivative => Vec<f64>,
     with_target: target => Vec<f64>,
     with_target_rate: target_rate => Vec<f64>,
+    with_targets: targets => Vec<f64>,
+    with_target_rates: target_rates => Vec<f64>,
+    with_steps: steps: usize,
+    with_effort_lower: effort_lower => Vec<f64>,
+    with_effort_upper: effort_upper => Vec<f64>,
+    with_limits_sum: limits_sum: bool,
 });
 
 impl Gains {
-    /// The names of the gains and targets in messages, in the order of the fields.
-    pub(super) fn names() -> [&'static str; 4] {
+    /// The names of gains, targets and limits in messages, in the order of the fields.
+    pub(super) fn names() -> [&'static str; 8] {
         in_language(
-            ["gains.proportional", "gains.derivative", "gains.target", "gains.target_rate"],
-            ["pd.kp", "pd.kd", "pd.target", "pd.target_rate"],
+            [
+                "gains.proportional",
+                "gains.derivative",
+                "gains.target",
+                "gains.target_rate",
+                "gains.targets",
+                "gains.target_rates",
+                "gains.effort_lower",
+                "gains.effort_upper",
+            ],
+            ["pd.kp", "pd.kd", "pd.target", "pd.target_rate", "targets", "target_rates", "pd.effort", "pd.effort"],
         )
     }
 
     pub(super) fn check(&self, scene: &Scene, states: usize) -> Result<(), Error> {
-        let [proportional, derivative, target, target_rate] = Self::names();
-        check_positive(scene, proportional, &self.proportional)?;
-        check_positive(scene, derivative, &self.derivative)?;
-        for (name, values, width) in [(target, &self.target, scene.nq()), (target_rate, &self.target_rate, scene.nv())]
-        {
-            if values.len() != width {
-                check_length(name, values.len(), width * states)?;
+        let [proportional, derivative, target, target_rate, targets, target_rates, lower, upper] = Self::names();
+        let (nq, nv) = (scene.nq(), scene.nv());
+        check_positive(scene, proportional, &self.proportional, states)?;
+        check_positive(scene, derivative, &self.derivative, states)?;
+        for (name, values, width, is_optional) in [
+            (target, &self.target, nq, false),
+            (target_rate, &self.target_rate, nv, false),
+            (targets, &self.targets, nq * self.steps, true),
+            (target_rates, &self.target_rates, nv * self.steps, true),
+        ] {
+            if !(is_optional && values.is_empty()) {
+                check_width(name, values, (width, states))?;
+                check_finite(name, values)?;
             }
-            check_finite(name, values)?;
         }
-        self.target.chunks_exact(scene.nq().max(1)).try_for_each(|q| scene.check_configuration(target, q))
+        for (name, limits, sign) in [(lower, &self.effort_lower, -1.0), (upper, &self.effort_upper, 1.0)] {
+            if limits.is_empty() && self.effort_lower.len() == self.effort_upper.len() {
+                continue;
+            }
+            check_width(name, limits, (nv, states))?;
+            // NaN is refused too.
+            if let Some(at) = limits.iter().position(|limit| !(sign * limit >= 0.0)) {
+                let found = format!("{} for joint {:?}", limits[at], joint_of_row(scene, at % nv));
+                let expected = "limits of the torque that include zero, infinite for none";
+                return Err(Error::argument(name, found, expected));
+            }
+        }
+        let each =
+            |name, values: &[f64]| values.chunks_exact(nq.max(1)).try_for_each(|q| scene.check_configuration(name, q));
+        each(target, &self.target).and_then(|()| each(targets, &self.targets))
+    }
+
+    /// True if the targets change from step to step.
+    pub(super) fn changes(&self) -> bool {
+        !(self.targets.is_empty() && self.target_rates.is_empty())
+    }
+
+    /// Target and target velocity of one state in step `n` of the run.
+    pub(super) fn targets_of(&self, (nq, nv): (usize, usize), state: usize, n: usize) -> [&[f64]; 2] {
+        [(&self.target, &self.targets, nq), (&self.target_rate, &self.target_rates, nv)].map(|(one, each, width)| {
+            if each.is_empty() {
+                of_state(one, width, state)
+            } else {
+                &of_state(each, width * self.steps, state)[n * width..(n + 1) * width]
+            }
+        })
+    }
+
+    /// Gains and limits of effort of one state: kp, kd, and the least and the largest torque, (nv) each; empty without
+    /// limits.
+    pub(super) fn of_state(&self, nv: usize, state: usize) -> [&[f64]; 4] {
+        let Self { proportional, derivative, effort_lower, effort_upper, .. } = self;
+        [proportional, derivative, effort_lower, effort_upper]
+            .map(|values| if values.is_empty() { &values[..] } else { of_state(values, nv, state) })
+    }
+
+    /// The largest gains of a row in any state.
+    pub(super) fn largest(&self, nv: usize, row: usize) -> [f64; 2] {
+        [&self.proportional, &self.derivative]
+            .map(|gains| gains.iter().skip(row).step_by(nv).fold(0.0_f64, |most, &gain| most.max(gain)))
+    }
+
+    /// True if the law acts on a row, with a limit of effort in some state.
+    pub(super) fn is_limited(&self, nv: usize, row: usize) -> bool {
+        let mut limits = [&self.effort_lower, &self.effort_upper].into_iter();
+        (self.limits_sum || self.largest(nv, row).iter().any(|&gain| gain > 0.0))
+            && limits.any(|limits| limits.iter().skip(row).step_by(nv).any(|limit| limit.is_finite()))
     }
 }
 

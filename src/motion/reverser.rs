@@ -2,7 +2,7 @@
 
 mod step;
 
-use super::backward::{ACTING, CheckedBackward, EventSolver, StepGradients, TORQUE, VectorizedBackward, backward};
+use super::backward::{ACTING, CheckedBackward, EventSolver, INPUTS, StepGradients, VectorizedBackward, backward};
 use super::closed_reverse::ClosedReverse;
 use super::connected::ConnectedReverse;
 use super::contact::{ContactReverse, ModeChange};
@@ -12,7 +12,6 @@ use super::gradient_layout::{Layout, RecordedRows};
 use super::job::{self, Rows};
 use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
-use super::properties::of_state;
 use super::reversed_substeps::{Parts, RecordedEvent, Substep, through_substeps};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver;
@@ -442,13 +441,10 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
         if let Some(touching) = &mut self.touching {
             touching.begin();
         }
-        let (states, nq, nv) = (&job.states, job.scene.nq(), job.scene.nv());
+        let states = &job.states;
+        s.take_gains(job.settings, states.len(), |lane| states.start + lane);
         for lane in 0..T::LANES {
             let state = states.start + lane.min(states.len() - 1);
-            if let Some(gains) = &job.settings.gains {
-                fill(&mut s.target, lane, of_state(&gains.target, nq, state));
-                fill(&mut s.target_rate, lane, of_state(&gains.target_rate, nv, state));
-            }
             if let Torque::Constant(torque) = job.torque {
                 fill(&mut s.torque, lane, torque.state(state));
             }
@@ -491,9 +487,9 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
         for (sum, &more) in parameters.as_flattened_mut().iter_mut().zip(of_step.as_flattened()) {
             *sum += more;
         }
-        if matches!(job.torque, Torque::Steps { .. }) {
+        for which in (0..INPUTS).filter(|&which| job.layout.inputs[which] > 1) {
             for (lane, out) in out.chunks_exact_mut(job.layout.width()).enumerate() {
-                scatter(&acting[TORQUE], lane, &mut out[job.layout.torque(n)]);
+                scatter(&acting[which], lane, &mut out[job.layout.input(which, n)]);
             }
         }
         Ok(())
@@ -503,12 +499,12 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
         let Self { gradients, sums, parameters, .. } = self;
         let (nv, layout) = (job.layout.nv, job.layout);
         for (lane, out) in out.chunks_exact_mut(layout.width().max(1)).enumerate() {
-            let of_rows = gradients.end.iter().chain(&sums[TORQUE + 1..]);
+            let of_rows = gradients.end.iter().chain(&sums[INPUTS..]);
             for (i, numbers) in of_rows.enumerate() {
                 scatter(numbers, lane, &mut out[i * nv..(i + 1) * nv]);
             }
-            if !matches!(job.torque, Torque::Steps { .. }) {
-                scatter(&sums[TORQUE], lane, &mut out[layout.torque(0)]);
+            for which in (0..INPUTS).filter(|&which| layout.inputs[which] == 1) {
+                scatter(&sums[which], lane, &mut out[layout.all(which)]);
             }
             scatter(parameters.as_flattened(), lane, &mut out[layout.parameters()]);
             if let Some(touching) = &self.touching {

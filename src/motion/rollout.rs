@@ -5,6 +5,7 @@ use super::contact::{self, ContactReport, RECORD};
 use super::events::StopImpact;
 use super::job::{Impacts, Job, Records, Rows, States};
 use super::method::Method;
+use super::properties::Gains;
 use super::settings::{Limits, Settings};
 use super::step_settings::StepSettings;
 use super::stepper::Stepper;
@@ -17,6 +18,7 @@ use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;
+use crate::joints::JointKind;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
@@ -125,6 +127,20 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if let Some(gains) = &settings.gains {
             gains.check(holds, states)?;
         }
+        if let Some(gains) = settings.gains.as_ref().filter(|_| holds.touches())
+            && let Some(free) = holds
+                .joints()
+                .iter()
+                .find(|joint| joint.kind == JointKind::Floating && joint.v.clone().any(|row| gains.is_limited(nv, row)))
+        {
+            let [.., name] = Gains::names();
+            let found = format!("limits for the free joint {:?} of a scene with contacts", free.name);
+            return Err(Error::argument(
+                name,
+                found,
+                "infinite limits for its degrees of freedom, which have no motor",
+            ));
+        }
         let stops = settings.limits == Limits::Stop;
         let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
         let of_steps = |touches: bool| step_settings(holds, &settings, coupling.clone(), (q, touches));
@@ -203,7 +219,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             form: self.form,
             tolerance: self.settings.tolerance,
             properties: properties.clone(),
-            gains: gains.clone(),
+            gains: gains.as_deref().cloned(),
             arm: self.arm,
             compliance: self.settings.compliance.clone(),
             limits: self.limits,
@@ -481,6 +497,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// As [`Rollout::check_torque`], beginning at step `start` of the run.
     pub(super) fn check_torque_from(&self, start: usize, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
         let (nv, last) = (self.scene().nv(), start.saturating_add(steps));
+        if let Some(gains) = self.settings.gains.as_ref().filter(|gains| gains.changes() && last > gains.steps) {
+            let [.., name, _, _, _] = Gains::names();
+            let found = format!("targets of {} steps", gains.steps);
+            let error = Error::argument(name, found, format!("targets of all {last} steps"));
+            return Err(Fault { state: 0, error });
+        }
         let (given, steps) = match torque {
             Torque::Constant(torque) if self.states > 0 => (torque, 1),
             Torque::Steps { torque, first } if self.states > 0 => {

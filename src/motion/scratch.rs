@@ -1,10 +1,12 @@
 //! The arrays of a step, for one state or for one state per lane.
 
+use super::drives::{LOWER, UPPER};
 use super::method::{STAGES, Scheme};
+use super::properties::Gains;
 use super::step_settings::StepSettings;
 use super::stops::SetValued;
 use super::totals::TOTALS;
-use crate::batch::instruction_set::Vectorized;
+use crate::batch::instruction_set::{Vectorized, take_states};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::Real;
@@ -20,8 +22,16 @@ pub(super) struct RowTerms<T> {
     pub damping: T,
     pub stiffness: T,
     pub friction: T,
+    /// The gains that act in this step, and the constant torque of a control law at a limit of effort.
     pub proportional: T,
     pub derivative: T,
+    pub held: T,
+    /// The part of the gains in the noise.
+    pub slope: T,
+    /// 1 if the control law is at its upper limit, -1 at its lower one, else 0.
+    pub side: T,
+    /// True if the kernels have noise in this row.
+    pub has_noise: bool,
 }
 
 /// A row with exact friction or stops, in the scalar type of the lanes.
@@ -51,6 +61,12 @@ pub(super) struct Scratch<T: Real> {
     pub rest: Vec<T>,
     pub target: Vec<T>,
     pub target_rate: Vec<T>,
+    /// Gains and limits of effort of the state: see [`drives`](super::drives); empty without a control law.
+    pub gains: [Vec<T>; 4],
+    /// True if the caller gives the pieces of the control law.
+    pub are_sides_given: bool,
+    /// Noise in place of zero, in rows in which the kernels have noise.
+    pub vanishing: f64,
     /// The applied torque, constant during the step.
     pub torque: Vec<T>,
     pub q: Vec<T>,
@@ -71,7 +87,7 @@ pub(super) struct Scratch<T: Real> {
     /// Rows with exact friction or stops, and their friction torques in this step, zero for stuck rows.
     pub modes: Vec<ModeTerms<T>>,
     pub dry: Vec<T>,
-    /// Impulse of the control law in this step, N m s or N s.
+    /// Impulse of the control law in this step without that of its noise, N m s or N s.
     pub control: Vec<T>,
     /// Positive if all modes hold until the end of the step; positive if the step is short enough.
     pub consistent: T,
@@ -92,6 +108,9 @@ pub(super) fn take_lane<T: Vectorized>(one: &mut Scratch<f64>, s: &Scratch<T>, l
         (&mut one.target, &s.target),
         (&mut one.target_rate, &s.target_rate),
     ] {
+        scatter(from, lane, to);
+    }
+    for (to, from) in one.gains.iter_mut().zip(&s.gains) {
         scatter(from, lane, to);
     }
     scatter(&s.totals, lane, &mut one.totals);
@@ -115,7 +134,7 @@ impl<T: Real> Scratch<T> {
     pub fn new(scene_model: &Model<f64>, settings: &StepSettings) -> Self {
         let mut of_step = scene_model.clone();
         of_step.system.noise = settings.noise(&settings.scheme);
-        for of in &settings.set_valued {
+        for of in settings.set_valued.iter().filter(|of| of.friction > 0.0 || of.stops) {
             let noise = &mut of_step.system.noise[of.row];
             *noise = if *noise == 0.0 { FREE } else { *noise };
         }
@@ -124,15 +143,18 @@ impl<T: Real> Scratch<T> {
         let (nq, nv) = (model.nq, model.nv());
         let row = |row: usize| {
             let p = &settings.properties;
-            let (kp, kd) =
-                settings.gains.as_ref().map_or((0.0, 0.0), |gains| (gains.proportional[row], gains.derivative[row]));
+            let ([kp, kd], noise) = (settings.largest[row], of_step.system.noise[row]);
             RowTerms {
-                noise: T::from_f64(of_step.system.noise[row]),
+                noise: T::from_f64(noise),
                 damping: T::from_f64(p.damping[row]),
                 stiffness: T::from_f64(p.stiffness[row]),
                 friction: T::from_f64(p.friction[row]),
                 proportional: T::from_f64(kp),
                 derivative: T::from_f64(kd),
+                held: T::zero(),
+                slope: T::zero(),
+                side: T::zero(),
+                has_noise: noise != 0.0,
             }
         };
         let mode = |of: &SetValued| ModeTerms {
@@ -146,6 +168,8 @@ impl<T: Real> Scratch<T> {
             at_lower: T::zero(),
             at_upper: T::zero(),
         };
+        let width = if settings.gains.is_some() { nv } else { 0 };
+        let limit = |i: usize| [f64::NEG_INFINITY, f64::INFINITY][usize::from(i == UPPER)];
         let coordinates = || vec![T::zero(); nq];
         let rates = || vec![T::zero(); nv];
         Self {
@@ -155,6 +179,9 @@ impl<T: Real> Scratch<T> {
             rest: settings.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),
             target: coordinates(),
             target_rate: rates(),
+            gains: std::array::from_fn(|i| vec![T::from_f64(if i < LOWER { 0.0 } else { limit(i) }); width]),
+            are_sides_given: false,
+            vanishing: FREE,
             torque: rates(),
             q: coordinates(),
             v: rates(),
@@ -184,12 +211,50 @@ impl<T: Real> Scratch<T> {
 impl<T: Real> Scratch<T> {
     /// Sets the measurement noise for a scheme.
     pub fn adopt(&mut self, settings: &StepSettings, scheme: &Scheme) {
-        for ((row, noise), of_model) in
-            self.rows.iter_mut().zip(settings.noise(scheme)).zip(&mut self.model.system.noise)
-        {
-            row.noise = T::from_f64(noise);
-            *of_model = row.noise;
+        self.vanishing = 0.0;
+        self.drive_all(settings, scheme.implicit_step());
+    }
+
+    /// The impulse of the control law on a row, N m s or N s, for its velocity at the end of the step.
+    #[inline(always)]
+    pub fn control_impulse(&self, row: usize) -> T {
+        self.control[row].minus_product(self.rows[row].slope, self.v_next[row] - self.v[row])
+    }
+}
+
+impl<T: Vectorized> Scratch<T> {
+    /// Takes the gains and targets of the state of each lane.
+    #[inline(always)]
+    pub fn take_gains(&mut self, settings: &StepSettings, count: usize, state: impl Fn(usize) -> usize) {
+        let Some(gains) = &settings.gains else { return };
+        let nv = self.target_rate.len();
+        if !gains.changes() {
+            self.aim(gains, (0, count), &state);
         }
+        for (i, to) in self.gains.iter_mut().enumerate().filter(|(i, _)| !gains.of_state(nv, 0)[*i].is_empty()) {
+            take_states(to, count, |lane| gains.of_state(nv, state(lane))[i]);
+        }
+        self.drive_all(settings, settings.scheme.implicit_step());
+    }
+
+    /// Takes the targets of step `n` if they change.
+    #[inline(always)]
+    pub fn take_targets(
+        &mut self,
+        settings: &StepSettings,
+        (n, count): (usize, usize),
+        state: impl Fn(usize) -> usize,
+    ) {
+        if let Some(gains) = settings.gains.as_ref().filter(|gains| gains.changes()) {
+            self.aim(gains, (n, count), &state);
+        }
+    }
+
+    #[inline(always)]
+    fn aim(&mut self, gains: &Gains, (n, count): (usize, usize), state: &impl Fn(usize) -> usize) {
+        let size = (self.target.len(), self.target_rate.len());
+        take_states(&mut self.target, count, |lane| gains.targets_of(size, state(lane), n)[0]);
+        take_states(&mut self.target_rate, count, |lane| gains.targets_of(size, state(lane), n)[1]);
     }
 }
 

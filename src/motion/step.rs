@@ -6,6 +6,7 @@
 //! its end ([`Scratch::consistent`]) and whether it is short enough ([`Scratch::short_enough`]). If one test fails,
 //! [`division`](super::division) repeats the step with shorter ones and with the set-valued law.
 
+use super::drives::set_drives;
 use super::manifold::{advance, carry_back};
 use super::modes::{observe_end, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
@@ -23,6 +24,7 @@ pub(super) fn step<T: Real, S: Solver<T>>(
 ) -> u64 {
     let t = &scheme.tableau;
     let mut fallback = 0;
+    set_drives(by, s);
     if settings.regularized {
         set_friction(by, s);
     }
@@ -131,7 +133,7 @@ pub(super) fn forces<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scr
         let mut u = s.torque[row];
         u = u.minus_product(of.damping, v);
         u = u.minus_product(of.stiffness, s.displaced[row]);
-        let mut control = v.constant(0.0);
+        let mut control = of.held;
         if settings.gains.is_some() {
             control = control.minus_product(of.derivative, v - s.target_rate[row]);
             control = control.minus_product(of.proportional, s.displaced_target[row]);

@@ -29,7 +29,7 @@ pub(super) struct StepSettings {
     /// The method with the time step of the run.
     pub scheme: Scheme,
     pub properties: Properties,
-    pub gains: Option<Gains>,
+    pub gains: Option<Arc<Gains>>,
     /// Coupling of the joints, if there is one; all values are then those of the tree.
     pub coupling: Option<Arc<Coupling>>,
     /// True if some joint has regularized friction.
@@ -40,6 +40,10 @@ pub(super) struct StepSettings {
     pub tolerance: Option<f64>,
     /// The rows with exact friction or stops.
     pub set_valued: Vec<SetValued>,
+    /// The rows of the control law with limits of effort.
+    pub limited: Vec<usize>,
+    /// True if these limits are those of the sum with the applied torque.
+    pub limits_sum: bool,
     /// True if joint limits are stops.
     pub stops: bool,
     /// Coefficient of restitution of the stops.
@@ -55,6 +59,8 @@ pub(super) struct StepSettings {
     /// Per body: whether its joint has a spring, and whether the control law acts on it.
     pub sprung_bodies: Vec<bool>,
     pub controlled_bodies: Vec<bool>,
+    /// Per degree of freedom: the largest gains kp and kd of all states.
+    pub largest: Vec<[f64; 2]>,
 }
 
 impl StepSettings {
@@ -68,6 +74,8 @@ impl StepSettings {
             let stages = model.system.stages.iter();
             stages.map(|s| values[s.first_row..][..s.rows.count()].iter().any(|&k| k != 0.0)).collect()
         };
+        let largest = gains.as_ref().map(|gains| (0..model.nv()).map(|row| gains.largest(model.nv(), row)).collect());
+        let largest: Vec<[f64; 2]> = largest.unwrap_or_else(|| vec![[0.0; 2]; model.nv()]);
         Self {
             step,
             method,
@@ -80,15 +88,16 @@ impl StepSettings {
             accuracy: None,
             tolerance: None,
             set_valued: Vec::new(),
+            limited: Vec::new(),
+            limits_sum: false,
             stops: false,
             restitution: 0.0,
             kinds: rate_kinds(model),
             sprung_bodies: stiff(&properties.stiffness),
-            controlled_bodies: gains
-                .as_ref()
-                .map_or_else(|| vec![false; model.bodies.len()], |g| stiff(&g.proportional)),
+            controlled_bodies: stiff(&largest.iter().map(|[kp, _]| *kp).collect::<Vec<_>>()),
+            largest,
             properties,
-            gains,
+            gains: gains.map(Arc::new),
             connected: false,
             compliance: Vec::new(),
             smoothing: None,
@@ -163,14 +172,14 @@ impl StepSettings {
     /// Damping and stiffness of one degree of freedom, including those of the control law.
     fn implicit_terms(&self, row: usize) -> (f64, f64) {
         let (d, k) = (self.properties.damping[row], self.properties.stiffness[row]);
-        self.gains.as_ref().map_or((d, k), |gains| (d + gains.derivative[row], k + gains.proportional[row]))
+        let [kp, kd] = self.largest[row];
+        if self.gains.is_some() { (d + kd, k + kp) } else { (d, k) }
     }
 
-    /// Measurement noise r + h g d + h^2 g^2 k of every row in a step of `scheme`, without the parts of regularized
-    /// friction and of stuck joints.
+    /// Measurement noise r + h g d + h^2 g^2 k of every row in a step of `scheme` with the largest gains, without the
+    /// parts of regularized friction and of stuck joints.
     pub fn noise(&self, scheme: &Scheme) -> Vec<f64> {
-        // All stages of a method have the same g.
-        let hg = if scheme.implicit { scheme.tableau.gamma[0][0] } else { 0.0 };
+        let hg = scheme.implicit_step();
         let armature = self.properties.armature.iter().enumerate();
         armature
             .map(|(row, r)| {

@@ -9,7 +9,6 @@ use super::faults::{LARGEST_STEP, fault_of};
 use super::job::{Divisions, Impacts, Job, States};
 use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
-use super::properties::of_state;
 use super::scratch::Scratch;
 pub(super) use super::scratch::{fill, scatter, take_lane};
 use super::solver::{Checked, Kernels};
@@ -240,6 +239,7 @@ impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
                 let at = (n - first) * nv;
                 take_states(&mut s.torque, count, |lane| &torque.state(states.at(lane))[at..at + nv]);
             }
+            s.take_targets(settings, (n, count), |lane| states.at(lane));
             let by = (settings, &settings.scheme);
             // Steps that are not vectorized run one state after another.
             let mut fallback = if settings.is_vectorized() { step(by, s, &mut kernels) } else { u64::MAX };
@@ -312,10 +312,7 @@ fn begin<T: Vectorized>(
     take_states(&mut s.q, count, |lane| &current[lane * width..][..nq]);
     take_states(&mut s.v, count, |lane| &current[lane * width + nq..][..nv]);
     take_states(&mut s.totals, count, |lane| &current[lane * width + nq + nv..][..TOTALS]);
-    if let Some(gains) = &settings.gains {
-        take_states(&mut s.target, count, |lane| of_state(&gains.target, nq, states.at(lane)));
-        take_states(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.at(lane)));
-    }
+    s.take_gains(settings, count, |lane| states.at(lane));
     if let Torque::Constant(torque) = torque {
         take_states(&mut s.torque, count, |lane| torque.state(states.at(lane)));
     } else {

@@ -1,5 +1,5 @@
-//! The set-valued torque of one joint: exact Coulomb friction and stops as a monotone graph of torque over velocity,
-//! and the solution for all rows together.
+//! The set-valued torque of one joint: exact Coulomb friction, stops and a control law with limits of effort as a monotone
+//! graph of torque over velocity, and the solution for all rows together.
 //!
 //! In one step from v to v' = v + h a, with the velocity bounds of the stops, low = (lower - q)/h and high = (upper -
 //! q)/h, the torque r of friction and stops is a point of
@@ -12,10 +12,12 @@
 //! v' = high       r <= -f
 //! ```
 //!
+//! A control law adds its torque clip(c - b v', lower, upper), which decreases between two further velocities.
+//!
 //! This is the law of J. J. Moreau's time stepping, one row per joint. With (M + N) a = u + r it is a linear
 //! complementarity problem with bounds whose matrix is positive definite, so that the solution is unique. Each row is
-//! on one of the five pieces. For given pieces, a is one forward dynamics whose measurement noise makes the rows with
-//! v' = low, 0 or high stuck. All rows that contradict their piece move to the adjacent one together, or one by one if
+//! on one of the pieces. For given pieces, a is one forward dynamics whose measurement noise makes the rows with
+//! v' = low, 0 or high stuck; those on the slope of a control law have the noise h b. All rows that contradict their piece move to the adjacent one together, or one by one if
 //! that does not reduce their number (block principal pivoting, J. J. Judice and F. M. Pires, Computers and Operations
 //! Research 21, 1994, 587-596; the single pivots of K. G. Murty terminate).
 
@@ -25,7 +27,7 @@ const RETURN: f64 = 0.05;
 const AT_LEAST: f64 = 1e-3;
 pub(super) const AT_MOST: f64 = 1.0;
 
-/// The friction and the stops of one degree of freedom.
+/// The friction, the stops and the control law of one degree of freedom.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SetValued {
     /// Index in v, and index of its coordinate in q.
@@ -37,6 +39,8 @@ pub(super) struct SetValued {
     pub stops: bool,
     pub lower: f64,
     pub upper: f64,
+    /// True if its control law has limits of effort.
+    pub drives: bool,
 }
 
 impl SetValued {
@@ -98,14 +102,69 @@ pub(super) enum Hold {
     Upper,
 }
 
-/// The graph of one row in one step: the velocities of its vertical pieces, in increasing order, and the torques
-/// between them, which decrease.
+/// The torque of a control law over the velocity at the end of a step: offset - slope v' between its limits.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Drive {
+    pub offset: f64,
+    pub slope: f64,
+    pub lower: f64,
+    pub upper: f64,
+}
+
+impl Drive {
+    /// The torque at velocity v.
+    pub fn torque(&self, v: f64) -> f64 {
+        (self.offset - self.slope * v).max(self.lower).min(self.upper)
+    }
+
+    /// The velocities at which the torque leaves its upper limit and reaches its lower one.
+    fn kinks(&self) -> [f64; 2] {
+        [self.upper, self.lower].map(|limit| (self.offset - limit) / self.slope)
+    }
+
+    /// Its torque around velocity v.
+    fn line(&self, v: f64) -> Line {
+        let [first, last] = self.kinks();
+        let limit = |torque: f64| Line { torque, slope: 0.0, is_limit: true };
+        if v <= first {
+            limit(self.upper)
+        } else if v >= last {
+            limit(self.lower)
+        } else {
+            Line { torque: self.offset, slope: self.slope, is_limit: false }
+        }
+    }
+}
+
+/// The torque of a control law on one of its pieces, torque - slope v'; constant at a limit of effort.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Line {
+    pub torque: f64,
+    pub slope: f64,
+    pub is_limit: bool,
+}
+
+impl Line {
+    pub fn at(&self, v: f64) -> f64 {
+        self.torque - self.slope * v
+    }
+}
+
+/// Largest number of velocities at which a graph changes its piece.
+const KNOTS: usize = 5;
+
+/// The graph of one row in one step: the velocities of its vertical pieces and kinks, in increasing order, and the torques
+/// of friction and stops between them, which decrease.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Graph {
     count: usize,
-    velocities: [f64; 3],
-    holds: [Hold; 3],
-    torques: [f64; 4],
+    velocities: [f64; KNOTS],
+    /// `None` for the kinks of the control law.
+    holds: [Option<Hold>; KNOTS],
+    torques: [f64; KNOTS + 1],
+    /// The control law, and its torque between the velocities.
+    drive: Option<Drive>,
+    lines: [Line; KNOTS + 1],
     /// Derivatives of the velocity bounds by q and v.
     slopes: [[f64; 2]; 2],
 }
@@ -119,58 +178,85 @@ pub(super) struct Bound {
 
 impl Graph {
     /// The graph of a row at `q` and `v` in a step `h`.
-    pub fn new(of: &SetValued, state: (f64, f64), h: f64) -> Self {
+    pub fn new(of: &SetValued, state: (f64, f64), h: f64, drive: Option<Drive>) -> Self {
         let [low, high] = of.bounds(state, h);
-        let mut graph = Self::between(low.velocity, high.velocity.max(low.velocity), of.friction);
+        let mut graph = Self::between(low.velocity, high.velocity.max(low.velocity), of.friction, drive);
         graph.slopes = [low.slopes, high.slopes];
         graph
     }
 
     /// The graph with the given velocity bounds.
-    pub fn between(low: f64, high: f64, friction: f64) -> Self {
+    pub fn between(low: f64, high: f64, friction: f64, drive: Option<Drive>) -> Self {
         let mut graph = Self {
             count: 0,
-            velocities: [0.0; 3],
-            holds: [Hold::Friction; 3],
-            torques: [0.0; 4],
+            velocities: [0.0; KNOTS],
+            holds: [None; KNOTS],
+            torques: [0.0; KNOTS + 1],
+            drive: None,
+            lines: [Line::default(); KNOTS + 1],
             slopes: [[0.0; 2]; 2],
         };
         graph.torques[0] = if low < 0.0 { friction } else { -friction };
         if low > f64::NEG_INFINITY {
             let above = graph.torques[0];
             graph.torques[0] = f64::INFINITY;
-            graph.push(low, Hold::Lower, above);
+            graph.push(low, Some(Hold::Lower), above);
         }
         if friction > 0.0 && low < 0.0 && high > 0.0 {
-            graph.push(0.0, Hold::Friction, -friction);
+            graph.push(0.0, Some(Hold::Friction), -friction);
         }
         if high < f64::INFINITY {
             if graph.count > 0 && graph.velocities[graph.count - 1] >= high {
                 graph.torques[graph.count] = f64::NEG_INFINITY;
             } else {
-                graph.push(high, Hold::Upper, f64::NEG_INFINITY);
+                graph.push(high, Some(Hold::Upper), f64::NEG_INFINITY);
             }
         }
-        graph
+        drive.map_or(graph, |drive| graph.driven(drive))
     }
 
-    fn push(&mut self, velocity: f64, hold: Hold, torque_above: f64) {
+    fn push(&mut self, velocity: f64, hold: Option<Hold>, torque_above: f64) {
         self.velocities[self.count] = velocity;
         self.holds[self.count] = hold;
         self.count += 1;
         self.torques[self.count] = torque_above;
     }
 
+    /// The same graph with a control law.
+    fn driven(&self, drive: Drive) -> Self {
+        let own = &self.velocities[..self.count];
+        // A kink at a vertical piece, or beyond a stop, is no velocity of its own.
+        let [first, last] = [self.torques[0], self.torques[self.count]].map(f64::is_infinite);
+        let within = |v: &f64| {
+            let inside =
+                (!first || own.first().is_none_or(|low| v > low)) && (!last || own.last().is_none_or(|high| v < high));
+            v.is_finite() && inside && !own.contains(v)
+        };
+        let mut knots: Vec<(f64, Option<Hold>)> = drive.kinks().into_iter().filter(within).map(|v| (v, None)).collect();
+        knots.dedup();
+        knots.extend(own.iter().copied().zip(self.holds));
+        knots.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut graph = Self { count: 0, drive: Some(drive), ..*self };
+        for (k, &(v, hold)) in knots.iter().enumerate() {
+            let next = knots.get(k + 1).map_or(v + 1.0 + v.abs(), |(next, _)| 0.5 * (v + next));
+            graph.push(v, hold, self.torques[own.iter().filter(|own| **own <= v).count()]);
+            graph.lines[k + 1] = drive.line(next);
+        }
+        let before = knots.first().map_or(0.0, |(v, _)| v - 1.0 - v.abs());
+        graph.lines[0] = drive.line(before);
+        graph
+    }
+
     /// The graph with another velocity at one of the stops: -e v for a rebound, or zero.
     pub fn rebounding(&self, at: usize, (restitution, v): (f64, f64), friction: f64) -> Self {
         let velocity = -restitution * v;
         let stop = |hold: Hold, usual: f64| {
-            (0..self.count).find(|&k| self.holds[k] == hold).map_or(usual, |k| self.velocities[k])
+            (0..self.count).find(|&k| self.holds[k] == Some(hold)).map_or(usual, |k| self.velocities[k])
         };
         let (mut low, mut high) = (stop(Hold::Lower, f64::NEG_INFINITY), stop(Hold::Upper, f64::INFINITY));
-        let at_lower = self.holds[at] == Hold::Lower;
+        let at_lower = self.holds[at] == Some(Hold::Lower);
         *(if at_lower { &mut low } else { &mut high }) = velocity;
-        let mut graph = Self::between(low, high.max(low), friction);
+        let mut graph = Self::between(low, high.max(low), friction, self.drive);
         graph.slopes = self.slopes;
         graph.slopes[usize::from(!at_lower)] = [0.0, -restitution];
         graph
@@ -188,7 +274,7 @@ impl Graph {
     /// The initial piece of a row with velocity v. A row that moves toward a stop is not on the piece of the stop.
     pub fn piece(&self, v: f64) -> Piece {
         let below = (0..self.count).find(|&k| v <= self.velocities[k]).unwrap_or(self.count);
-        if below < self.count && v >= self.velocities[below] {
+        if below < self.count && v >= self.velocities[below] && self.holds[below].is_some() {
             return Piece::At(below);
         }
         let finite = |k: usize| self.torques[k].is_finite();
@@ -202,7 +288,18 @@ impl Graph {
 
     /// The velocity of a stuck row; `None` if the row moves.
     pub fn velocity(&self, piece: Piece) -> Option<(f64, Hold)> {
-        if let Piece::At(k) = piece { Some((self.velocities[k], self.holds[k])) } else { None }
+        if let Piece::At(k) = piece { self.holds[k].map(|hold| (self.velocities[k], hold)) } else { None }
+    }
+
+    /// The torque of the control law on a piece; that of a stuck row is constant.
+    pub fn line(&self, piece: Piece) -> Line {
+        match piece {
+            Piece::Between(k) => self.lines[k],
+            Piece::At(k) => {
+                let torque = self.drive.map_or(0.0, |drive| drive.torque(self.velocities[k]));
+                Line { torque, ..Line::default() }
+            }
+        }
     }
 
     /// The velocity v, clipped to its piece.
@@ -216,28 +313,37 @@ impl Graph {
         }
     }
 
-    /// The torque of a moving row; zero for a stuck one.
+    /// The torque of friction and stops of a moving row; zero for a stuck one.
     pub fn torque(&self, piece: Piece) -> f64 {
         if let Piece::Between(k) = piece { self.torques[k] } else { 0.0 }
     }
 
     /// The piece to which a row must change if the velocity of a moving row, or the torque of a stuck row, contradicts
-    /// its piece.
-    pub fn contradicted(&self, piece: Piece, found: f64, tolerance: f64) -> Option<Piece> {
+    /// its piece. `slow` is the tolerance of velocities and `weak` that of torques.
+    pub fn contradicted(&self, piece: Piece, found: f64, [slow, weak]: [f64; 2]) -> Option<Piece> {
+        // At a kink, the error of the torque is the slope times that of the velocity.
+        let near = |k: usize| match self.holds[k] {
+            Some(_) => slow,
+            None => slow
+                .min(weak / self.lines[k].slope.max(self.lines[k + 1].slope))
+                .max(f64::EPSILON * self.velocities[k].abs()),
+        };
+        let beyond = |k: usize, next: usize| if self.holds[k].is_some() { Piece::At(k) } else { Piece::Between(next) };
+        let torque = |k: usize, v: f64| self.torques[k] + self.lines[k].at(v);
         match piece {
             Piece::Between(k) => {
-                if k < self.count && !(found <= self.velocities[k] + tolerance) {
-                    Some(Piece::At(k))
-                } else if k > 0 && !(found >= self.velocities[k - 1] - tolerance) {
-                    Some(Piece::At(k - 1))
+                if k < self.count && !(found <= self.velocities[k] + near(k)) {
+                    Some(beyond(k, k + 1))
+                } else if k > 0 && !(found >= self.velocities[k - 1] - near(k - 1)) {
+                    Some(beyond(k - 1, k - 1))
                 } else {
                     None
                 }
             }
             Piece::At(k) => {
-                if !(found <= self.torques[k] + tolerance) {
+                if !(found <= torque(k, self.velocities[k]) + weak) {
                     Some(Piece::Between(k))
-                } else if !(found >= self.torques[k + 1] - tolerance) {
+                } else if !(found >= torque(k + 1, self.velocities[k]) - weak) {
                     Some(Piece::Between(k + 1))
                 } else {
                     None

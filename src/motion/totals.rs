@@ -62,8 +62,9 @@ pub struct Totals {
     /// With error control, the sum of the estimated errors of all substeps: rad, m, and relative to the fastest joint
     /// velocity if that exceeds 1.
     pub error: f64,
-    /// Number of events whose friction and stop torques contradict each other, because the mass matrix is indefinite; a
-    /// joint was then treated as stuck.
+    /// Number of events whose friction and stop torques contradict each other, because the mass matrix is indefinite, with
+    /// a joint that was then treated as stuck; and of steps with contacts that leave a control law with limits of effort
+    /// without a solution, whose joint was then at its limit.
     pub unsettled: f64,
     /// Number of substeps in which connections, at a dead center, or contacts prevent a joint from returning to its limits
     /// or from stopping there.

@@ -10,13 +10,13 @@ use crate::scalar::Real;
 /// that of the modes of the step.
 #[inline(always)]
 pub(super) fn add_work<T: Real>(settings: &StepSettings, s: &mut Scratch<T>) {
-    for (row, of) in s.rows.iter().enumerate() {
+    for row in 0..s.rows.len() {
         let (v, next, x) = (s.v[row], s.v_next[row], s.x[row]);
         let mean = (v + next) * v.constant(0.5);
         s.totals[TORQUE] = s.torque[row].mul_add(x, s.totals[TORQUE]);
-        s.totals[DAMPING] = s.totals[DAMPING].minus_product(of.damping * x, mean);
+        s.totals[DAMPING] = s.totals[DAMPING].minus_product(s.rows[row].damping * x, mean);
         if settings.gains.is_some() {
-            s.totals[CONTROL] = s.control[row].mul_add(mean, s.totals[CONTROL]);
+            s.totals[CONTROL] = s.control_impulse(row).mul_add(mean, s.totals[CONTROL]);
         }
         if settings.regularized {
             s.totals[FRICTION] = s.totals[FRICTION].minus_product(s.chord[row] * x, mean);

@@ -72,7 +72,7 @@ impl PyScene {
     ///
     /// The fields are lower, upper (rad or m), velocity, effort (N m or N), acceleration, deceleration and jerk. A
     /// joint of several degrees of freedom repeats its limits. Position limits are stops in simulations, unless
-    /// limits="report"; the other limits are reported only.
+    /// limits="report"; limits of effort are those of PD(effort=True) and effort="clip". The others are reported only.
     #[getter]
     fn limits<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let column = |of: fn(&Limits) -> f64| {

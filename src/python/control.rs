@@ -1,7 +1,9 @@
 //! Inputs of a simulation: joint torques (constant, one per step, or from a function) and the control law.
 
+use super::coupling::Expand;
 use super::input::{self, Input, wrong_shape};
 use super::object::Object;
+use super::output::from_numbers;
 use super::scene::PyScene;
 use crate::batch::Broadcast;
 use crate::error::{Error, check_finite};
@@ -10,7 +12,7 @@ use crate::memory;
 use crate::motion::{Gains, Torque};
 use crate::scene::Coupling;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyBool, PyTuple};
 
 /// Values of all states of the batch, consecutively.
 pub(super) fn everyone(input: &Input<'_>, batch: &[usize], states: usize) -> PyResult<Vec<f64>> {
@@ -102,52 +104,123 @@ impl<'py> Given<'py> {
 
 /// Control law of a call, as given.
 pub(super) struct Pd<'py> {
-    gains: [Vec<f64>; 2],
-    target: Input<'py>,
+    gains: [Input<'py>; 2],
+    target: Option<Input<'py>>,
     rate: Input<'py>,
+    effort: Option<Input<'py>>,
+    limits_sum: bool,
+    /// Targets and target velocities of each step, and the number of steps.
+    changing: [Option<Input<'py>>; 2],
+    steps: usize,
+    neutral: Vec<f64>,
 }
 
 impl<'py> Pd<'py> {
     pub fn read(pd: &Object<'py>, scene: &PyScene) -> PyResult<Self> {
-        let expected = "PD(kp, kd, target) or PD(kp, kd, target, target_rate)";
+        let expected = "PD(kp, kd, target, target_rate=None, effort=None)";
         let refuse = |found: String| PyErr::from(Error::argument("pd", found, expected));
         let Ok(parts) = pd.cast::<PyTuple>() else {
             return Err(refuse(format!("an object of type {}", pd.get_type().name()?)));
         };
-        if !(3..=4).contains(&parts.len()) {
+        if !(2..=5).contains(&parts.len()) {
             return Err(refuse(format!("{} parts", parts.len())));
         }
-        let rate = match parts.get_item(3) {
-            Ok(rate) if !rate.is_none() => scene.rate("pd.target_rate", &rate)?,
-            _ => Input::filled(pd.py(), "pd.target_rate", 0.0, scene.scene.nv())?,
+        let py = pd.py();
+        let part = |at: usize| parts.get_item(at).ok().filter(|part| !part.is_none());
+        let rate = match part(3) {
+            Some(rate) => scene.rate("pd.target_rate", &rate)?,
+            None => Input::filled(py, "pd.target_rate", 0.0, scene.scene.nv())?,
         };
-        let gain = |name: &str, at: usize| -> PyResult<Vec<f64>> {
-            let given = parts.get_item(at)?;
-            if let Some(free) = scene.scene.joints().iter().find(|joint| joint.kind == JointKind::Floating)
-                && input::is_one_number(&given)
-            {
-                let found = format!("one number for all joints, which would also hold {:?} in the air", free.name);
-                let (nv, rows) = (scene.scene.nv(), &free.v);
-                let expected = format!(
-                    "{nv} gains, those of {:?} at {}:{} explicitly, for instance 0",
-                    free.name, rows.start, rows.end
-                );
-                return Err(Error::argument(name, found, expected).into());
-            }
-            let gains = input::spread(name, &given, scene.rates())?;
-            Ok(scene.expanded(gains, Coupling::torques))
+        let [kp, kd] = [("pd.kp", 0), ("pd.kd", 1)].map(|(name, at)| of_joints(scene, name, &parts.get_item(at)?, 0.0));
+        let target = part(2)
+            .map(|target| scene.on_tree(py, scene.configuration("pd.target", &target)?, Coupling::configuration));
+        let effort = match part(4) {
+            Some(effort) if effort.is_instance_of::<PyBool>() && !effort.is_truthy()? => None,
+            effort => effort,
         };
-        let (py, target) = (pd.py(), scene.configuration("pd.target", &parts.get_item(2)?)?);
         Ok(Self {
-            gains: [gain("pd.kp", 0)?, gain("pd.kd", 1)?],
-            target: scene.on_tree(py, target, Coupling::configuration)?,
+            gains: [kp?, kd?],
+            target: target.transpose()?,
             rate: scene.on_tree(py, rate, Coupling::rates)?,
+            effort: effort.map(|effort| limits(scene, &effort)).transpose()?,
+            limits_sum: false,
+            changing: [None, None],
+            steps: 0,
+            neutral: scene.expanded(scene.scene.neutral(), Coupling::configuration),
         })
     }
 
+    /// The law without gains, whose limits are those of the applied torque.
+    fn without_gains(py: Python<'py>, scene: &PyScene) -> PyResult<Self> {
+        let zero = |name| scene.on_tree(py, Input::filled(py, name, 0.0, scene.scene.nv())?, Coupling::torques);
+        Ok(Self {
+            gains: [zero("pd.kp")?, zero("pd.kd")?],
+            target: None,
+            rate: zero("pd.target_rate")?,
+            effort: None,
+            limits_sum: true,
+            changing: [None, None],
+            steps: 0,
+            neutral: scene.expanded(scene.scene.neutral(), Coupling::configuration),
+        })
+    }
+
+    /// Limits the sum of the law, which may not be given, and of the applied torque to the limits of the scene, and to
+    /// those of the law.
+    pub fn clipped(py: Python<'py>, pd: Option<Self>, scene: &PyScene) -> PyResult<Self> {
+        let mut pd = pd.map_or_else(|| Self::without_gains(py, scene), Ok)?;
+        let own = limits(scene, &true.into_pyobject(py)?.to_owned().into_any())?;
+        pd.effort = Some(match pd.effort {
+            None => own,
+            Some(given) => {
+                let own = own.data()?.to_vec();
+                let least = |given: &[f64]| given.iter().zip(&own).map(|(a, b)| a.min(*b)).collect();
+                given.mapped(py, least)?
+            }
+        });
+        pd.limits_sum = true;
+        Ok(pd)
+    }
+
+    /// The same law with targets and target velocities of each step.
+    pub fn with_targets(
+        self,
+        [targets, rates]: [Option<&Object<'py>>; 2],
+        steps: usize,
+        scene: &PyScene,
+    ) -> PyResult<Self> {
+        let py = self.rate.py();
+        let read = |name: &'static str, given: &Object<'py>, is_rate: bool| -> PyResult<Input<'py>> {
+            let (input, expand): (_, Expand) = if is_rate {
+                (scene.rate(name, given)?, Coupling::rates)
+            } else {
+                (scene.configuration(name, given)?, Coupling::configuration)
+            };
+            if input.leading().last() != Some(&steps) {
+                let found = [input.leading(), &[input.width()]].concat();
+                return Err(wrong_shape(name, &found, format!("(..., {steps}, {})", input.width())));
+            }
+            scene.on_tree(py, input, expand)
+        };
+        let changing = [
+            targets.map(|given| read("targets", given, false)).transpose()?,
+            rates.map(|given| read("target_rates", given, true)).transpose()?,
+        ];
+        Ok(Self { changing, steps, ..self })
+    }
+
     /// Leading axes of the argument, to which the batch must broadcast.
-    pub fn leading(&self) -> [(&'static str, &[usize]); 2] {
-        [("pd.target", self.target.leading()), ("pd.target_rate", self.rate.leading())]
+    pub fn leading(&self) -> Vec<(&'static str, &[usize])> {
+        let [kp, kd] = &self.gains;
+        let whole = [Some(kp), Some(kd), self.target.as_ref(), Some(&self.rate), self.effort.as_ref()];
+        let names = ["pd.kp", "pd.kd", "pd.target", "pd.target_rate", "pd.effort"];
+        let whole = names.into_iter().zip(whole).filter_map(|(name, input)| Some((name, input?.leading())));
+        let steps = ["targets", "target_rates"].into_iter().zip(&self.changing);
+        let steps = steps.filter_map(|(name, input)| {
+            let axes = input.as_ref()?.leading();
+            Some((name, &axes[..axes.len() - 1]))
+        });
+        whole.chain(steps).collect()
     }
 
     pub fn over(self, batch: &[usize], states: usize) -> PyResult<Gains> {
@@ -158,8 +231,72 @@ impl<'py> Pd<'py> {
                 everyone(input, batch, states)
             }
         };
-        let (target, target_rate) = (each(&self.target)?, each(&self.rate)?);
-        let [proportional, derivative] = self.gains;
-        Ok(Gains { proportional, derivative, target, target_rate })
+        let of_steps = |input: &Option<Input<'_>>| -> PyResult<Vec<f64>> {
+            let Some(input) = input else { return Ok(Vec::new()) };
+            let (axes, width) = (input.leading(), self.steps * input.width());
+            let leading = &axes[..axes.len() - 1];
+            if leading.is_empty() {
+                return Ok(memory::copied(&input.name, input.data()?)?);
+            }
+            let own = Broadcast::new(&input.name, input.data()?, width, leading, batch).map_err(PyErr::from)?;
+            let mut all = memory::with_capacity(&input.name, states.saturating_mul(width))?;
+            (0..states).for_each(|state| all.extend_from_slice(own.state(state)));
+            Ok(all)
+        };
+        let [proportional, derivative] = [each(&self.gains[0])?, each(&self.gains[1])?];
+        let target = match &self.target {
+            Some(target) => each(target)?,
+            None if self.changing[0].is_some() || proportional.iter().all(|&kp| kp == 0.0) => self.neutral.clone(),
+            None => return Err(Error::argument("pd.target", "None", "a target configuration, or targets").into()),
+        };
+        let effort_upper = self.effort.as_ref().map(each).transpose()?.unwrap_or_default();
+        Ok(Gains {
+            proportional,
+            derivative,
+            target,
+            target_rate: each(&self.rate)?,
+            targets: of_steps(&self.changing[0])?,
+            target_rates: of_steps(&self.changing[1])?,
+            steps: self.steps,
+            effort_lower: effort_upper.iter().map(|limit| -limit).collect(),
+            effort_upper,
+            limits_sum: self.limits_sum,
+        })
     }
+}
+
+/// Values of the joints: one number for all that have a motor, which free joints have not, or (..., nv).
+fn of_joints<'py>(scene: &PyScene, name: &'static str, given: &Object<'py>, free: f64) -> PyResult<Input<'py>> {
+    let (py, nv) = (given.py(), scene.scene.nv());
+    let input = if input::is_one_number(given) {
+        let mut numbers = input::spread(name, given, scene.rates())?;
+        for joint in scene.scene.joints().iter().filter(|joint| joint.kind == JointKind::Floating) {
+            numbers[joint.v.clone()].fill(free);
+        }
+        Input::new(name, &from_numbers(py, &numbers, &[nv])?, nv)?
+    } else {
+        scene.rate(name, given)?
+    };
+    scene.on_tree(py, input, Coupling::torques)
+}
+
+/// Limits of effort: those of the scene, or given ones.
+fn limits<'py>(scene: &PyScene, given: &Object<'py>) -> PyResult<Input<'py>> {
+    let (py, nv) = (given.py(), scene.scene.nv());
+    if given.is_instance_of::<PyBool>() {
+        let joints = scene.scene.joints().iter();
+        let numbers: Vec<f64> =
+            joints.flat_map(|joint| std::iter::repeat_n(joint.limits.effort, joint.v.len())).collect();
+        if numbers.iter().all(|limit| limit.is_infinite()) {
+            let found = "a scene without limits of effort";
+            return Err(Error::argument("effort", found, "joints with limits, or an array of limits, (nv,)").into());
+        }
+        return scene.on_tree(py, Input::new("pd.effort", &from_numbers(py, &numbers, &[nv])?, nv)?, Coupling::torques);
+    }
+    let limits = of_joints(scene, "pd.effort", given, f64::INFINITY)?;
+    if let Some(limit) = limits.data()?.iter().find(|limit| !(**limit >= 0.0)) {
+        let expected = "True, or limits that are zero or positive, infinite for none";
+        return Err(Error::argument("pd.effort", limit.to_string(), expected).into());
+    }
+    Ok(limits)
 }

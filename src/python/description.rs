@@ -9,8 +9,8 @@ use crate::error::{Error, number};
 use crate::memory;
 use crate::scene::properties::Properties;
 use crate::scene::{
-    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Simplifications,
-    Spring, Start,
+    Actuator, Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder,
+    Simplifications, Spring, Start,
 };
 use crate::spatial::Symmetric3;
 use pyo3::prelude::*;
@@ -24,7 +24,7 @@ pub(super) fn body_names(scene: &Scene) -> impl ExactSizeIterator<Item = &str> {
 }
 
 /// Version of the tuples.
-const VERSION: u32 = 12;
+const VERSION: u32 = 13;
 
 /// Name, then mass, center of mass and inertia about it (xx, xy, xz, yy, yz, zz), if any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -51,7 +51,7 @@ type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of simplifications, locked joints, (armature, damping,
 /// friction, stiffness) of the free joint of a floating base, file, treatment of mimic joints, connections, contacts,
-/// tolerance of linkages, shapes, starts.
+/// tolerance of linkages, shapes, starts, actuators.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -68,9 +68,17 @@ pub(super) struct Description(
 );
 
 /// Parts beyond a kinematic tree: the treatment of mimic joints, connections, contacts, the tolerance of linkages,
-/// shapes, colliders, the start and the keyframes.
-type Beyond =
-    (String, Vec<ConnectionTuple>, Vec<ContactTuple>, Option<f64>, Vec<String>, CollisionTuple, Vec<StartTuple>);
+/// shapes, colliders, the start and the keyframes, actuators.
+type Beyond = (
+    String,
+    Vec<ConnectionTuple>,
+    Vec<ContactTuple>,
+    Option<f64>,
+    Vec<String>,
+    CollisionTuple,
+    Vec<StartTuple>,
+    Vec<ActuatorTuple>,
+);
 
 /// Name of a keyframe, coordinates and velocities by joint.
 type StartTuple = (Option<String>, BTreeMap<String, Vec<f64>>, BTreeMap<String, Vec<f64>>);
@@ -113,6 +121,7 @@ impl Description {
                 source.shapes().to_vec(),
                 collision_tuple(source),
                 source.starts().iter().map(start_tuple).collect(),
+                source.actuators().iter().map(actuator_tuple).collect(),
             ),
         ))
     }
@@ -128,7 +137,7 @@ impl Description {
     /// The builder of the scene.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
         let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, beyond) = self;
-        let (mimic, connections, contacts, tolerance, shapes, collisions, starts) = beyond;
+        let (mimic, connections, contacts, tolerance, shapes, collisions, starts, actuators) = beyond;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -167,8 +176,34 @@ impl Description {
             .with_locked(locked)
             .with_root(Properties(root))
             .with_file(file)
-            .with_shapes(shapes))
+            .with_shapes(shapes)
+            .with_actuators(actuators.into_iter().map(actuator_of).collect()))
     }
+}
+
+/// Name, joint, gear, gain, bias, ranges of control, force and joint torque, activation (time constant, range), control
+/// and activation of keyframes, reason why it cannot be represented.
+pub(super) type ActuatorTuple = (
+    String,
+    String,
+    f64,
+    [f64; 3],
+    [f64; 3],
+    [[f64; 2]; 3],
+    Option<(f64, [f64; 2])>,
+    BTreeMap<String, [f64; 2]>,
+    Option<String>,
+);
+
+pub(super) fn actuator_tuple(actuator: &Actuator) -> ActuatorTuple {
+    let Actuator { name, joint, gear, gain, bias, control, force, torque, activation, keyframes, missing } =
+        actuator.clone();
+    (name, joint, gear, gain, bias, [control, force, torque], activation, keyframes, missing)
+}
+
+pub(super) fn actuator_of(tuple: ActuatorTuple) -> Actuator {
+    let (name, joint, gear, gain, bias, [control, force, torque], activation, keyframes, missing) = tuple;
+    Actuator { name, joint, gear, gain, bias, control, force, torque, activation, keyframes, missing }
 }
 
 fn start_tuple(start: &Start) -> StartTuple {

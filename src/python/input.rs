@@ -121,6 +121,10 @@ impl<'py> Input<'py> {
         &shape[..shape.len().saturating_sub(self.own_axes)]
     }
 
+    pub fn py(&self) -> Python<'py> {
+        self.array.py()
+    }
+
     /// Number of values of one state.
     pub fn width(&self) -> usize {
         self.width

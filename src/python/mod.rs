@@ -19,6 +19,7 @@ mod dtype;
 mod methods;
 
 mod accuracy;
+mod actuators;
 mod axis;
 mod bad_states;
 mod builder;

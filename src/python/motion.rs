@@ -10,6 +10,7 @@ use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers, property};
 use super::scene::PyScene;
+use super::simulator::without_control;
 use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits, warn_of_start};
 use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
@@ -69,7 +70,14 @@ impl PyScene {
     /// record_every : int, default 1
     ///     Steps between two rows.
     /// pd : PD, optional
-    ///     Control law PD(kp, kd, target, target_rate), evaluated within the step.
+    ///     Control law PD(kp, kd, target, target_rate, effort), evaluated within the step.
+    /// targets : (..., steps, nq) array_like, optional
+    ///     Target of pd in each step, instead of pd.target.
+    /// target_rates : (..., steps, nv) array_like, optional
+    ///     Target velocity of pd in each step, instead of pd.target_rate.
+    /// effort : {"report", "clip"}, default "report"
+    ///     "clip": the sum of tau and pd is limited to scene.limits.effort. "report": Trajectory.violations() lists
+    ///     rows with more.
     /// armature : float or (nv,) array_like, optional
     ///     Armature instead of that of the scene, kg m^2 or kg.
     #[doc = entries!(losses)]
@@ -99,6 +107,12 @@ impl PyScene {
     ///     Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
     ///     alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
     ///     An error for impacts on stops, accuracy and functions tau.
+    /// control : (n,) or (..., steps, n) array_like, or dict of str to float or array_like, optional
+    ///     Controls of scene.actuators: constant, or for each step (an axis of one step: for all steps); by name, a
+    ///     float or (..., steps), and 0 for the others. They are clipped to ctrlrange, which Trajectory.violations()
+    ///     lists. Servos act within the step, like pd, which cannot be given too; torques of tau are added.
+    /// activation : (..., n) array_like or dict, optional
+    ///     Activations of the actuators at the start, as Trajectory.activation; None: zero.
     #[doc = section!(Returns)]
     /// trajectory : Trajectory
     ///     Rows t (rows,), q (..., rows, nq) and qd (..., rows, nv), the first at the start, with the integrator,
@@ -133,12 +147,13 @@ impl PyScene {
     /// >>> path.q.shape, path.integrator
     /// ((11, 3), 'rk4')
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, record_every=None, progress=None,
-                        duration=None, covariance=None, **given),
+                        duration=None, covariance=None, control=None, activation=None, **given),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
                              compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
-                             duration=None, covariance=None)")]
+                             duration=None, covariance=None, targets=None, target_rates=None, effort=None, \
+                             control=None, activation=None)")]
     #[allow(clippy::too_many_lines)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
@@ -152,15 +167,32 @@ impl PyScene {
         progress: Option<&Object<'py>>,
         duration: Option<f64>,
         covariance: Option<&Object<'py>>,
+        control: Option<&Object<'py>>,
+        activation: Option<&Object<'py>>,
         given: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
-        let keywords = Keywords::take(py, "Scene.simulate", given, true)?;
+        let all = given.map(PyDictMethods::copy).transpose()?;
+        let keywords = Keywords::take(py, "Scene.simulate", given, [true; 2])?;
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let (dt, steps) = length_of_run(dt, steps, duration, keywords.accuracy.is_some())?;
+        if let Some(control) = control {
+            let all = all.unwrap_or_else(|| PyDict::new(py));
+            all.set_item("dt", dt)?;
+            all.set_item("steps", steps)?;
+            let others = [("tau", tau), ("tau_steps", tau_steps), ("record_every", record_every)];
+            for (name, value) in others.into_iter().chain([("progress", progress), ("covariance", covariance)]) {
+                all.set_item(name, value)?;
+            }
+            let driven = imported!(py, "phipsi._actuators", "simulate")?;
+            return driven.call((slf, q, qd, control, activation), Some(&all));
+        }
+        if activation.is_some() {
+            return Err(without_control().into());
+        }
         let every = count_or("record_every", record_every, 1, 1)?;
-        let (mut settings, pd) = keywords.read(own, dt)?;
+        let (mut settings, pd) = keywords.read(py, own, (dt, steps))?;
         keywords.warn_of_units(py, dt)?;
         keywords.warn_of_friction(py, own, &settings)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;

@@ -18,7 +18,16 @@ impl PySimulator {
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Object<'py>)> {
         let (q, qd) = (self.q(py)?, self.qd(py)?);
         let moving = self.moving()?;
-        let keywords = self.keywords(py, &moving.settings())?;
+        let mut settings = moving.settings();
+        if self.drive.is_some() {
+            settings.gains = None;
+        }
+        let keywords = self.keywords(py, &settings)?;
+        for (name, value) in [("control", self.control(py)?), ("activation", self.activation(py)?)] {
+            if let Some(value) = value {
+                keywords.set_item(name, value)?;
+            }
+        }
         let (numbers, begun, done) = moving.numbers();
         let numbers = from_numbers(py, numbers, &[numbers.len()])?;
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_simulator")?;
@@ -62,14 +71,16 @@ impl PySimulator {
         for (name, numbers) in of_joints.into_iter().filter(|_| is_given) {
             keywords.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
         }
-        if let Some(Gains { proportional, derivative, target, target_rate }) = gains {
+        if let Some(Gains { proportional, derivative, target, target_rate, effort_upper, limits_sum, .. }) = gains {
             let each = |numbers: &[f64], is_rate: bool| {
                 let width = if is_rate { own.scene.tree().nv() } else { own.scene.tree().nq() };
                 let shape = if numbers.len() == width { vec![width] } else { [&self.batch[..], &[width]].concat() };
                 own.of_scene(from_numbers(py, numbers, &shape)?, is_rate)
             };
             let gains = (each(&proportional, true)?, each(&derivative, true)?);
-            let pd = (gains.0, gains.1, each(&target, false)?, each(&target_rate, true)?);
+            let effort = if effort_upper.is_empty() { None } else { Some(each(&effort_upper, true)?) };
+            let pd = (gains.0, gains.1, each(&target, false)?, each(&target_rate, true)?, effort);
+            keywords.set_item("effort", limits_sum.then_some("clip"))?;
             keywords.set_item("pd", pd)?;
         }
         Ok(keywords)

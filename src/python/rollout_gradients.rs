@@ -15,7 +15,7 @@ use super::stepping::Keywords;
 use crate::batch::{Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
-use crate::motion::{ModeChange, RecordedRows, Rollout, RolloutGradients};
+use crate::motion::{Gains, ModeChange, RecordedRows, Rollout, RolloutGradients};
 use crate::scene::{Coupling, Scene};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -42,13 +42,13 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution, compliance, smoothing
+    /// limits, restitution, compliance, smoothing, targets, target_rates, effort
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
-    ///     Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes): (...,
-    ///     nv) each; tau is (..., steps, nv) with tau_steps; parameters is (..., bodies, 10) or None; contacts has the
-    ///     gradients by each contact.
+    ///     Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes, target,
+    ///     target_rate): (..., nv) each; tau is (..., steps, nv) with tau_steps, target with targets and target_rate
+    ///     with target_rates; parameters is (..., bodies, 10) or None; contacts has the gradients by each contact.
     #[doc = raises!(singular memory arguments)]
     #[doc = section!(Notes)]
     /// O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
@@ -74,7 +74,7 @@ impl PyScene {
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
                              parameters=False, limits=None, restitution=0.0, compliance=None, \
-                             smoothing=0.0)")]
+                             smoothing=0.0, targets=None, target_rates=None, effort=None)")]
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
@@ -90,13 +90,13 @@ impl PyScene {
         given: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
-        let keywords = Keywords::take(py, "Scene.simulate_vjp", given, false)?;
+        let keywords = Keywords::take(py, "Scene.simulate_vjp", given, [false, true])?;
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let rows = steps / every + 1;
-        let (mut settings, pd) = keywords.read(own, dt)?;
+        let (mut settings, pd) = keywords.read(py, own, (dt, steps))?;
         let given = Given::read(tau, tau_steps, steps, own)?;
         if matches!(given, Given::Function(_)) {
             let expected = "an array; the torques of a function can be given as tau_steps";
@@ -120,6 +120,8 @@ impl PyScene {
         let states = states_of(&batch)?;
         memory::room("q", memory::bytes_of::<f64>(&[states, rows, nq + 3 * nv]))?;
         settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
+        let changes = |of: fn(&Gains) -> &[f64]| settings.gains.as_ref().is_some_and(|gains| !of(gains).is_empty());
+        let (targets, rates) = (changes(|gains| &gains.targets), changes(|gains| &gains.target_rates));
         let every_row = |i: usize, expand: Expand| -> PyResult<Vec<f64>> {
             let all = everyone(&inputs[i], &batch, states)?;
             let width = if i == 0 { scene.nq() } else { scene.nv() };
@@ -142,7 +144,8 @@ impl PyScene {
         let found = found.map_err(|stopped| fault(py, Fault { state: stopped.state, error: stopped.error }, &batch))?;
         let links = if parameters { places_of_links(scene)? } else { Vec::new() };
         let of_steps = matches!(given, Given::Steps(_)).then_some(steps);
-        Output { py, batch: &batch, nv: scene.nv(), scene }.tuple(&found, of_steps, parameters.then_some(&links[..]))
+        let inputs = [of_steps, targets.then_some(steps), rates.then_some(steps)];
+        Output { py, batch: &batch, nv: scene.nv(), scene }.tuple(&found, inputs, parameters.then_some(&links[..]))
     }
 }
 
@@ -176,8 +179,14 @@ impl<'py> Output<'_, 'py> {
     }
 
     /// Creates the named tuple, with the torques of steps and the parameters of links if requested.
-    fn tuple(&self, found: &RolloutGradients, steps: Option<usize>, links: Option<&[Place]>) -> PyResult<Object<'py>> {
-        let torque = steps.map_or_else(|| vec![self.nv], |steps| vec![steps, self.nv]);
+    fn tuple(
+        &self,
+        found: &RolloutGradients,
+        inputs: [Option<usize>; 3],
+        links: Option<&[Place]>,
+    ) -> PyResult<Object<'py>> {
+        let [torque, target, rate] =
+            inputs.map(|steps| steps.map_or_else(|| vec![self.nv], |steps| vec![steps, self.nv]));
         let of_rows = [&found.armature, &found.damping, &found.stiffness, &found.friction];
         let mut parts = Vec::new();
         for of_state in [&found.q, &found.qd] {
@@ -197,6 +206,13 @@ impl<'py> Output<'_, 'py> {
         });
         parts.push(self.contacts(found)?.into_any());
         parts.push(self.mode_changes(&found.mode_changes)?.into_any());
+        for (numbers, shape) in [(&found.target, &target), (&found.target_rate, &rate)] {
+            parts.push(if numbers.is_empty() && self.nv > 0 {
+                self.py.None().into_bound(self.py)
+            } else {
+                self.array(&self.of_scene(numbers, true), shape)?
+            });
+        }
         imported!(self.py, "phipsi._results", "RolloutGradients")?.call1(PyTuple::new(self.py, parts)?)
     }
 

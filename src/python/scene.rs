@@ -187,7 +187,7 @@ impl PyScene {
     /// ignore : collection of str, optional
     ///     Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
     ///     a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
-    ///     "gravcomp", "keyframes" (their time, act and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
+    ///     "gravcomp", "keyframes" (their time and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
     ///     (springs, damping, plasticity), "plugins", "softness" (of equality constraints and contacts) and "tendons".
     /// contacts : {"all", "plane"}, optional
     ///     "all": geoms that can collide become colliders, by MuJoCo's rules. "plane": only fixed planes touch other
@@ -224,8 +224,8 @@ impl PyScene {
     /// The equality constraints connect, weld and joint (linear) become rigid connections with their names or "equality
     /// 0" and so on; solref and solimp are not read. Armature and damping of actuators are added to those of their
     /// joint, times the square of the gear ratio; their forcerange is the effort limit. Stops are at range, moved
-    /// inward by margin. Sensors and the integrator are not read; phipsi.mujoco.actuators reads the controls, also those
-    /// of keyframes. scene.initial() is qpos0, and scene.initial(keyframe) the qpos of a keyframe.
+    /// inward by margin. Sensors and the integrator are not read; scene.actuators are those of hinges and slides, with
+    /// the controls of keyframes. scene.initial() is qpos0, and scene.initial(keyframe) the qpos of a keyframe.
     ///
     /// With `contacts`, a collider has the name of its geom, or "geom3" and so on; a mesh stands for its convex hull.
     /// contype, conaffinity, filterparent, <exclude>, <pair>, priority, condim, margin, gap and the flag override have

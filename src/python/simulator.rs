@@ -21,7 +21,7 @@ use crate::motion::{Method, ShapeContact, Simulator, Torque};
 use crate::scene::{Coupling, Scene};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::{PyDict, PyMapping, PyTuple};
 use std::borrow::Borrow;
 use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
@@ -73,6 +73,8 @@ pub(crate) struct PySimulator {
     pub(super) batch: Vec<usize>,
     dt: f64,
     method: Method,
+    /// The actuators with their controls and activations (phipsi._actuators.Drive), if the simulator has controls.
+    pub(super) drive: Option<Py<PyAny>>,
     /// The lock never blocks: a call that finds it taken raises.
     moving: Mutex<Simulator<Held>>,
 }
@@ -89,8 +91,12 @@ impl PyScene {
     ///     Step, s.
     /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
     ///     As in simulate, for all steps.
-    /// compliance, limits, restitution, accuracy, smoothing
-    ///     As in simulate, for all steps.
+    /// compliance, limits, restitution, accuracy, smoothing, effort
+    ///     As in simulate, for all steps. The targets of pd can be changed by step.
+    /// control : (..., n) array_like or dict of str to float, optional
+    ///     Controls of scene.actuators, which then act in all steps; step(control=...) changes them.
+    /// activation : (..., n) array_like or dict, optional
+    ///     Activations of the actuators at the start; None: zero.
     #[doc = section!(Returns)]
     /// simulator : Simulator
     ///     step(tau) costs one forward dynamics per stage and some tenths of a microsecond.
@@ -100,22 +106,36 @@ impl PyScene {
     /// >>> simulator.step(steps=10)
     /// >>> simulator.steps
     /// 10
-    #[pyo3(signature = (q, qd=None, *, dt, **given),
+    #[pyo3(signature = (q, qd=None, *, dt, control=None, activation=None, **given),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
                              tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
-                             smoothing=0.0)")]
+                             smoothing=0.0, effort=None, control=None, activation=None)")]
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
         qd: Option<&Object<'py>>,
         dt: Option<f64>,
+        control: Option<&Object<'py>>,
+        activation: Option<&Object<'py>>,
         given: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<PySimulator> {
         let (py, own) = (slf.py(), slf.get());
-        let keywords = Keywords::take(py, "Scene.simulator", given, true)?;
+        let none = PyDict::new(py);
+        let given = given.unwrap_or(&none);
+        let drive = match control {
+            Some(control) => {
+                let drive =
+                    imported!(py, "phipsi._actuators", "Drive")?.call1((slf, control, activation, dt, given))?;
+                given.update(drive.call_method0("keywords")?.cast::<PyMapping>()?)?;
+                Some(drive)
+            }
+            None if activation.is_some() => return Err(without_control().into()),
+            None => None,
+        };
+        let keywords = Keywords::take(py, "Scene.simulator", Some(given), [true, false])?;
         let dt = dt.ok_or_else(|| Error::argument("dt", "None", "a step in s, finite and positive"))?;
-        let (mut settings, pd) = keywords.read(own, dt)?;
+        let (mut settings, pd) = keywords.read(py, own, (dt, 0))?;
         keywords.warn_of_units(py, dt)?;
         keywords.warn_of_friction(py, own, &settings)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;
@@ -135,9 +155,17 @@ impl PyScene {
         let all = 0..moving.states();
         warn_of_start(py, [moving.limit_warning(all.clone()), moving.contact_warning(all)])?;
         own.warn_of_linkage(py)?;
-        let moving = Mutex::new(moving);
-        Ok(PySimulator { scene, batch, dt, method, moving })
+        if let Some(drive) = &drive {
+            drive.call_method1("spread", (PyTuple::new(py, &batch)?,))?;
+        }
+        let (drive, moving) = (drive.map(Bound::unbind), Mutex::new(moving));
+        Ok(PySimulator { scene, batch, dt, method, drive, moving })
     }
+}
+
+/// The error for activations without controls.
+pub(super) fn without_control() -> Error {
+    Error::argument("activation", "activations without control", "control too")
 }
 
 impl PyScene {
@@ -202,6 +230,25 @@ impl PySimulator {
         Err(stopped.raise(py, &now, &self.batch)?)
     }
 
+    /// Changes the targets of the control law.
+    fn aim<'py>(&self, py: Python<'py>, target: Option<&Object<'py>>, rate: Option<&Object<'py>>) -> PyResult<()> {
+        let own = self.scene.get();
+        let read = |name: &'static str, given: &Object<'py>, is_rate: bool| -> PyResult<Vec<f64>> {
+            let input = if is_rate {
+                own.on_tree(py, own.rate(name, given)?, Coupling::rates)?
+            } else {
+                own.on_tree(py, own.configuration(name, given)?, Coupling::configuration)?
+            };
+            if input.leading().is_empty() {
+                return Ok(input.data()?.to_vec());
+            }
+            everyone(&input, &self.batch, self.batch.iter().product())
+        };
+        let target = target.map(|given| read("target", given, false)).transpose()?;
+        let rate = rate.map(|given| read("target_rate", given, true)).transpose()?;
+        self.moving()?.aim(target.as_deref(), rate.as_deref()).map_err(|error| of_batch(py, &error, &self.batch))
+    }
+
     /// Current contacts of all states, with the given axes after the batch; None without contacts.
     fn contacts_now<'py>(
         &self,
@@ -263,6 +310,13 @@ impl PySimulator {
     ///     Joint torques, N m or N, which broadcast to the batch. None: zero.
     /// steps : int, default 1
     ///     Number of steps.
+    /// target : (..., nq) array_like, optional
+    ///     New target of pd, from this step on. None: the last one.
+    /// target_rate : (..., nv) array_like, optional
+    ///     New target velocity of pd, likewise.
+    /// control : (..., n) array_like or dict of str to float, optional
+    ///     New controls of scene.actuators, from this step on, of a simulator that was created with controls. None: the
+    ///     last ones.
     #[doc = section!(Raises)]
     /// SimulationError
     ///     The motion diverges or a pivot is lost. .step, .joint, .state and .trajectory (one row) describe it. All
@@ -277,9 +331,46 @@ impl PySimulator {
     /// >>> simulator.step([0.5, 0.0, 0.0], steps=100)
     /// >>> bool(simulator.qd[0] > 0.0)
     /// True
-    #[pyo3(signature = (tau=None, steps=Steps(1)), text_signature = "($self, tau=None, steps=1)")]
-    fn step(&self, py: Python<'_>, tau: Option<&Object<'_>>, steps: Steps) -> PyResult<()> {
+    #[pyo3(signature = (tau=None, steps=Steps(1), *, target=None, target_rate=None, control=None),
+           text_signature = "($self, tau=None, steps=1, *, target=None, target_rate=None, control=None)")]
+    fn step<'py>(
+        slf: &Bound<'py, Self>,
+        tau: Option<&Object<'py>>,
+        steps: Steps,
+        target: Option<&Object<'py>>,
+        target_rate: Option<&Object<'py>>,
+        control: Option<&Object<'py>>,
+    ) -> PyResult<()> {
+        let (py, own) = (slf.py(), slf.get());
+        if let Some(drive) = &own.drive {
+            if target.is_some() || target_rate.is_some() {
+                let expected = "one of them: the targets of servos are their controls";
+                return Err(Error::argument("target", "a target and control", expected).into());
+            }
+            drive.call_method1(py, "step", (slf, tau, steps.0, control))?;
+            return Ok(());
+        }
+        if control.is_some() {
+            let expected = "Scene.simulator(..., control=...) with the first controls";
+            return Err(Error::argument("control", "controls for a simulator without", expected).into());
+        }
+        own.advance_by(py, tau, steps, target, target_rate)
+    }
+
+    /// Advances all states, also if the simulator has controls, whose torques are in the arguments.
+    #[pyo3(name = "_advance", signature = (tau, steps, target, target_rate, /))]
+    fn advance_by<'py>(
+        &self,
+        py: Python<'py>,
+        tau: Option<&Object<'py>>,
+        steps: Steps,
+        target: Option<&Object<'py>>,
+        target_rate: Option<&Object<'py>>,
+    ) -> PyResult<()> {
         let Steps(steps) = steps;
+        if target.is_some() || target_rate.is_some() {
+            self.aim(py, target, target_rate)?;
+        }
         let Some(tau) = tau else { return self.advance(py, &Torque::Zero, steps) };
         let own = self.scene.get();
         let nv = own.scene.nv();
@@ -302,6 +393,8 @@ impl PySimulator {
     ///     Joint velocities, rad/s or m/s; zero by default.
     /// states : optional
     ///     Selection of states as in array[states] = q: a mask, an index, a list of indices or a slice. None: all.
+    /// activation : (..., n) array_like or dict, optional
+    ///     Activations of the actuators of these states; None: zero. The controls remain.
     #[doc = raises!(arguments)]
     #[doc = section!(Warns)]
     /// ContactWarning, LimitWarning
@@ -314,15 +407,21 @@ impl PySimulator {
     /// >>> simulator.reset([0.3, 0.2, 0.1], states=2)
     /// >>> simulator.t
     /// array([0.01, 0.01, 0.  , 0.01])
-    #[pyo3(signature = (q, qd=None, *, states=None))]
+    #[pyo3(signature = (q, qd=None, *, states=None, activation=None))]
     fn reset<'py>(
         &self,
         py: Python<'py>,
         q: &Object<'py>,
         qd: Option<&Object<'py>>,
         states: Option<&Object<'py>>,
+        activation: Option<&Object<'py>>,
     ) -> PyResult<()> {
         let own = self.scene.get();
+        let activation = match &self.drive {
+            Some(drive) => Some(drive.call_method1(py, "read", (activation,))?),
+            None if activation.is_some() => return Err(without_control().into()),
+            None => None,
+        };
         let [q, qd] = own.state_of_tree(py, q, qd)?;
         let (axes, chosen) = match states {
             None => (self.batch.clone(), self.every()?),
@@ -337,6 +436,9 @@ impl PySimulator {
             detached(py, || moving.reset(&chosen, &q, &qd))?
         };
         outcome.map_err(|error| fault(py, error, &self.batch))?;
+        if let (Some(drive), Some(activation)) = (&self.drive, activation) {
+            drive.call_method1(py, "reset", (states, activation))?;
+        }
         let warnings = [guard.limit_warning(chosen.iter().copied()), guard.contact_warning(chosen)];
         // The lock is released first, because a handler of warnings can call the simulator.
         drop(guard);
@@ -355,6 +457,18 @@ impl PySimulator {
     pub(super) fn qd<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let moving = self.moving()?;
         self.of_all(py, &moving, &[], (moving.scene().nv(), RATES))
+    }
+
+    /// Controls of the actuators, (..., n), a copy; None without control.
+    #[getter]
+    pub(super) fn control<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
+        self.of_drive(py, "control")
+    }
+
+    /// Activations of the actuators, (..., n), a copy, zero for those without one; None without control.
+    #[getter]
+    pub(super) fn activation<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
+        self.of_drive(py, "activation")
     }
 
     /// Time since the start or last reset of each state, (...), s: a float for one state, otherwise an array.
@@ -433,6 +547,11 @@ impl PySimulator {
 const RESET_AT_ONCE: usize = 1_000;
 
 impl PySimulator {
+    fn of_drive<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Object<'py>>> {
+        let part = |drive: &Py<PyAny>| drive.bind(py).getattr(name)?.call_method0("copy");
+        self.drive.as_ref().map(part).transpose()
+    }
+
     /// Number of values per state.
     fn width(&self) -> usize {
         let scene = &self.scene.get().scene;

@@ -40,6 +40,9 @@ pub(super) struct Keywords<'py> {
     restitution: f64,
     pub accuracy: Option<f64>,
     smoothing: f64,
+    targets: Option<Object<'py>>,
+    target_rates: Option<Object<'py>>,
+    effort: Option<String>,
 }
 
 /// Removes a keyword from those given; without it, `usual`.
@@ -56,12 +59,12 @@ fn taken<'py, T: FromPyObjectOwned<'py>>(given: &Bound<'py, PyDict>, name: &str,
 
 impl<'py> Keywords<'py> {
     /// The keywords of a call of this method, which are removed from those given; others are refused, `accuracy` too if
-    /// the method does not control the error.
+    /// the method does not control the error, and the targets of steps if their number is not known.
     pub fn take(
         py: Python<'py>,
         method: &str,
         given: Option<&Bound<'py, PyDict>>,
-        controls_error: bool,
+        [controls_error, has_steps]: [bool; 2],
     ) -> PyResult<Self> {
         let none = PyDict::new(py);
         let given = given.unwrap_or(&none);
@@ -81,13 +84,21 @@ impl<'py> Keywords<'py> {
             restitution: taken(given, "restitution", 0.0)?,
             accuracy: if controls_error { taken(given, "accuracy", None)? } else { None },
             smoothing: taken(given, "smoothing", 0.0)?,
+            targets: if has_steps { taken(given, "targets", None)? } else { None },
+            target_rates: if has_steps { taken(given, "target_rates", None)? } else { None },
+            effort: taken(given, "effort", None)?,
         };
         refuse_unknown(py, method, Some(given))?;
         Ok(keywords)
     }
 
     /// Reads the settings, and the control law, whose targets can be a batch.
-    pub fn read(&self, own: &PyScene, dt: f64) -> PyResult<(Settings, Option<Pd<'py>>)> {
+    pub fn read(
+        &self,
+        py: Python<'py>,
+        own: &PyScene,
+        (dt, steps): (f64, usize),
+    ) -> PyResult<(Settings, Option<Pd<'py>>)> {
         let mut settings = Settings::new(&own.scene, dt);
         match self.method.as_deref().map(Method::named).transpose()? {
             // Scenes with contacts have one method, which is their default.
@@ -122,7 +133,20 @@ impl<'py> Keywords<'py> {
             properties.rest = own.expanded(input::state("rest", rest, own.coordinates())?, Coupling::configuration);
         }
         properties.friction_speed = self.friction_speed.unwrap_or(0.0);
-        let pd = self.pd.as_ref().map(|pd| Pd::read(pd, own)).transpose()?;
+        let mut pd = self.pd.as_ref().map(|pd| Pd::read(pd, own)).transpose()?;
+        let targets = [self.targets.as_ref(), self.target_rates.as_ref()];
+        if targets.iter().any(Option::is_some) {
+            let Some(law) = pd else {
+                let expected = "targets with pd=PD(kp, kd), whose targets they are";
+                return Err(Error::argument("targets", "targets without a control law", expected).into());
+            };
+            pd = Some(law.with_targets(targets, steps, own)?);
+        }
+        match self.effort.as_deref() {
+            None | Some("report") => {}
+            Some("clip") => pd = Some(Pd::clipped(py, pd, own)?),
+            Some(other) => return Err(Error::argument("effort", format!("{other:?}"), "\"report\" or \"clip\"").into()),
+        }
         Ok((settings, pd))
     }
 
@@ -164,6 +188,8 @@ impl<'py> Keywords<'py> {
             ("tau", tau),
             ("tau_steps", tau_steps),
             ("pd", self.pd.as_ref()),
+            ("targets", self.targets.as_ref()),
+            ("target_rates", self.target_rates.as_ref()),
             ("damping", self.damping.as_ref()),
             ("friction", self.friction.as_ref()),
             ("compliance", self.compliance.as_ref()),
@@ -174,6 +200,7 @@ impl<'py> Keywords<'py> {
         }
         given.set_item("friction_speed", self.friction_speed)?;
         given.set_item("limits", self.limits.as_deref())?;
+        given.set_item("effort", self.effort.as_deref())?;
         given.set_item("restitution", self.restitution)?;
         given.set_item("accuracy", self.accuracy)?;
         given.set_item("smoothing", self.smoothing)?;

@@ -1,6 +1,7 @@
 //! Builds a [`Scene`] from links and joints given by name, and checks them.
 
 use super::Scene;
+use super::actuator::Actuator;
 use super::assembly::{Tree, assemble};
 use super::collider::{Collider, ColliderPair, ColliderRules};
 use super::connection::Connection;
@@ -65,6 +66,8 @@ pub struct SceneBuilder {
     pub(super) collisions: ColliderRules,
     /// The start and the keyframes.
     pub(super) starts: Vec<Start>,
+    /// The actuators.
+    pub(super) actuators: Vec<Actuator>,
     pub(super) gravity: Vector3<f64>,
     pub(super) floating_base: bool,
     pub(super) strict: bool,
@@ -104,6 +107,7 @@ impl SceneBuilder {
             contacts: Vec::new(),
             collisions: ColliderRules::default(),
             starts: Vec::new(),
+            actuators: Vec::new(),
             gravity: Vector3::new(0.0, 0.0, -9.81),
             floating_base: false,
             strict: false,
@@ -200,6 +204,17 @@ impl SceneBuilder {
         self
     }
 
+    /// Adds an actuator, or replaces the one with the same name. The joint can be added later;
+    /// [`SceneBuilder::build`] checks it.
+    #[must_use]
+    pub fn actuator(mut self, actuator: Actuator) -> Self {
+        match self.actuators.iter_mut().find(|other| other.name == actuator.name) {
+            Some(other) => *other = actuator,
+            None => self.actuators.push(actuator),
+        }
+        self
+    }
+
     /// Sets gravity in the base frame, m/s^2.
     #[must_use]
     pub fn gravity(mut self, gravity: [f64; 3]) -> Self {
@@ -274,8 +289,9 @@ impl SceneBuilder {
     ///   other, a zero normal, an invalid frame, values that are not finite, a negative radius or friction, a size that
     ///   is not positive, a restitution outside 0 to 1.
     /// - Starts: a wrong number of values.
+    /// - Actuators: a joint with several degrees of freedom, values that are not finite, an empty range.
     ///
-    /// [`Error::Argument`] and [`Error::NotFinite`], named after the start, for an unknown joint, a quaternion that is
+    /// [`Error::Argument`] and [`Error::NotFinite`], named after the start or actuator, for an unknown joint, a quaternion that is
     /// not of unit norm, values that are not finite, and joints that follow others (mimic) and are elsewhere.
     pub fn build(self) -> Result<Scene, Error> {
         memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
@@ -290,8 +306,12 @@ impl SceneBuilder {
         }
         let warnings = self.warnings(&tree)?;
         let mimic_joints = self.mimic_joints;
-        let scene =
-            assemble(Scene::unfilled(self, warnings), &tree)?.connected()?.touching()?.colliding()?.starting()?;
+        let scene = assemble(Scene::unfilled(self, warnings), &tree)?
+            .connected()?
+            .touching()?
+            .colliding()?
+            .starting()?
+            .actuated()?;
         if mimic_joints == MimicJoints::Coupled { Scene::coupled(scene)?.following() } else { Ok(scene) }
     }
 
@@ -412,6 +432,9 @@ accessors!(SceneBuilder {
     /// The start and the keyframes added so far.
     pub view starts(starts): &[Start];
 
+    /// The actuators added so far.
+    pub view actuators(actuators): &[Actuator];
+
     /// Adds a free joint between the base and the root link. Its name is [`ROOT_JOINT`], followed by the number of "_"
     /// that makes it unique.
     pub set floating_base(floating_base): bool;
@@ -455,6 +478,10 @@ accessors!(SceneBuilder {
     /// URDF texts whose `<visual>` elements are drawn.
     #[cfg_attr(not(feature = "python"), allow(dead_code))]
     pub(crate) view shapes(shapes): &[String];
+
+    /// Sets the actuators, whose names are unique.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) set with_actuators(actuators): Vec<Actuator>;
 
     /// The locked joints with their previous kinds, for copies of the description.
     #[cfg_attr(not(feature = "python"), allow(dead_code))]

@@ -20,8 +20,8 @@ impl Scene {
     /// one body. Links locked to the base are removed from the dynamics. M, bias and accelerations equal those of this
     /// scene without the rows of the locked joints and with zero velocities there. Joints that follow a locked joint
     /// are locked with it. Connections remain unless both ends are locked to each other, and contacts remain unless
-    /// their link cannot move, or cannot move against the other link. The start and the keyframes of the other joints
-    /// remain.
+    /// their link cannot move, or cannot move against the other link. The start, the keyframes and the actuators of the
+    /// other joints remain.
     ///
     /// ```
     /// # fn main() -> Result<(), phipsi::Error> {
@@ -66,6 +66,7 @@ impl Scene {
             }
         }
         source.starts.iter_mut().for_each(|start| start.forget(joints));
+        source.actuators.retain(|actuator| !joints.contains(&actuator.joint.as_str()));
         self.lock_connections(&mut source, joints, q)?;
         self.lock_contacts(&mut source)?;
         source.build()

@@ -29,6 +29,7 @@
 //! # }
 //! ```
 
+mod actuator;
 mod assembly;
 mod builder;
 mod checks;
@@ -61,6 +62,7 @@ pub use crate::joints::JointKind;
 pub use crate::model::Model;
 #[doc(hidden)]
 pub use crate::model::{Body, Motion, Simplifications};
+pub use actuator::Actuator;
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub(crate) use checks::check_tolerance;

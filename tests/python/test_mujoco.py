@@ -461,8 +461,9 @@ def test_parts_of_keyframes_that_are_not_read_are_named() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert phipsi.load(text.format("")).initial("k") == 1.0
-    for part, given in (("time", 'time="2"'), ("act", 'act="1"'), ("mpos", 'mpos="0 0 2"'), ("mquat", 'mquat="0 1 0 0"')):
-        with pytest.warns(ModelWarning, match=rf"{part} of the keyframe 'k': only qpos and qvel are read; use ignore=\('keyframes',\)"):
+    assert phipsi.load(text.format('act="1"')).actuators.keyframe_activations["k"] == 1.0
+    for part, given in (("time", 'time="2"'), ("mpos", 'mpos="0 0 2"'), ("mquat", 'mquat="0 1 0 0"')):
+        with pytest.warns(ModelWarning, match=rf"{part} of the keyframe 'k': only qpos, qvel, ctrl and act are read; use ignore=\('keyframes',\)"):
             scene = phipsi.load(text.format(given))
         assert scene.initial("k") == 1.0
         with warnings.catch_warnings():

@@ -325,11 +325,10 @@ class _Propagation:
         given = given | {"steps": every, "record_every": every, "parameters": len(columns) > 0}
         if given.get("pd") is not None:
             # The targets are those of a state, not of a row.
-            given["pd"] = tuple(
-                part if at < 2 or np.ndim(part) < 2 else np.asarray(part)[..., None, :]
-                for at, part in enumerate(given["pd"])
-                if part is not None
-            )
+            given["pd"] = tuple(part if np.ndim(part) < 2 else np.asarray(part)[..., None, :] for part in given["pd"])
+        for name in {"targets", "target_rates"} & set(given):
+            each = np.asarray(given[name])[..., :rows, :]
+            given[name] = each.reshape(*each.shape[:-2], -1, every, each.shape[-1])[..., at, :, :]
         tau = self._torques()[..., :rows, :]
         tau = tau.reshape(*tau.shape[:-2], -1, every, nv)
         # The derivative of function i is state i of the leading axis.

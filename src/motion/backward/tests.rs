@@ -98,12 +98,8 @@ impl Case {
             friction: positive(&mut random, nv, 0.3),
             friction_speed: 0.5,
         };
-        let gains = Gains {
-            proportional: positive(&mut random, nv, 3.0),
-            derivative: positive(&mut random, nv, 0.5),
-            target,
-            target_rate: many(&mut random, nv, 0.3),
-        };
+        let (kp, kd) = (positive(&mut random, nv, 3.0), positive(&mut random, nv, 0.5));
+        let gains = Gains::new(kp, kd, target).with_target_rate(many(&mut random, nv, 0.3));
         let settings = StepSettings::new(scene.model(), step, method, (properties, Some(gains))).backward();
         let (v, torque, end) = (
             many(&mut random, nv, 1.0),
@@ -225,6 +221,13 @@ fn gradients_by_the_state() {
                     s.q[body.q..].iter_mut().zip(&rates).for_each(|(q, rate)| q.tangent = rate.value);
                 });
                 near(gradients.start[0][row + i], by_q, &format!("{name}: q, row {}", row + i));
+                let by_target = case.along(|s| {
+                    let mut rates = vec![number(0.0); motion.nq()];
+                    let q: Vec<Number> = s.target[body.q..].to_vec();
+                    motion.coordinate_rates(&q, &unit(i).map(number), &mut rates);
+                    s.target[body.q..].iter_mut().zip(&rates).for_each(|(q, rate)| q.tangent = rate.value);
+                });
+                near(gradients.acting[TARGET][row + i], by_target, &format!("{name}: target, row {}", row + i));
                 let by_v = case.along(|s| s.v[row + i].tangent = DoubleDouble::from_f64(1.0));
                 near(gradients.start[1][row + i], by_v, &format!("{name}: v, row {}", row + i));
             }
@@ -243,6 +246,8 @@ fn gradients_by_what_acts_at_the_joints() {
                 case.along(|s| s.torque[row].tangent = DoubleDouble::from_f64(1.0)),
                 &format!("{name}: torque {row}"),
             );
+            let by_rate = case.along(|s| s.target_rate[row].tangent = DoubleDouble::from_f64(1.0));
+            near(found(RATE), by_rate, &format!("{name}: target velocity {row}"));
             let by_noise = |change: f64| {
                 move |s: &mut Scratch<Number>| {
                     s.rows[row].noise.tangent = DoubleDouble::from_f64(change);

@@ -5,6 +5,7 @@
 //! rebounds, if a joint reaches a stop, if a further contact closes because of the impulses, or if the law is not
 //! solved.
 
+use super::super::drives::agreement;
 use super::super::faults::LARGEST_STEP;
 use super::super::job::{Impacts, States};
 use super::super::limit_rows::limit_rows;
@@ -276,6 +277,8 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
             }
             fallback |= touching.at_limits(h, &s.q, &s.v_next);
         }
+        let agrees = agreement((settings, &settings.scheme), s);
+        fallback |= lanes_but::<T>(|lane| agrees.lane(lane) > 0.0);
         move_along(h, s);
         add_work(settings, s);
         place::<T, T>(&s.constants, &mut touching.ahead, zero, &s.q_next);

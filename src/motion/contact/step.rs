@@ -1,5 +1,6 @@
 //! One step of one state with contacts.
 
+use super::super::drives::{LINEAR, contradictions, give, pieces};
 use super::super::events::StopImpact;
 use super::super::faults::fault_of;
 use super::super::limit_rows::{is_violent, least_velocity, limit_rows, rebounds, settle_at};
@@ -7,7 +8,8 @@ use super::super::scratch::Scratch;
 use super::super::solver::Checked;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
-use super::super::totals::{STOPS, note_dropped};
+use super::super::stops::Piece;
+use super::super::totals::{STOPS, UNSETTLED, note_dropped};
 use super::super::works::add_work;
 use super::closed::{eliminated, onto_connections};
 use super::faults::{REFUSED, check, check_movable, check_normals, factorised, held_still};
@@ -46,6 +48,11 @@ const TOUCHING: f64 = 1e-9;
 /// Rounding errors of impulses relative to the largest, and of their work relative to impulse times velocity.
 const ROUNDING: f64 = 1e-9;
 
+/// Number of changes of all contradicted pieces of control laws together, and the largest number of changes of single
+/// ones.
+const BLOCK_ROUNDS: usize = 4;
+const MOST_ROUNDS: usize = 200;
+
 /// Scratch memory for one state.
 pub(super) struct ContactStep {
     pub solver: Checked,
@@ -59,6 +66,10 @@ pub(super) struct ContactStep {
     pub acceleration: f64,
     pub reverses: bool,
     pub division: Division,
+    /// The control laws whose pieces the last step contradicts, with the pieces to which they must change.
+    contradicted: Vec<(usize, Piece)>,
+    /// Those that stay at a limit.
+    frozen: Vec<usize>,
 }
 
 /// Gaps, axes and velocities of contacts at the start of a step.
@@ -124,12 +135,14 @@ impl ContactStep {
         // The equations of motion are those of the tree; coupled joints are rows of the step.
         let solver = Checked::new(scene.model(), None, form).accepting(settings.tolerance);
         let (impacts, division) = (Vec::new(), Division::default());
-        Self { solver, rows, impacts, record: None, acceleration: 0.0, reverses: false, division }
+        let (contradicted, frozen) = (Vec::new(), Vec::new());
+        Self { solver, rows, impacts, record: None, acceleration: 0.0, reverses: false, division, contradicted, frozen }
     }
 
     /// A step, or a part of it, from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the
     /// joint and the error if it fails, and false, without an effect, if the least gap at the end of the rows that the
-    /// part passes is not `accepted`.
+    /// part passes is not `accepted`. It is repeated until the pieces of the control laws with limits agree with its end,
+    /// first with all that contradict it changed together, then one after another; a joint on no piece stays at its limit.
     pub fn part(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
@@ -137,6 +150,48 @@ impl ContactStep {
         kept: &mut [f64],
         accepted: &RangeInclusive<f64>,
     ) -> Result<bool, (String, Error)> {
+        s.are_sides_given = false;
+        if settings.limited.is_empty() {
+            return self.on_pieces((scene, settings), s, kept, accepted);
+        }
+        let (totals, passing) = (s.totals, self.division.passing.clone());
+        self.frozen.clear();
+        let mut outcome = self.on_pieces((scene, settings), s, kept, accepted);
+        let (mut pieces, mut at, mut before) = (pieces(settings, s), 0, None);
+        for round in 0.. {
+            let found = std::mem::take(&mut self.contradicted);
+            let next = found.iter().find(|(i, _)| *i >= at).or(found.first());
+            let Some(&(i, piece)) = next.filter(|_| outcome.is_ok()) else { break };
+            if round < BLOCK_ROUNDS {
+                for &(i, piece) in &found {
+                    pieces[i] = piece;
+                }
+            } else if before == Some((i, piece)) || round > MOST_ROUNDS {
+                // Contacts can make the law of a joint ambiguous, or leave it without a solution in this step.
+                pieces[i] = if piece == LINEAR { pieces[i] } else { piece };
+                self.frozen.push(i);
+            } else {
+                (at, before) = (i, Some((i, pieces[i])));
+                pieces[i] = piece;
+            }
+            give(settings, s, &pieces);
+            s.totals = totals;
+            self.division.passing.clone_from(&passing);
+            outcome = self.on_pieces((scene, settings), s, kept, accepted);
+        }
+        s.totals[UNSETTLED] += f64::from(u8::from(!self.frozen.is_empty()));
+        outcome
+    }
+
+    /// As [`ContactStep::part`], for given pieces. Stops, without an effect on `kept`, if its end contradicts them.
+    fn on_pieces(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        s: &mut Scratch<f64>,
+        kept: &mut [f64],
+        accepted: &RangeInclusive<f64>,
+    ) -> Result<bool, (String, Error)> {
+        self.contradicted.clear();
         step((settings, &settings.scheme), s, &mut self.solver);
         let lost = self.solver.lost.take();
         if let Some(fault) = fault_of(scene, settings, s, lost) {
@@ -162,6 +217,13 @@ impl ContactStep {
         };
         self.reverses = outcome.reverses;
         self.record = v_free.map(|v_free| StepRecord::new(v_free, &s.v_next, &before, &mut outcome));
+        // The law is that of the end, not of the mean velocity of a step with an impact at its start.
+        let ends = outcome.slowed.as_ref().filter(|_| outcome.strikes).unwrap_or(&s.v_next);
+        contradictions((settings, &settings.scheme), (s, ends), &mut self.contradicted);
+        self.contradicted.retain(|(i, _)| !self.frozen.contains(i));
+        if !self.contradicted.is_empty() {
+            return Ok(false);
+        }
         move_along(h, s);
         if let Some(slowed) = outcome.slowed.take() {
             s.v_next = slowed;

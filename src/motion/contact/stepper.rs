@@ -1,7 +1,6 @@
 //! Steps of states with contacts, one after another, and records of their contacts.
 
 use super::super::job::Job;
-use super::super::properties::of_state;
 use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
 use super::super::torque::{StepFault, Torque};
@@ -67,13 +66,10 @@ impl ContactStepper {
         if settings.accuracy.is_some() {
             s.adopt(settings, &settings.scheme);
         }
+        s.take_gains(settings, 1, |_| state);
         s.q.copy_from_slice(q);
         s.v.copy_from_slice(v);
         s.totals.copy_from_slice(totals);
-        if let Some(gains) = &settings.gains {
-            s.target.copy_from_slice(of_state(&gains.target, nq, state));
-            s.target_rate.copy_from_slice(of_state(&gains.target_rate, nv, state));
-        }
         match job.torque {
             Torque::Constant(torque) => s.torque.copy_from_slice(torque.state(state)),
             _ => s.torque.fill(0.0),
@@ -84,6 +80,7 @@ impl ContactStepper {
                 let at = (n - first) * nv;
                 s.torque.copy_from_slice(&torque.state(state)[at..at + nv]);
             }
+            s.take_targets(settings, (n, 1), |_| state);
             if let Err((joint, error)) = step(shaped.as_deref_mut(), touching, (scene, settings), s, kept) {
                 outcome = Err(StepFault { step: n, state, joint, error });
                 break;

@@ -26,6 +26,7 @@ impl<T: Vectorized, I: Target> Step<'_, T, I> {
             let at = (*n - first) * nv;
             take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
         }
+        s.take_targets(job.settings, (*n, count), |lane| job.states.start + lane);
     }
 
     /// The lanes whose gradients are not finite.

@@ -24,7 +24,7 @@ use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::spatial::{RigidShift, Symmetric3};
 use crate::{interrupt, memory};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
-use rotor::read_rotors;
+use rotor::read_transmissions;
 use std::path::Path;
 use survey::Findings;
 use xml::{Element, Source, VERSIONS, plain_attribute, quoted};
@@ -115,7 +115,7 @@ fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
         }
     }
     builder.tolerance = decimals.and_then(tolerance_of);
-    read_rotors(&robot, &source, &mut builder.joints, &mut findings)?;
+    builder.actuators = read_transmissions(&robot, &source, &mut builder.joints, &mut findings)?;
     let found = findings.into_text();
     if builder.links.is_empty() {
         let besides = found.map_or_else(String::new, |found| format!("; not recognized: {found}"));

@@ -1,16 +1,17 @@
-//! Rotor inertia in the notation of Drake and others. Armature is ratio^2 * inertia.
+//! Transmissions: actuators, and rotor inertia in the notation of Drake and others. Armature is ratio^2 * inertia.
 //!
 //! The reader accepts `<drake:rotor_inertia value="...">` and `<drake:gear_ratio value="...">` in the `<actuator>` of a
 //! simple `<transmission>`, as Drake does, or in the `<joint>`. In an actuator it also accepts `<rotorInertia>`,
 //! `<rotor_inertia>` and `<motorInertia>` with the value as text, `<gearRatio>` and `<gear_ratio>`, and
 //! `<mechanicalReduction>` for the ratio in the actuator, the transmission or its joint. The default ratio is 1, the
-//! default inertia 0.
+//! default inertia 0. The actuators of the scene are motors with this ratio as gear.
 
 use super::known::one_off;
 use super::survey::{Findings, foreign};
 use super::xml::{Source, plain_attribute, quoted};
 use crate::error::{Error, number};
 use crate::joints::JointKind;
+use crate::scene::Actuator;
 use crate::scene::description::JointDescription;
 use roxmltree::Node;
 use std::collections::{HashMap, HashSet};
@@ -20,17 +21,17 @@ const INERTIAS: [&str; 4] = ["drake:rotor_inertia", "rotorInertia", "rotor_inert
 const RATIOS: [&str; 5] =
     ["drake:gear_ratio", "gearRatio", "gear_ratio", "mechanicalReduction", "mechanical_reduction"];
 
-/// Adds the rotor inertias to the armature of the joints.
+/// Adds the rotor inertias to the armature of the joints, and returns the actuators.
 ///
 /// # Errors
 ///
 /// [`Error::Scene`] for a value that is not a number, or a negative inertia.
-pub(super) fn read_rotors(
+pub(super) fn read_transmissions(
     robot: &Node,
     source: &Source,
     joints: &mut [JointDescription],
     findings: &mut Findings,
-) -> Result<(), Error> {
+) -> Result<Vec<Actuator>, Error> {
     let index: HashMap<String, usize> = joints.iter().enumerate().map(|(i, joint)| (joint.name.clone(), i)).collect();
     // Joints whose armature was given by `<dynamics armature>` or by elements of the joint.
     let mut said: HashSet<usize> =
@@ -47,6 +48,7 @@ pub(super) fn read_rotors(
         add(&rotor, joint, joints, &said, findings);
         said.insert(joint);
     }
+    let (mut actuators_of_scene, mut taken) = (Vec::new(), HashSet::new());
     for node in named("transmission") {
         let parts =
             |tag: &'static str| node.children().filter(move |child| child.has_tag_name(tag)).collect::<Vec<_>>();
@@ -60,11 +62,21 @@ pub(super) fn read_rotors(
         for &actuator in &actuators {
             let mut around = vec![actuator, node];
             around.extend(&driven);
-            let Some(rotor) = reader.rotor(&around, &INERTIAS, &RATIOS, findings)? else { continue };
             let joint = match driven[..] {
                 [joint] if is_simple(&node) => plain_attribute(&joint, "name").and_then(|name| index.get(name)),
                 _ => None,
             };
+            let named = [actuator, node].iter().find_map(|of| plain_attribute(of, "name").map(str::to_owned));
+            let at = actuators_of_scene.len();
+            let mut name = named.unwrap_or_else(|| format!("actuator{at}"));
+            if taken.contains(&name) {
+                name = format!("{name}_{at}");
+            }
+            while !taken.insert(name.clone()) {
+                name.push('_');
+            }
+            actuators_of_scene.push(motor(name, joint.map(|&at| &joints[at]), ratio_of(&around)));
+            let Some(rotor) = reader.rotor(&around, &INERTIAS, &RATIOS, findings)? else { continue };
             match joint {
                 Some(&joint) => add(&rotor, joint, joints, &said, findings),
                 None => {
@@ -77,7 +89,29 @@ pub(super) fn read_rotors(
             }
         }
     }
-    Ok(())
+    Ok(actuators_of_scene)
+}
+
+/// The motor of a joint, whose control range is that of the effort limit.
+fn motor(name: String, joint: Option<&JointDescription>, gear: Option<f64>) -> Actuator {
+    let joint = joint.filter(|joint| joint.kind != JointKind::Fixed && joint.kind.nv() == 1);
+    let (Some(joint), Some(gear)) = (joint, gear) else {
+        let reason = "whose transmission is not a SimpleTransmission of one joint with one degree of freedom";
+        let reason = if joint.is_some() { "whose gear ratio is not a number" } else { reason };
+        return Actuator { missing: Some(reason.to_owned()), ..Actuator::new(name, "", 1.0) };
+    };
+    let most = if gear == 0.0 { f64::INFINITY } else { joint.limits.effort / gear.abs() };
+    Actuator { control: [-most, most], ..Actuator::new(name, joint.name.clone(), gear) }
+}
+
+/// The first gear ratio in the elements, 1 without one; `None` if it is not a number.
+fn ratio_of(elements: &[Node]) -> Option<f64> {
+    let mut children = elements.iter().flat_map(Node::children);
+    let Some(node) = children.find(|child| child.is_element() && RATIOS.contains(&&*written(child))) else {
+        return Some(1.0);
+    };
+    let text = plain_attribute(&node, "value").or_else(|| node.text()).unwrap_or_default();
+    text.trim().parse().ok().filter(|ratio: &f64| ratio.is_finite())
 }
 
 /// Drake's rule: the type contains this word. A transmission without a type is simple.
