@@ -12,17 +12,10 @@
 //! torque at the start of the step determines the piece, and the end of the step tests it. In steps of one stage the test is
 //! the law itself. In others both the torque at the end and the mean torque of the step have to be on the piece.
 
-use super::properties::Gains;
-use super::rollout::Rollout;
 use super::scratch::Scratch;
-use super::simulator::Simulator;
 use super::step_settings::{StepArguments, StepSettings};
 use super::stops::{Drive, Piece};
-use crate::error::{Error, in_language};
 use crate::scalar::{Real, larger};
-use crate::scene::Scene;
-use std::borrow::Borrow;
-use std::sync::Arc;
 
 /// Rounding errors of torques, relative to the torques of the law at a displacement and a velocity of one.
 const ROUNDING: f64 = 1e-15;
@@ -218,44 +211,4 @@ pub(super) fn give(settings: &StepSettings, s: &mut Scratch<f64>, pieces: &[Piec
         };
     }
     s.are_sides_given = true;
-}
-
-impl<S: Borrow<Scene>> Rollout<S> {
-    /// Changes the targets of the control law from the next step on, given as in [`Gains`]; `None` leaves them.
-    ///
-    /// # Errors
-    ///
-    /// A rollout without a control law; targets of a wrong size, or that are not configurations. The targets are then
-    /// unchanged.
-    pub fn aim(&mut self, target: Option<&[f64]>, target_rate: Option<&[f64]>) -> Result<(), Error> {
-        let Some(gains) = &self.settings.gains else {
-            let expected =
-                in_language("a rollout with Settings::gains", "a simulator that was created with pd=PD(kp, kd)");
-            return Err(Error::argument("target", "targets without a control law", expected));
-        };
-        let mut gains = Gains::clone(gains);
-        for (to, from) in [(&mut gains.target, target), (&mut gains.target_rate, target_rate)] {
-            if let Some(from) = from {
-                from.clone_into(to);
-            }
-        }
-        gains.check(self.scene(), self.states())?;
-        let gains = Arc::new(gains);
-        if let Some(free) = &mut self.settings.free {
-            free.gains = Some(Arc::clone(&gains));
-        }
-        self.settings.gains = Some(gains);
-        Ok(())
-    }
-}
-
-impl<S: Borrow<Scene>> Simulator<S> {
-    /// As [`Rollout::aim`].
-    ///
-    /// # Errors
-    ///
-    /// As [`Rollout::aim`].
-    pub fn aim(&mut self, target: Option<&[f64]>, target_rate: Option<&[f64]>) -> Result<(), Error> {
-        self.rollout.aim(target, target_rate)
-    }
 }

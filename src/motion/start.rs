@@ -1,7 +1,8 @@
-//! Checks of initial states: joints beyond their limits, which the stops move back, contacts below their surface, and
-//! violated connections.
+//! Changes of targets, and checks of initial states: joints beyond their limits, which the stops move back, contacts
+//! below their surface, and violated connections.
 
 use super::contact;
+use super::properties::Gains;
 #[cfg(feature = "python")]
 use super::properties::joint_of_row;
 use super::rollout::Rollout;
@@ -10,6 +11,7 @@ use crate::error::{Error, in_language};
 use crate::scene::Scene;
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Largest accepted violation of the connections by an initial state, m or rad, and m/s or rad/s, and largest depth of
 /// a contact without a warning, m.
@@ -148,5 +150,45 @@ impl<S: Borrow<Scene>> Simulator<S> {
     #[cfg(feature = "python")]
     pub(crate) fn dropped_warning(&self) -> String {
         self.rollout.dropped_warning()
+    }
+}
+
+impl<S: Borrow<Scene>> Rollout<S> {
+    /// Changes the targets of the control law from the next step on, given as in [`Gains`]; `None` leaves them.
+    ///
+    /// # Errors
+    ///
+    /// A rollout without a control law; targets of a wrong size, or that are not configurations. The targets are then
+    /// unchanged.
+    pub fn aim(&mut self, target: Option<&[f64]>, target_rate: Option<&[f64]>) -> Result<(), Error> {
+        let Some(gains) = &self.settings.gains else {
+            let expected =
+                in_language("a rollout with Settings::gains", "a simulator that was created with pd=PD(kp, kd)");
+            return Err(Error::argument("target", "targets without a control law", expected));
+        };
+        let mut gains = Gains::clone(gains);
+        for (to, from) in [(&mut gains.target, target), (&mut gains.target_rate, target_rate)] {
+            if let Some(from) = from {
+                from.clone_into(to);
+            }
+        }
+        gains.check(self.scene(), self.states())?;
+        let gains = Arc::new(gains);
+        if let Some(free) = &mut self.settings.free {
+            free.gains = Some(Arc::clone(&gains));
+        }
+        self.settings.gains = Some(gains);
+        Ok(())
+    }
+}
+
+impl<S: Borrow<Scene>> Simulator<S> {
+    /// As [`Rollout::aim`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Rollout::aim`].
+    pub fn aim(&mut self, target: Option<&[f64]>, target_rate: Option<&[f64]>) -> Result<(), Error> {
+        self.rollout.aim(target, target_rate)
     }
 }

@@ -68,7 +68,7 @@ pub(super) struct ContactStep {
     pub division: Division,
     /// The control laws whose pieces the last step contradicts, with the pieces to which they must change.
     contradicted: Vec<(usize, Piece)>,
-    /// Those that stay at a limit.
+    /// The control laws that this step leaves at a limit.
     frozen: Vec<usize>,
 }
 
