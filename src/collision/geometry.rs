@@ -56,7 +56,7 @@ impl Geometry {
                 Kind::Box(half, Arc::new(Polyhedron::of_box(&half)))
             }
             Solid::Cylinder { radius, length } => Kind::Cylinder(0.5 * length, *radius),
-            Solid::Hull { points } => Kind::Hull(Arc::new(hull_of(points)?)),
+            Solid::Hull { points } => Kind::Hull(hull_of(points)?),
             Solid::Heights { heights, columns, size } => {
                 Kind::Heights(Arc::new(Heights { values: heights.clone(), columns: *columns, size: *size }))
             }
@@ -172,12 +172,12 @@ pub(super) fn rim(height: f64, radius: f64, first: &Vector3<f64>) -> Vec<Vector3
 }
 
 #[cfg(feature = "collision")]
-fn hull_of(points: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
+fn hull_of(points: &Arc<[Vector3<f64>]>) -> Result<Arc<Polyhedron>, (String, &'static str)> {
     hull::hull(points)
 }
 
 #[cfg(not(feature = "collision"))]
-fn hull_of(_: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
+fn hull_of(_: &Arc<[Vector3<f64>]>) -> Result<Arc<Polyhedron>, (String, &'static str)> {
     Err(without_feature())
 }
 
