@@ -68,11 +68,22 @@ pub(crate) enum Against {
 }
 
 impl Near {
+    /// True for points on the same plane, up to rounding.
+    fn shares_plane(&self, other: &Self) -> bool {
+        let (Against::Plane { normal, offset }, Against::Plane { normal: of_other, offset: other_offset }) =
+            (&self.against, &other.against)
+        else {
+            return false;
+        };
+        let apart = (offset - other_offset).abs();
+        self.on_first == other.on_first && (normal - of_other).norm() <= SAME && apart <= SAME * (1.0 + offset.abs())
+    }
+
     /// True for the same point and the same surface, up to rounding.
     fn is_again(&self, other: &Self) -> bool {
         let is_near = |x: &Vector3<f64>, y: &Vector3<f64>| (x - y).norm() <= SAME * (1.0 + self.radius);
         let is_same = match (&self.against, &other.against) {
-            (Against::Plane { normal, .. }, Against::Plane { normal: other, .. }) => is_near(normal, other),
+            (Against::Plane { .. }, Against::Plane { .. }) => self.shares_plane(other),
             (Against::Sphere { center, .. }, Against::Sphere { center: other, .. }) => is_near(center, other),
             (Against::Line { ends: [a, b], .. }, Against::Line { ends: [c, d], .. }) => {
                 (is_near(a, c) && is_near(b, d)) || (is_near(a, d) && is_near(b, c))
@@ -512,12 +523,22 @@ fn on_heights(of: &Heights, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, 
             on_features(&ground, b, b_in_a, reach, &found, out);
         }
     }
-    // Neighbors share corners.
-    let mut kept: Vec<Near> = Vec::new();
+    // Neighbors share corners, and triangles in one plane are one face.
+    let mut rest: Vec<Near> = Vec::new();
     for near in out.drain(first..) {
-        if !kept.iter().any(|known| known.is_again(&near)) {
-            kept.push(near);
+        if !rest.iter().any(|known| known.is_again(&near)) {
+            rest.push(near);
         }
     }
-    out.extend(kept);
+    while let Some(one) = rest.first().copied() {
+        let (face, others): (Vec<Near>, _) = rest.into_iter().partition(|near| near == &one || one.shares_plane(near));
+        rest = others;
+        let Against::Plane { normal, .. } = one.against else {
+            out.extend(face);
+            continue;
+        };
+        let normal = if one.on_first { b_in_a.rotate(&normal) } else { b_in_a.rotate_back(&normal) };
+        let (points, gaps): (Vec<_>, Vec<_>) = face.iter().map(|near| (near.center, near.gap)).unzip();
+        out.extend(spanning(&points, &gaps, &normal).into_iter().map(|i| face[i]));
+    }
 }

@@ -152,7 +152,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 let to = (from + lanes).min(range.end);
                 let out = &mut out[(from - range.start) * width..(to - range.start) * width];
                 let states = from..to;
-                let job = Job { scene, settings, torque, rows, count, states, layout, changes: &changes, shapes: &shapes };
+                let job =
+                    Job { scene, settings, torque, rows, count, states, layout, changes: &changes, shapes: &shapes };
                 if let Err(found) = reverser.run(&job, out) {
                     let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                     if fault.as_ref().is_none_or(|known| found.state < known.state) {

@@ -368,7 +368,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let connected = self.settings.connected;
         let touches = self.settings.method == Method::Contact;
         if (connected && !self.settings.is_vectorized()) || (touches && !self.settings.touches_in_lanes(self.scene())) {
-            let contacts = self.scene().contacts().len() + OF_SHAPE * self.scene().shapes().map_or(0, |of| of.all.len());
+            let contacts =
+                self.scene().contacts().len() + OF_SHAPE * self.scene().shapes().map_or(0, |of| of.all.len());
             return CONNECTED * (one_by_one + ONE_BODY * contacts);
         }
         let factor = if connected || touches { IN_LANES } else { 1 };

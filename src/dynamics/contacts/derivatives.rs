@@ -105,7 +105,8 @@ impl ContactScratch {
             let by_normal = f.cross(&slip).cross(&normal) + roll(&relative.cross(&f));
             let push = other_turning.cross(&f) + point.bending(place, &other).tr_mul(&by_normal);
             let by_arm = f.cross(&relative);
-            let moment = speed.cross(&f) + turning.cross(&arm.cross(&f)) + arm.cross(&by_arm) + normal.cross(&roll(&by_arm));
+            let moment =
+                speed.cross(&f) + turning.cross(&arm.cross(&f)) + arm.cross(&by_arm) + normal.cross(&roll(&by_arm));
             let mut add =
                 |k: usize, place: &RigidShift<f64>, arm: &Vector3<f64>, sign: f64, units: &[Vector6<f64>; 3]| {
                     let [forces, moments] = &mut scratch.sums[k];

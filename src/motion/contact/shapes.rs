@@ -19,9 +19,9 @@ use std::sync::Arc;
 /// Largest number of distances of a pair on its way.
 const MOST_LOOKS: usize = 32;
 
-/// Spheres whose centers have a smaller distance are the same one, and edges up to this height above a face do not rise
-/// above it, relative to the radius.
-const ALIKE: f64 = 1e-3;
+/// Two spheres are level above a face up to this difference of their heights, and edges up to this height above a face do
+/// not rise above it, relative to the radius.
+const LEVEL: f64 = 1e-5;
 const FLUSH: f64 = 1e-7;
 
 /// A velocity below this, relative to its terms, is rounding.
@@ -214,8 +214,9 @@ impl Shapes {
         self.omit_hidden();
     }
 
-    /// Omits contacts of spheres with edges and corners that a face hides: a sphere touches a face before it touches
-    /// anything on or below its plane. A ball that rolls over flush tiles or triangles does not hit their edges.
+    /// Omits contacts of spheres with edges and corners that a face hides: a sphere on a face, or another one of its body
+    /// that is level with it, touches the plane of the face before anything on or below that plane. A ball or a cylinder
+    /// that rolls over flush tiles or triangles does not hit their edges.
     fn omit_hidden(&mut self) {
         let Self { points, pairs, bodies, .. } = self;
         let mut spheres: Vec<usize> = (0..points.len()).filter(|&i| points[i].radius > 0.0).collect();
@@ -231,8 +232,12 @@ impl Shapes {
             for (i, normal, at, _) in each.iter().filter(|of| of.3) {
                 for (j, _, other, _) in each.iter().filter(|of| !of.3) {
                     let (one, edge) = (&points[*i], &points[*j]);
+                    let below = |point: &ContactPoint| {
+                        let place = &bodies[point.body];
+                        place.rotate(&point.center) + point.arm(Some(place), normal).0
+                    };
                     hidden[*j] |= one.other_body() == edge.other_body()
-                        && (one.center - edge.center).norm() <= ALIKE * edge.radius
+                        && normal.dot(&(below(one) - below(edge))).abs() <= LEVEL * edge.radius
                         && normal.dot(&(other - at)) <= FLUSH * edge.radius;
                 }
             }
@@ -351,7 +356,8 @@ impl Shapes {
         let (place, center) = (&self.places[other], on_body(point, &near.center));
         let sphere = RigidShift { rotation: point.frame.rotation, lever: center };
         // The nearest point of a line or box, and a sphere about it.
-        let nearest = |at: Vector3<f64>, radius: f64| (on_body(surface, &at), radius, (sphere, Shape::Sphere(near.radius)));
+        let nearest =
+            |at: Vector3<f64>, radius: f64| (on_body(surface, &at), radius, (sphere, Shape::Sphere(near.radius)));
         let (at, radius, on) = match &near.against {
             Against::Plane { normal, .. } => {
                 let normal = place.rotate(normal);
