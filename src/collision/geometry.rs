@@ -2,6 +2,7 @@
 
 #[cfg(feature = "collision")]
 use super::hull;
+use super::narrow::SAME;
 use super::polyhedron::Polyhedron;
 use super::solid::Solid;
 use crate::spatial::RigidShift;
@@ -10,6 +11,9 @@ use std::sync::Arc;
 
 /// Number of corners of the polygon that stands for the end of a cylinder.
 const CORNERS: usize = 16;
+
+/// Ground falls away from a plane at a larger slope.
+const FALLS: f64 = 1e-6;
 
 /// A shape and the box about it.
 #[derive(Debug, Clone)]
@@ -138,6 +142,29 @@ impl Heights {
         let along = |at: usize, count: usize, size: f64| size * (at as f64 / (count - 1) as f64 - 0.5);
         let (x, y) = (along(column, self.columns, self.size[0]), along(row, self.rows(), self.size[1]));
         Vector3::new(x, y, self.values[row * self.columns + column])
+    }
+
+    /// True if the ground falls away about one of its points, seen along a normal, and no triangle rises there: edges and
+    /// corners in a plane or a valley are hidden by their triangles.
+    pub fn is_exposed(&self, x: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
+        let slack = SAME * self.size[0].max(self.size[1]);
+        let holds = |t: &[Vector3<f64>; 3]| {
+            let left = |i: usize| {
+                let (along, to) = (t[(i + 1) % 3] - t[i], x - t[i]);
+                along[0] * to[1] - along[1] * to[0] >= -slack * along.norm()
+            };
+            (0..3).all(left)
+        };
+        let mut falls = (0..2).any(|axis| x[axis].abs() >= 0.5 * self.size[axis] - slack);
+        let near = self.triangles([x[0] - slack, x[1] - slack], [x[0] + slack, x[1] + slack]).filter(holds);
+        for to in near.flatten().map(|corner| corner - x) {
+            let (height, distance) = (normal.dot(&to), to.norm() + slack);
+            if height > SAME * distance {
+                return false;
+            }
+            falls |= height < -FALLS * distance;
+        }
+        falls
     }
 
     /// The triangles above a rectangle, each with its normal upward.

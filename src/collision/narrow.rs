@@ -27,8 +27,12 @@ const FLAT: f64 = 0.05;
 /// Lines at a smaller sine of their angle are parallel.
 const PARALLEL: f64 = 1e-3;
 
+/// A ridge of the ground penetrates a shape at most to this depth relative to its size; a deeper shape has points below
+/// the ground.
+const SHALLOW: f64 = 0.02;
+
 /// Largest distance of equal points, m, and of equal normals.
-const SAME: f64 = 1e-9;
+pub(super) const SAME: f64 = 1e-9;
 
 /// A possible contact of a pair.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -263,6 +267,13 @@ impl Geometry {
         }
     }
 
+    /// The face whose normal is a direction, up to a sine, and that sine.
+    fn aligned(&self, toward: &Vector3<f64>, slack: f64) -> Option<(f64, (Vector3<f64>, Vec<Vector3<f64>>))> {
+        let face = self.face_toward(toward)?;
+        let sine = face.0.cross(toward).norm();
+        (face.0.dot(toward) > 0.0 && sine <= slack).then_some((sine, face))
+    }
+
     /// The line that touches in a direction, by its ends and the radius about it: that of a capsule or of the side of a
     /// cylinder, if it is across, or an edge.
     fn line_toward(&self, direction: &Vector3<f64>) -> Option<([Vector3<f64>; 2], f64)> {
@@ -355,11 +366,6 @@ fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, o
     let size = a.half.norm().min(1e6) + b.half.norm().min(1e6);
     let slack = ALIGNED + 1e-14 * size / found.distance.abs().max(1e-30);
     let slack = slack.min(0.1);
-    let aligned = |shape: &Geometry, toward: &Vector3<f64>| {
-        let face = shape.face_toward(toward)?;
-        let sine = face.0.cross(toward).norm();
-        (face.0.dot(toward) > 0.0 && sine <= slack).then_some((sine, face))
-    };
     let back = b_in_a.inverse();
     let least = SLIDES * a.half.norm().min(b.half.norm());
     let gap = found.distance - a.rounding - b.rounding;
@@ -374,7 +380,7 @@ fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, o
             return;
         }
     }
-    let (on_a, on_b) = (aligned(a, &normal), aligned(b, &into_b));
+    let (on_a, on_b) = (a.aligned(&normal, slack), b.aligned(&into_b, slack));
     let by_b = match (&on_a, &on_b) {
         (Some(a), Some(b)) => b.0 <= a.0 + ALIGNED,
         (None, Some(_)) => true,
@@ -519,8 +525,12 @@ fn on_heights(of: &Heights, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, 
         // A ridge or a peak.
         let ground = Geometry::of_triangle(&corners);
         let Some(found) = nearest(&ground, b, b_in_a, reach + b.rounding) else { continue };
-        if found.distance > 0.0 && found.normal.dot(&normal) > 0.0 {
-            on_features(&ground, b, b_in_a, reach, &found, out);
+        let is_above = found.distance > -SHALLOW * b.half.norm() && found.normal.dot(&normal) > 0.0;
+        if is_above && of.is_exposed(&found.on_a, &found.normal) {
+            match b.aligned(&-b_in_a.rotate_back(&found.normal), PARALLEL) {
+                Some((_, face)) => on_face(&ground, face, &b_in_a.inverse(), reach, true, out),
+                None => on_features(&ground, b, b_in_a, reach, &found, out),
+            }
         }
     }
     // Neighbors share corners, and triangles in one plane are one face.
