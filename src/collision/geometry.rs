@@ -144,9 +144,9 @@ impl Heights {
         Vector3::new(x, y, self.values[row * self.columns + column])
     }
 
-    /// True if the ground falls away about one of its points, seen along a normal, and no triangle rises there: edges and
-    /// corners in a plane or a valley are hidden by their triangles.
-    pub fn is_exposed(&self, x: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
+    /// True if the ground falls away about one of its points, seen along a normal, and no triangle rises there by more than
+    /// a height: edges and corners in a plane or a valley are hidden by their triangles.
+    pub fn is_exposed(&self, x: &Vector3<f64>, normal: &Vector3<f64>, height: f64) -> bool {
         let slack = SAME * self.size[0].max(self.size[1]);
         let holds = |t: &[Vector3<f64>; 3]| {
             let left = |i: usize| {
@@ -158,11 +158,11 @@ impl Heights {
         let mut falls = (0..2).any(|axis| x[axis].abs() >= 0.5 * self.size[axis] - slack);
         let near = self.triangles([x[0] - slack, x[1] - slack], [x[0] + slack, x[1] + slack]).filter(holds);
         for to in near.flatten().map(|corner| corner - x) {
-            let (height, distance) = (normal.dot(&to), to.norm() + slack);
-            if height > SAME * distance {
+            let rise = normal.dot(&to);
+            if rise > height {
                 return false;
             }
-            falls |= height < -FALLS * distance;
+            falls |= rise < -FALLS * (to.norm() + slack);
         }
         falls
     }

@@ -46,6 +46,8 @@ pub(crate) struct Near {
     pub rim: Option<Vector3<f64>>,
     /// The surface on the other shape, in its frame.
     pub against: Against,
+    /// True if the surface is a face, or a box with faces; false for an edge or a corner.
+    pub is_face: bool,
     /// Distance, m; negative for penetration.
     pub gap: f64,
 }
@@ -127,9 +129,11 @@ pub(crate) fn distance(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, lim
             let each = near_triangles(of, b, b_in_a, limit);
             let each = each.into_iter().filter_map(|triangle| {
                 let ground = Geometry::of_triangle(&triangle);
-                distance(&ground, b, b_in_a, limit).map(|found| above(&ground, found, b, b_in_a))
+                distance(&ground, b, b_in_a, limit).map(|found| (ground, found))
             });
-            each.min_by(|x, y| x.distance.total_cmp(&y.distance))
+            // The other side of a hill is below the nearest triangle.
+            let nearest = each.min_by(|(_, x), (_, y)| x.distance.total_cmp(&y.distance));
+            nearest.map(|(ground, found)| above(&ground, found, b, b_in_a))
         }
         _ => {
             let both = a.rounding + b.rounding;
@@ -146,7 +150,7 @@ fn above(ground: &Geometry, found: Nearest, b: &Geometry, b_in_a: &RigidShift<f6
         return found;
     };
     let (normal, corner) = face;
-    if found.normal.dot(&normal) > 0.0 && found.distance >= 0.0 {
+    if found.normal.dot(&normal) > 0.0 && found.distance >= -SHALLOW * b.half.norm() {
         return found;
     }
     let low = b_in_a.rotate(&b.farthest(&b_in_a.rotate_back(&-normal))) + b_in_a.lever - normal * b.rounding;
@@ -178,7 +182,11 @@ pub(crate) fn contacts(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, rea
         (Kind::Sphere, Kind::Box(half, _)) => {
             let center = b_in_a.rotate_back(&-b_in_a.lever);
             let (radius, gap, center) = (a.rounding, from_box(half, &center) - a.rounding, Vector3::zeros());
-            push(out, reach, Near { on_first: true, center, radius, rim: None, against: Against::Box(*half), gap });
+            push(
+                out,
+                reach,
+                Near { on_first: true, center, radius, rim: None, against: Against::Box(*half), is_face: true, gap },
+            );
         }
         (Kind::Box(..), Kind::Sphere) => {
             contacts(b, a, &b_in_a.inverse(), reach, out);
@@ -255,16 +263,22 @@ impl Geometry {
         of.face_toward(direction).map(|face| (face.normal, of.polygon(face)))
     }
 
-    /// The sphere that stands for the shape about one of its points without rounding: that of its side for a cylinder.
-    fn sphere_about(&self, x: &Vector3<f64>) -> (Vector3<f64>, f64) {
+    /// The sphere that stands for the shape about one of its points without rounding, with the normal there: that of its
+    /// side for a cylinder.
+    fn sphere_about(&self, x: &Vector3<f64>, normal: &Vector3<f64>) -> (Vector3<f64>, f64) {
         match self.kind {
-            Kind::Cylinder(half, radius)
-                if x[2].abs() < half * (1.0 - 1e-9) && x[0].hypot(x[1]) > radius * (1.0 - 1e-6) =>
-            {
+            Kind::Cylinder(_, radius) if normal[2].abs() <= PARALLEL && x[0].hypot(x[1]) > radius * (1.0 - 1e-6) => {
                 (Vector3::new(0.0, 0.0, x[2]), radius)
             }
             _ => (*x, self.rounding),
         }
+    }
+
+    /// Center and radius of the rim of a cylinder with this point.
+    fn rim_about(&self, x: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
+        let Kind::Cylinder(half, radius) = self.kind else { return None };
+        let is_on = x[0].hypot(x[1]) > radius * (1.0 - 1e-6);
+        is_on.then_some((Vector3::new(0.0, 0.0, half.copysign(x[2])), radius))
     }
 
     /// The face whose normal is a direction, up to a sine, and that sine.
@@ -307,7 +321,7 @@ fn on_plane(
     let inside = |points: Vec<Vector3<f64>>| if sides.is_empty() { points } else { clip(points, sides, n) };
     let mut add = |center: Vector3<f64>, radius: f64| {
         let gap = height(&center) - radius;
-        push(out, reach, Near { on_first, center, radius, rim: None, against, gap });
+        push(out, reach, Near { on_first, center, radius, rim: None, against, is_face: true, gap });
     };
     let points = match &shape.kind {
         Kind::HalfSpace | Kind::Heights(_) => return,
@@ -322,7 +336,7 @@ fn on_plane(
                 for point in inside(ends) {
                     let (center, gap) = (Vector3::new(0.0, 0.0, point[2]), height(&point));
                     let rim = Some(Vector3::z());
-                    push(out, reach, Near { on_first, center, radius: *radius, rim, against, gap });
+                    push(out, reach, Near { on_first, center, radius: *radius, rim, against, is_face: true, gap });
                 }
                 return;
             }
@@ -447,10 +461,10 @@ fn on_features(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64,
         (a, b, lines, *b_in_a, *found)
     };
     let into_b = |x: &Vector3<f64>| b_in_a.rotate_back(&(x - b_in_a.lever));
-    let (center, radius) = a.sphere_about(&found.on_a);
+    let (center, radius) = a.sphere_about(&found.on_a, &found.normal);
     let (other, other_radius) = match line {
         Some((ends, radius)) => (on_line(&ends, &into_b(&center)), radius),
-        None => b.sphere_about(&into_b(&found.on_b)),
+        None => b.sphere_about(&into_b(&found.on_b), &b_in_a.rotate_back(&found.normal)),
     };
     let beside = own.zip(line).and_then(|((own, radius), (ends, _))| Some((beside(own, ends, &b_in_a)?, radius)));
     let (pairs, radius) = beside.map_or(([[center, other]; 2], radius), |(pairs, radius)| (pairs, radius));
@@ -467,7 +481,14 @@ fn on_features(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64,
                 (Against::Plane { normal, offset: normal.dot(&other) + other_radius }, apart.dot(&found.normal))
             }
         };
-        push(out, reach, Near { on_first: !swaps, center, radius, rim: None, against, gap: distance - both });
+        let (on_first, is_face, gap) = (!swaps, false, distance - both);
+        let near = Near { on_first, center, radius, rim: None, against, is_face, gap };
+        let of_rim = matches!(against, Against::Plane { .. }).then(|| a.rim_about(&center)).flatten();
+        push(
+            out,
+            reach,
+            of_rim.map_or(near, |(center, radius)| Near { center, radius, rim: Some(Vector3::z()), ..near }),
+        );
     }
 }
 
@@ -526,7 +547,7 @@ fn on_heights(of: &Heights, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, 
         let ground = Geometry::of_triangle(&corners);
         let Some(found) = nearest(&ground, b, b_in_a, reach + b.rounding) else { continue };
         let is_above = found.distance > -SHALLOW * b.half.norm() && found.normal.dot(&normal) > 0.0;
-        if is_above && of.is_exposed(&found.on_a, &found.normal) {
+        if is_above && of.is_exposed(&found.on_a, &found.normal, reach) {
             match b.aligned(&-b_in_a.rotate_back(&found.normal), PARALLEL) {
                 Some((_, face)) => on_face(&ground, face, &b_in_a.inverse(), reach, true, out),
                 None => on_features(&ground, b, b_in_a, reach, &found, out),

@@ -105,6 +105,36 @@ def test_a_ball_rests_on_both_sides_of_a_valley() -> None:
     assert np.allclose(force, [[0.25 * G, 0.0, 0.5 * G]] * 2, rtol=0, atol=1e-8)
 
 
+BODIES = {
+    "ball": shapes.Sphere(0.1), "box": shapes.Box((0.3, 0.1, 0.05)), "capsule": shapes.Capsule(0.06, 0.2), "cylinder": shapes.Cylinder(0.1, 0.2),
+    "hull": shapes.Hull([[x, 0.7 * y, 0.5 * z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_bodies_tumble_over_rough_terrain_without_sinking_into_it(name: str) -> None:
+    """Peaks, ridges and valleys; the distance of a height field is that of its nearest triangle."""
+    heights = 0.06 * np.random.default_rng(5).standard_normal((9, 9))
+    heights[[0, -1]] = heights[:, [0, -1]] = 0.5
+    builder = phipsi.SceneBuilder().link("world").collider("terrain", shapes.HeightField(heights, (2.0, 2.0)))
+    builder.link("body", mass=1.0, inertia=0.004 * np.eye(3)).joint("free", "floating", "world", "body")
+    scene = builder.collider("body", BODIES[name], link="body").build()
+    draw = np.random.default_rng(1)
+    turn = draw.standard_normal(4)
+    q = np.r_[0.0, 0.05, 0.4, turn / np.linalg.norm(turn)]
+    path = scene.simulate(q, np.r_[0.3 * draw.standard_normal(3), 2 * draw.standard_normal(3)], dt=2e-3, steps=300)
+    assert path.contacts.converged and path.contacts.depth < 1e-3
+    assert scene.distances(path.q[::30]).distance.min() > -1e-4 and np.diff(path.energy().total).max() < 1e-4
+
+
+def test_the_flat_end_of_a_cylinder_rests_on_a_ridge() -> None:
+    heights = -0.5 * np.abs(np.linspace(-1, 1, 9))[None, :] * np.ones((3, 1))
+    builder = phipsi.SceneBuilder().link("world").collider("ridge", shapes.HeightField(heights, (2.0, 1.0)))
+    scene = free("body", shapes.Cylinder(0.1, 0.2), builder=builder).build()
+    q = at((0, 0.2, 0.1))
+    assert np.abs(scene.simulate(q, np.zeros(6), dt=2e-3, steps=40).q[-1] - q).max() < 1e-9
+
+
 # Stairs
 
 

@@ -10,7 +10,7 @@ use crate::collision::{Against, Near, contacts, distance, on_line};
 use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::scene::Scene;
 use crate::scene::collider_pairs::{Colliders, Placed};
-use crate::scene::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes, probing_rates};
+use crate::scene::contact_point::{ContactPoint, OtherSurface, Shape, Touch, plane_axes, probing_rates};
 use crate::spatial::{RigidShift, angular, linear, zero};
 use nalgebra::{Rotation3, Vector3, Vector6};
 use std::collections::HashMap;
@@ -39,6 +39,8 @@ pub(super) struct Range {
 pub(super) struct PairOf {
     pub colliders: [usize; 2],
     pub on_second: bool,
+    /// True if the surface is a face.
+    pub is_face: bool,
 }
 
 /// Scratch memory for the shapes of one state.
@@ -214,31 +216,34 @@ impl Shapes {
         self.omit_hidden();
     }
 
-    /// Omits contacts of spheres with edges and corners that a face hides: a sphere on a face, or another one of its body
-    /// that is level with it, touches the plane of the face before anything on or below that plane. A ball or a cylinder
-    /// that rolls over flush tiles or triangles does not hit their edges.
+    /// Omits contacts with edges and corners that a face hides: a sphere or rim on a face, or another point of its body that
+    /// is level with it, touches the plane of the face before anything on or below that plane. A ball or a cylinder that
+    /// rolls over flush tiles or triangles does not hit their edges.
     fn omit_hidden(&mut self) {
         let Self { points, pairs, bodies, .. } = self;
-        let mut spheres: Vec<usize> = (0..points.len()).filter(|&i| points[i].radius > 0.0).collect();
-        spheres.sort_by_key(|&i| points[i].body);
+        let surface = |i: usize| points[i].other_body().map_or_else(RigidShift::identity, |k| bodies[k]);
+        let touch = |i: usize| points[i].touch(&bodies[points[i].body], &surface(i));
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        order.sort_by_key(|&i| points[i].body);
         let mut hidden = vec![false; points.len()];
-        for of_body in spheres.chunk_by(|&i, &j| points[i].body == points[j].body).filter(|of| of.len() > 1) {
-            let touch = |&i: &usize| {
-                let surface = points[i].other_body().map_or_else(RigidShift::identity, |k| bodies[k]);
-                let touch = points[i].touch(&bodies[points[i].body], &surface);
-                (i, touch.normal(), touch.at - touch.normal() * touch.gap, points[i].is_on_face(&touch, &surface))
+        for of_body in order.chunk_by(|&i, &j| points[i].body == points[j].body) {
+            let place = &bodies[points[of_body[0]].body];
+            let below = |i: usize, normal: &Vector3<f64>| {
+                place.rotate(&points[i].center) + points[i].arm(Some(place), normal).0
             };
-            let each: Vec<_> = of_body.iter().map(touch).collect();
-            for (i, normal, at, _) in each.iter().filter(|of| of.3) {
-                for (j, _, other, _) in each.iter().filter(|of| !of.3) {
-                    let (one, edge) = (&points[*i], &points[*j]);
-                    let below = |point: &ContactPoint| {
-                        let place = &bodies[point.body];
-                        place.rotate(&point.center) + point.arm(Some(place), normal).0
-                    };
-                    hidden[*j] |= one.other_body() == edge.other_body()
-                        && normal.dot(&(below(one) - below(edge))).abs() <= LEVEL * edge.radius
-                        && normal.dot(&(other - at)) <= FLUSH * edge.radius;
+            let is_round = |i: &&usize| points[**i].radius > 0.0 && pairs[**i].is_face;
+            for &i in of_body.iter().filter(is_round) {
+                let (face, size) = (touch(i), points[i].radius);
+                if !points[i].is_on_face(&face, &surface(i)) {
+                    continue;
+                }
+                let normal = face.normal();
+                for &j in of_body.iter().filter(|&&j| points[j].other_body() == points[i].other_body()) {
+                    let edge = touch(j);
+                    let height = |x: &Touch| normal.dot(&(x.at - x.normal() * x.gap));
+                    hidden[j] |= !(pairs[j].is_face && points[j].is_on_face(&edge, &surface(j)))
+                        && normal.dot(&(below(i, &normal) - below(j, &normal))).abs() <= LEVEL * size
+                        && height(&edge) - height(&face) <= FLUSH * size;
                 }
             }
         }
@@ -289,7 +294,7 @@ impl Shapes {
                 point.path = Arc::clone(path);
                 self.least = self.least.min(of.gap - values.margin);
                 self.points.push(point);
-                self.pairs.push(PairOf { colliders: [i, j], on_second: of.on_first == swapped });
+                self.pairs.push(PairOf { colliders: [i, j], on_second: of.on_first == swapped, is_face: of.is_face });
             }
         }
         self.near = near;
