@@ -19,8 +19,11 @@ pub(super) fn from_parry(x: Vector) -> Vector3<f64> {
 /// Largest number of points of the hulls that are stored.
 const STORED: usize = 1 << 18;
 
+/// Points and their hull.
+type Known = (Arc<[Vector3<f64>]>, Arc<Polyhedron>);
+
 /// The last hulls and their points: readers of files check each shape before they build a scene.
-static LAST: Mutex<VecDeque<(Arc<[Vector3<f64>]>, Arc<Polyhedron>)>> = Mutex::new(VecDeque::new());
+static LAST: Mutex<VecDeque<Known>> = Mutex::new(VecDeque::new());
 
 /// The convex hull of points, which is computed once for equal points.
 pub(super) fn hull(points: &Arc<[Vector3<f64>]>) -> Result<Arc<Polyhedron>, (String, &'static str)> {

@@ -215,6 +215,9 @@ fn push(out: &mut Vec<Near>, reach: f64, near: Near) {
     }
 }
 
+/// A face by its normal and its corners.
+type Polygon = (Vector3<f64>, Vec<Vector3<f64>>);
+
 /// A plane in the frame of the shape that touches it, and the sides of its face there; without sides it has no end.
 struct Plane<'a> {
     normal: Vector3<f64>,
@@ -250,7 +253,7 @@ impl Geometry {
     }
 
     /// The face whose normal is nearest to a direction: its normal and its corners.
-    fn face_toward(&self, direction: &Vector3<f64>) -> Option<(Vector3<f64>, Vec<Vector3<f64>>)> {
+    fn face_toward(&self, direction: &Vector3<f64>) -> Option<Polygon> {
         if let Kind::Cylinder(half, radius) = self.kind {
             let up = 1.0_f64.copysign(direction[2]);
             let mut corners = rim(half * up, radius, &Vector3::x());
@@ -282,7 +285,7 @@ impl Geometry {
     }
 
     /// The face whose normal is a direction, up to a sine, and that sine.
-    fn aligned(&self, toward: &Vector3<f64>, slack: f64) -> Option<(f64, (Vector3<f64>, Vec<Vector3<f64>>))> {
+    fn aligned(&self, toward: &Vector3<f64>, slack: f64) -> Option<(f64, Polygon)> {
         let face = self.face_toward(toward)?;
         let sine = face.0.cross(toward).norm();
         (face.0.dot(toward) > 0.0 && sine <= slack).then_some((sine, face))
@@ -418,7 +421,7 @@ fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, o
 /// frame of the face.
 fn on_face(
     shape: &Geometry,
-    (face_normal, corners): (Vector3<f64>, Vec<Vector3<f64>>),
+    (face_normal, corners): Polygon,
     pose: &RigidShift<f64>,
     reach: f64,
     on_first: bool,
@@ -439,7 +442,7 @@ fn sliding(
     other_in_one: &RigidShift<f64>,
     normal: &Vector3<f64>,
     slack: f64,
-) -> Option<(Vector3<f64>, Vec<Vector3<f64>>)> {
+) -> Option<Polygon> {
     let of = one.polyhedron().filter(|of| of.faces.len() <= FEW_FACES)?;
     let touches = |face: &&Face| {
         let n = &face.normal;

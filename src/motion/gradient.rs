@@ -172,7 +172,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let mut shapes = shapes.into_inner().unwrap_or_else(PoisonError::into_inner);
         shapes.sort_by_key(|of| (of.state, of.colliders));
         let gradients = RolloutGradients::of(layout, &all, states).map_err(refuse)?;
-        Ok(RolloutGradients { mode_changes, shapes, ..gradients })
+        Ok(RolloutGradients { shapes, mode_changes, ..gradients })
     }
 
     /// The gradients from sparse rows of a scene with contacts: the run is repeated and every step recorded.

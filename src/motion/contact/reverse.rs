@@ -351,7 +351,9 @@ impl Modes {
             }
             states.entry(contact).or_default().push(state);
         }
-        states.values_mut().for_each(|of| of.sort_by(|a, b| b.number().total_cmp(&a.number())));
+        for of in states.values_mut() {
+            of.sort_by(|a, b| b.number().total_cmp(&a.number()));
+        }
         if let Some(later) = &self.states {
             let ids: BTreeSet<_> = states.keys().chain(later.keys()).collect();
             for &contact in ids {
