@@ -2,7 +2,7 @@
 
 #[cfg(feature = "collision")]
 use super::hull;
-use super::narrow::SAME;
+use super::nearest::SAME;
 use super::polyhedron::Polyhedron;
 use super::solid::Solid;
 use crate::spatial::RigidShift;

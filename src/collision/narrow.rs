@@ -7,7 +7,7 @@
 #[cfg(feature = "collision")]
 use super::convex;
 use super::geometry::{Geometry, Heights, Kind, rim};
-use super::nearest::Nearest;
+use super::nearest::{Nearest, SAME};
 use super::polygon::{clip, spanning};
 use super::polyhedron::{FEW_FACES, Face, Polyhedron};
 use crate::spatial::RigidShift;
@@ -30,9 +30,6 @@ const PARALLEL: f64 = 1e-3;
 /// A ridge of the ground penetrates a shape at most to this depth relative to its size; a deeper shape has points below
 /// the ground.
 const SHALLOW: f64 = 0.02;
-
-/// Largest distance of equal points, m, and of equal normals.
-pub(super) const SAME: f64 = 1e-9;
 
 /// A possible contact of a pair.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -128,7 +128,7 @@ impl ContactPoint {
         (across * -self.radius, across.dot(normal) * self.radius)
     }
 
-    /// How far the point that touches moves on the body if the normal in the frame of the body turns by -x.
+    /// Displacement of the point that touches on the body, for a change -x of the normal in the frame of the body.
     pub fn roll(&self, place: &RigidShift<f64>, normal: &Vector3<f64>, x: &Vector3<f64>) -> Vector3<f64> {
         let Some(axis) = self.rim else { return x * self.radius };
         let along = place.rotate(&axis).cross(normal);
