@@ -1,9 +1,11 @@
-"""Checks of single shapes, for readers of files that omit the shapes that a scene cannot have."""
+"""Checks of single shapes, and of the argument of the readers of files that omit the shapes that a scene cannot have."""
 
 from __future__ import annotations
 
+from typing import Any
+
 from ._core import SceneBuilder
-from .errors import PhipsiError
+from .errors import ArgumentError, PhipsiError, of_argument
 from .shapes import ColliderShape
 
 
@@ -14,3 +16,9 @@ def fault(shape: ColliderShape) -> str | None:
     except PhipsiError as error:
         return str(error).partition("found ")[2].partition("; expected")[0] or str(error)
     return None
+
+
+def check_contacts(contacts: Any) -> None:
+    """Raise ArgumentError unless contacts is "all", "plane" or None."""
+    if contacts not in (None, "all", "plane"):
+        raise of_argument(ArgumentError, "contacts", f'found {contacts!r}; expected "all", "plane" or None')

@@ -196,6 +196,7 @@ class Scene:
         strict: bool = False,
         leave_out: Collection[_Switch] | None = None,
         mimic: Literal["couple", "free"] = "free",
+        contacts: Literal["all", "plane"] | None = None,
     ) -> Scene:
         """Create the scene of a URDF file or text.
 
@@ -216,6 +217,9 @@ class Scene:
         mimic : {"free", "couple"}, default "free"
             "couple": joints with <mimic> follow the joint that they name and have no coordinates of their own; q, tau
             and M are those of the other joints. "free": they are independent, with a MimicWarning for each.
+        contacts : {"all", "plane"}, optional
+            "all": the shapes of <collision> become colliders. "plane": they touch only the plane z = 0 of the base, the
+            collider "ground". None: no shapes are read. See phipsi.load.
 
         Returns
         -------
@@ -239,6 +243,8 @@ class Scene:
             Invalid limits, which are ignored.
         UnknownTagWarning
             Elements, attributes and text that are ignored; one warning per file.
+        MeshWarning, ModelWarning
+            With `contacts`: shapes and parameters of contacts that cannot be read, and links that overlap.
 
         Notes
         -----

@@ -1,4 +1,4 @@
-"""Files: texts into files, and the files of meshes."""
+"""Files: texts of and into files, and the files of meshes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,27 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from .errors import ArgumentError, of_argument
+from .errors import ArgumentError, SceneError, of_argument
 
-__all__ = ["SEARCHED", "find", "write"]
+__all__ = ["EXPECTED", "SEARCHED", "find", "read", "write"]
 
 #: Variables with folders for `package://` and `model://`, in addition to the folders above the URDF.
 SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "GZ_SIM_RESOURCE_PATH")
+
+
+#: Sources of scenes.
+EXPECTED = "a path or text of URDF, xacro or MJCF, a module name of robot_descriptions, or a model of MuJoCo or Pinocchio"
+
+
+def read(source: str | os.PathLike[str]) -> tuple[str, Path | None]:
+    """Text of a source, and its path if it is a file. Undecodable bytes are replaced: only elements are read from it."""
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        return source, None
+    file = Path(source)
+    try:
+        return file.read_text(encoding="utf-8", errors="replace"), file
+    except OSError as error:
+        raise SceneError(f"source: found {str(source)[:100]!r}, which cannot be read ({error.strerror}); expected {EXPECTED}") from None
 
 
 def write(directory: str | os.PathLike[str], files: Mapping[str, str]) -> None:

@@ -12,7 +12,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from ._colliders import check_contacts
 from ._core import Scene
+from ._files import EXPECTED, read
 from ._urdf_colliders import with_colliders
 from ._xacro import COMMENT, expanded, is_xacro
 from .errors import ArgumentError, MimicWarning, SceneError
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
 ROOT = re.compile(r"<\s*([A-Za-z_][\w:.-]*)")
 #: Suffixes of meshes.
 MESHES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf", ".off", ".3mf", ".step", ".stp")
-EXPECTED = "a path or text of URDF, xacro or MJCF, a module name of robot_descriptions, or a model of MuJoCo or Pinocchio"
 
 
 def load(
@@ -106,8 +107,7 @@ def load(
     """
     if mimic not in (None, True, False, "couple", "free"):
         raise ArgumentError(f'mimic: found {mimic!r}; expected True ("couple"), False ("free") or None')
-    if contacts not in (None, "all", "plane"):
-        raise ArgumentError(f'contacts: found {contacts!r}; expected "all", "plane" or None')
+    check_contacts(contacts)
     options: dict[str, Any] = {"gravity": gravity, "strict": strict, "leave_out": leave_out}
     package = type(source).__module__.partition(".")[0]
     if package in ("mujoco", "pinocchio"):
@@ -144,23 +144,9 @@ def load(
         if is_xacro(text):
             text = expanded(source, xacro_arguments)
             scene = _of_file(Scene.from_urdf(text, **options), file)
-        else:
-            _has_no_use(xacro_arguments, "xacro_arguments", source)
-            scene = Scene.from_urdf(source, **options)
-    return scene if contacts is None else with_colliders(scene, text, file, contacts, strict)
-
-
-def read(source: str | os.PathLike[str]) -> tuple[str, Path | None]:
-    """Text of a source, and its path if it is a file. Undecodable bytes are replaced, because only the root element is
-    read here.
-    """
-    if isinstance(source, str) and source.lstrip().startswith("<"):
-        return source, None
-    file = Path(source)
-    try:
-        return file.read_text(encoding="utf-8", errors="replace"), file
-    except OSError as error:
-        raise SceneError(f"source: found {str(source)[:100]!r}, which cannot be read ({error.strerror}); expected {EXPECTED}") from None
+            return scene if contacts is None else with_colliders(scene, text, file, contacts, strict)
+        _has_no_use(xacro_arguments, "xacro_arguments", source)
+        return Scene.from_urdf(source, **options, contacts=contacts)
 
 
 def root_of(text: str) -> str:

@@ -272,11 +272,11 @@ class Collisions:
         """Shape of a geom in the frame of its body."""
         model, (x, y, z) = self.model, self.model.geom_size[geom].tolist()
         turn, kind = rotation(model.geom_quat[geom][[1, 2, 3, 0]]), model.geom_type[geom]
+        place: dict[str, Any] = {"xyz": model.geom_pos[geom], "rpy": angles(turn)}
         if kind == MESH:
             hull = self._hull(geom)
             assert hull is not None
-            return shapes.Hull(model.geom_pos[geom] + hull @ turn.T)
-        place: dict[str, Any] = {"xyz": model.geom_pos[geom], "rpy": angles(turn)}
+            return shapes.Hull(hull, **place)
         if kind == PLANE:
             return shapes.HalfSpace(**place)
         if kind == SPHERE:

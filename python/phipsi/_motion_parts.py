@@ -345,11 +345,11 @@ class ContactGradients(NamedTuple):
     restitution: _Array
     """With respect to the coefficient of restitution, (...); of the impacts that rebound."""
     offset: _Array
-    """With respect to the offset of the plane, (...); NaN for a contact with a sphere or a box."""
+    """With respect to the offset of the plane, (...); NaN for a contact with a sphere or a box, and for shapes."""
     normal: _Array
     """With respect to the unit normal of the plane, tangent to the unit sphere, (..., 3), in the frame in which
     SceneBuilder.contact gives it: the base frame, or the second frame of a contact with another link. NaN for a contact
-    with a sphere or a box.
+    with a sphere or a box, and for shapes.
     """
     margin: _Array
     """Smallest distance from another mode over all steps, (...), m/s: the change of a velocity of the contact after which
@@ -373,8 +373,8 @@ class ModeChange(NamedTuple):
     ('ground', 'OPEN', 'STICKING')
     """
 
-    contact: str
-    """Name of the contact."""
+    contact: str | tuple[str, str]
+    """Name of the contact, or the names of two colliders, for each of their points of contact that changes."""
     step: int
     """The first step in the new state, counted from zero."""
     before: ContactState
@@ -385,7 +385,7 @@ class ModeChange(NamedTuple):
     """Index of the state in the batch; None for a single state."""
 
 
-def mode_change(contact: str, step: int, before: float, after: float, state: int | tuple[int, ...] | None) -> ModeChange:
+def mode_change(contact: str | tuple[str, str], step: int, before: float, after: float, state: int | tuple[int, ...] | None) -> ModeChange:
     """The change between two states with these numbers."""
     return ModeChange(contact, step, ContactState(int(before)), ContactState(int(after)), state)
 

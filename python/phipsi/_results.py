@@ -414,8 +414,10 @@ class RolloutGradients(NamedTuple):
     """With respect to the inertial parameters (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of
     body_names, (..., bodies, 10); I is about the link origin, in the link frame; None if they were not requested.
     """
-    contacts: dict[str, ContactGradients] = {}  # noqa: RUF012 - never changed
-    """With respect to the contacts, by their names; empty without contacts."""
+    contacts: dict[str | tuple[str, str], ContactGradients] = {}  # noqa: RUF012 - never changed
+    """With respect to the contacts, by their names, and to pairs of shapes that could touch, by the names of their
+    colliders; empty without contacts.
+    """
     mode_changes: list[ModeChange] = []  # noqa: RUF012 - never changed
     """Contacts that open, close, stick or slide between two steps, in the order of states and steps. The gradients are
     those of the modes of this trajectory: where a margin of a contact is zero, they are one-sided.

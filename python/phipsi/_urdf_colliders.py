@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -11,9 +12,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from . import shapes
-from ._colliders import fault
+from ._colliders import check_contacts, fault
 from ._coordinates import rotation
 from ._files import SEARCHED, find
+from ._files import read as text_of
 from ._pose import angles
 from .errors import ArgumentError, MeshWarning, ModelWarning, SceneError, warn
 
@@ -33,6 +35,12 @@ LARGEST = {"friction": np.finfo(float).max, "restitution": 1.0}
 UNREAD = ("rolling_friction", "spinning_friction", "stiffness", "damping", "contact_cfm", "contact_erp", "mu2", "fdir1", "kp", "kd")
 #: Largest number of names in a message.
 LISTED = 6
+
+
+def read(scene: Scene, source: str | PathLike[str], contacts: str, strict: bool) -> Scene:
+    """The scene of a URDF with colliders, for its path or text."""
+    check_contacts(contacts)
+    return with_colliders(scene, *text_of(source), contacts, strict)
 
 
 def with_colliders(scene: Scene, text: str, file: Path | None, contacts: str, strict: bool) -> Scene:
@@ -59,6 +67,8 @@ def with_colliders(scene: Scene, text: str, file: Path | None, contacts: str, st
         builder.exclude(*ends)
     reader.report(strict)
     made = _built(builder)
+    if not made._touching():
+        return made
     is_fixed = all(joint.parent is not None for joint in scene.joints.values())
     near = made.distances(made.neutral(), limit=0.0)
     overlaps = [of for of, distance in zip(near.pairs, near.distance, strict=True) if distance < -DEPTH and (is_fixed or GROUND not in of)]

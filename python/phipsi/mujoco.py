@@ -19,13 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._arguments import leading, vectors
+from ._colliders import check_contacts
 from ._core import Scene, SceneBuilder
 from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, SLIDE, WIDTHS, Names
 from ._mjcf import along_world, compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, joint_name, link_name, stops, ties_bodies
 from ._mjcf_actuators import actuator_tuples
 from ._mjcf_contacts import Collisions
 from ._mujoco_gaps import check
-from .errors import ArgumentError, SceneError, of_argument
+from .errors import SceneError
 
 if TYPE_CHECKING:
     import os
@@ -52,8 +53,7 @@ def read(
     contacts: str | None = None,
 ) -> Scene:
     """Implementation of Scene.from_mujoco."""
-    if contacts not in (None, "all", "plane"):
-        raise of_argument(ArgumentError, "contacts", f'found {contacts!r}; expected "all", "plane" or None')
+    check_contacts(contacts)
     model, file = compiled(source, strict)
     names = Names(model)
     collisions = Collisions(model, contacts)

@@ -372,9 +372,13 @@ def vertices_of(shape: Mesh) -> _Array:
     if not file.is_file():
         raise ArgumentError(f"file of Mesh: found {str(shape.file)[:100]!r}, which is not a file; expected the path of a mesh")
     try:
-        loaded = trimesh.load(file, force="mesh")
+        # Processing would remove vertices that are not finite.
+        loaded = trimesh.load(file, force="mesh", process=False)
     except Exception as error:  # trimesh raises many types
         raise ArgumentError(f"file of Mesh: {file.name} cannot be read ({' '.join(str(error).split())[:200]})") from error
+    if not len(loaded.faces) or not np.isfinite(loaded.vertices).all():
+        found = "a vertex that is not finite" if len(loaded.faces) else "no triangles"
+        raise ArgumentError(f"file of Mesh: found {found} in {file.name}; expected a mesh of triangles with finite vertices")
     return np.asarray(loaded.vertices, float) * np.broadcast_to(_positive(shape, "scale", shape.scale, None), 3)
 
 

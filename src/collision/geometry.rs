@@ -2,6 +2,7 @@
 
 #[cfg(feature = "collision")]
 use super::hull;
+use super::nearest::SAME;
 use super::polyhedron::Polyhedron;
 use super::solid::Solid;
 use crate::spatial::RigidShift;
@@ -10,6 +11,9 @@ use std::sync::Arc;
 
 /// Number of corners of the polygon that stands for the end of a cylinder.
 const CORNERS: usize = 16;
+
+/// Ground falls away from a plane at a larger slope.
+const FALLS: f64 = 1e-6;
 
 /// A shape and the box about it.
 #[derive(Debug, Clone)]
@@ -56,7 +60,7 @@ impl Geometry {
                 Kind::Box(half, Arc::new(Polyhedron::of_box(&half)))
             }
             Solid::Cylinder { radius, length } => Kind::Cylinder(0.5 * length, *radius),
-            Solid::Hull { points } => Kind::Hull(Arc::new(hull_of(points)?)),
+            Solid::Hull { points } => Kind::Hull(hull_of(points)?),
             Solid::Heights { heights, columns, size } => {
                 Kind::Heights(Arc::new(Heights { values: heights.clone(), columns: *columns, size: *size }))
             }
@@ -140,6 +144,29 @@ impl Heights {
         Vector3::new(x, y, self.values[row * self.columns + column])
     }
 
+    /// True if the ground falls away about one of its points, seen along a normal, and no triangle rises there by more than
+    /// a height: edges and corners in a plane or a valley are hidden by their triangles.
+    pub fn is_exposed(&self, x: &Vector3<f64>, normal: &Vector3<f64>, height: f64) -> bool {
+        let slack = SAME * self.size[0].max(self.size[1]);
+        let holds = |t: &[Vector3<f64>; 3]| {
+            let left = |i: usize| {
+                let (along, to) = (t[(i + 1) % 3] - t[i], x - t[i]);
+                along[0] * to[1] - along[1] * to[0] >= -slack * along.norm()
+            };
+            (0..3).all(left)
+        };
+        let mut falls = (0..2).any(|axis| x[axis].abs() >= 0.5 * self.size[axis] - slack);
+        let near = self.triangles([x[0] - slack, x[1] - slack], [x[0] + slack, x[1] + slack]).filter(holds);
+        for to in near.flatten().map(|corner| corner - x) {
+            let rise = normal.dot(&to);
+            if rise > height {
+                return false;
+            }
+            falls |= rise < -FALLS * (to.norm() + slack);
+        }
+        falls
+    }
+
     /// The triangles above a rectangle, each with its normal upward.
     pub fn triangles(&self, low: [f64; 2], high: [f64; 2]) -> impl Iterator<Item = [Vector3<f64>; 3]> + '_ {
         let cells = |axis: usize, count: usize| {
@@ -172,12 +199,12 @@ pub(super) fn rim(height: f64, radius: f64, first: &Vector3<f64>) -> Vec<Vector3
 }
 
 #[cfg(feature = "collision")]
-fn hull_of(points: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
+fn hull_of(points: &Arc<[Vector3<f64>]>) -> Result<Arc<Polyhedron>, (String, &'static str)> {
     hull::hull(points)
 }
 
 #[cfg(not(feature = "collision"))]
-fn hull_of(_: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
+fn hull_of(_: &Arc<[Vector3<f64>]>) -> Result<Arc<Polyhedron>, (String, &'static str)> {
     Err(without_feature())
 }
 

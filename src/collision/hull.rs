@@ -5,6 +5,8 @@ use nalgebra::Vector3;
 use parry3d_f64::math::Vector;
 use parry3d_f64::shape::ConvexPolyhedron;
 use parry3d_f64::transformation::try_convex_hull;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
 
 pub(super) fn to_parry(x: &Vector3<f64>) -> Vector {
     Vector::new(x[0], x[1], x[2])
@@ -14,8 +16,31 @@ pub(super) fn from_parry(x: Vector) -> Vector3<f64> {
     Vector3::new(x.x, x.y, x.z)
 }
 
-/// The convex hull of points.
-pub(super) fn hull(points: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
+/// Largest number of points of the hulls that are stored.
+const STORED: usize = 1 << 18;
+
+/// Points and their hull.
+type Known = (Arc<[Vector3<f64>]>, Arc<Polyhedron>);
+
+/// The last hulls and their points: readers of files check each shape before they build a scene.
+static LAST: Mutex<VecDeque<Known>> = Mutex::new(VecDeque::new());
+
+/// The convex hull of points, which is computed once for equal points.
+pub(super) fn hull(points: &Arc<[Vector3<f64>]>) -> Result<Arc<Polyhedron>, (String, &'static str)> {
+    let last = || LAST.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, known)) = last().iter().find(|(of, _)| of == points) {
+        return Ok(Arc::clone(known));
+    }
+    let made = Arc::new(computed(points)?);
+    let mut stored = last();
+    stored.push_back((Arc::clone(points), Arc::clone(&made)));
+    while stored.iter().map(|(of, _)| of.len()).sum::<usize>() > STORED {
+        stored.pop_front();
+    }
+    Ok(made)
+}
+
+fn computed(points: &[Vector3<f64>]) -> Result<Polyhedron, (String, &'static str)> {
     let expected = "at least four points that are not in one plane";
     let flat = || ("whose points have no volume".to_owned(), expected);
     let first = points.first().ok_or_else(flat)?;

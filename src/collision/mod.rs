@@ -21,7 +21,7 @@ mod solid;
 mod touching;
 
 pub(crate) use geometry::Geometry;
-pub(crate) use narrow::{Against, Near, contacts, distance};
+pub(crate) use narrow::{Against, Near, contacts, distance, on_line};
 pub use solid::Solid;
 
 #[cfg(all(test, feature = "collision"))]

@@ -7,7 +7,7 @@
 #[cfg(feature = "collision")]
 use super::convex;
 use super::geometry::{Geometry, Heights, Kind, rim};
-use super::nearest::Nearest;
+use super::nearest::{Nearest, SAME};
 use super::polygon::{clip, spanning};
 use super::polyhedron::{FEW_FACES, Face, Polyhedron};
 use crate::spatial::RigidShift;
@@ -27,6 +27,10 @@ const FLAT: f64 = 0.05;
 /// Lines at a smaller sine of their angle are parallel.
 const PARALLEL: f64 = 1e-3;
 
+/// A ridge of the ground penetrates a shape at most to this depth relative to its size; a deeper shape has points below
+/// the ground.
+const SHALLOW: f64 = 0.02;
+
 /// A possible contact of a pair.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Near {
@@ -35,8 +39,12 @@ pub(crate) struct Near {
     /// Center and radius of the sphere, or the point, in the frame of its shape.
     pub center: Vector3<f64>,
     pub radius: f64,
+    /// The axis of the rim of a disk with this center and radius, which touches a plane instead of the sphere.
+    pub rim: Option<Vector3<f64>>,
     /// The surface on the other shape, in its frame.
     pub against: Against,
+    /// True if the surface is a face, or a box with faces; false for an edge or a corner.
+    pub is_face: bool,
     /// Distance, m; negative for penetration.
     pub gap: f64,
 }
@@ -53,8 +61,40 @@ pub(crate) enum Against {
         center: Vector3<f64>,
         radius: f64,
     },
+    /// A line with a radius about it.
+    Line {
+        ends: [Vector3<f64>; 2],
+        radius: f64,
+    },
     /// The box that the other shape is.
     Box(Vector3<f64>),
+}
+
+impl Near {
+    /// True for points on the same plane, up to rounding.
+    fn shares_plane(&self, other: &Self) -> bool {
+        let (Against::Plane { normal, offset }, Against::Plane { normal: of_other, offset: other_offset }) =
+            (&self.against, &other.against)
+        else {
+            return false;
+        };
+        let apart = (offset - other_offset).abs();
+        self.on_first == other.on_first && (normal - of_other).norm() <= SAME && apart <= SAME * (1.0 + offset.abs())
+    }
+
+    /// True for the same point and the same surface, up to rounding.
+    fn is_again(&self, other: &Self) -> bool {
+        let is_near = |x: &Vector3<f64>, y: &Vector3<f64>| (x - y).norm() <= SAME * (1.0 + self.radius);
+        let is_same = match (&self.against, &other.against) {
+            (Against::Plane { .. }, Against::Plane { .. }) => self.shares_plane(other),
+            (Against::Sphere { center, .. }, Against::Sphere { center: other, .. }) => is_near(center, other),
+            (Against::Line { ends: [a, b], .. }, Against::Line { ends: [c, d], .. }) => {
+                (is_near(a, c) && is_near(b, d)) || (is_near(a, d) && is_near(b, c))
+            }
+            (one, other) => one == other,
+        };
+        is_same && self.on_first == other.on_first && is_near(&self.center, &other.center)
+    }
 }
 
 #[cfg(feature = "collision")]
@@ -86,9 +126,11 @@ pub(crate) fn distance(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, lim
             let each = near_triangles(of, b, b_in_a, limit);
             let each = each.into_iter().filter_map(|triangle| {
                 let ground = Geometry::of_triangle(&triangle);
-                distance(&ground, b, b_in_a, limit).map(|found| above(&ground, found, b, b_in_a))
+                distance(&ground, b, b_in_a, limit).map(|found| (ground, found))
             });
-            each.min_by(|x, y| x.distance.total_cmp(&y.distance))
+            // The other side of a hill is below the nearest triangle.
+            let nearest = each.min_by(|(_, x), (_, y)| x.distance.total_cmp(&y.distance));
+            nearest.map(|(ground, found)| above(&ground, found, b, b_in_a))
         }
         _ => {
             let both = a.rounding + b.rounding;
@@ -105,7 +147,7 @@ fn above(ground: &Geometry, found: Nearest, b: &Geometry, b_in_a: &RigidShift<f6
         return found;
     };
     let (normal, corner) = face;
-    if found.normal.dot(&normal) > 0.0 && found.distance >= 0.0 {
+    if found.normal.dot(&normal) > 0.0 && found.distance >= -SHALLOW * b.half.norm() {
         return found;
     }
     let low = b_in_a.rotate(&b.farthest(&b_in_a.rotate_back(&-normal))) + b_in_a.lever - normal * b.rounding;
@@ -136,8 +178,12 @@ pub(crate) fn contacts(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, rea
         (Kind::Heights(_), _) => {}
         (Kind::Sphere, Kind::Box(half, _)) => {
             let center = b_in_a.rotate_back(&-b_in_a.lever);
-            let gap = from_box(half, &center) - a.rounding;
-            push(out, reach, true, (Vector3::zeros(), a.rounding), Against::Box(*half), gap);
+            let (radius, gap, center) = (a.rounding, from_box(half, &center) - a.rounding, Vector3::zeros());
+            push(
+                out,
+                reach,
+                Near { on_first: true, center, radius, rim: None, against: Against::Box(*half), is_face: true, gap },
+            );
         }
         (Kind::Box(..), Kind::Sphere) => {
             contacts(b, a, &b_in_a.inverse(), reach, out);
@@ -160,18 +206,14 @@ fn exchange(of: &mut [Near]) {
     }
 }
 
-fn push(
-    out: &mut Vec<Near>,
-    reach: f64,
-    on_first: bool,
-    (center, radius): (Vector3<f64>, f64),
-    against: Against,
-    gap: f64,
-) {
-    if gap <= reach {
-        out.push(Near { on_first, center, radius, against, gap });
+fn push(out: &mut Vec<Near>, reach: f64, near: Near) {
+    if near.gap <= reach {
+        out.push(near);
     }
 }
+
+/// A face by its normal and its corners.
+type Polygon = (Vector3<f64>, Vec<Vector3<f64>>);
 
 /// A plane in the frame of the shape that touches it, and the sides of its face there; without sides it has no end.
 struct Plane<'a> {
@@ -208,7 +250,7 @@ impl Geometry {
     }
 
     /// The face whose normal is nearest to a direction: its normal and its corners.
-    fn face_toward(&self, direction: &Vector3<f64>) -> Option<(Vector3<f64>, Vec<Vector3<f64>>)> {
+    fn face_toward(&self, direction: &Vector3<f64>) -> Option<Polygon> {
         if let Kind::Cylinder(half, radius) = self.kind {
             let up = 1.0_f64.copysign(direction[2]);
             let mut corners = rim(half * up, radius, &Vector3::x());
@@ -221,23 +263,46 @@ impl Geometry {
         of.face_toward(direction).map(|face| (face.normal, of.polygon(face)))
     }
 
-    /// The sphere that stands for the shape about one of its points without rounding: that of its side for a cylinder.
-    fn sphere_about(&self, x: &Vector3<f64>) -> (Vector3<f64>, f64) {
+    /// The sphere that stands for the shape about one of its points without rounding, with the normal there: that of its
+    /// side for a cylinder.
+    fn sphere_about(&self, x: &Vector3<f64>, normal: &Vector3<f64>) -> (Vector3<f64>, f64) {
         match self.kind {
-            Kind::Cylinder(half, radius)
-                if x[2].abs() < half * (1.0 - 1e-9) && x[0].hypot(x[1]) > radius * (1.0 - 1e-6) =>
-            {
+            Kind::Cylinder(_, radius) if normal[2].abs() <= PARALLEL && x[0].hypot(x[1]) > radius * (1.0 - 1e-6) => {
                 (Vector3::new(0.0, 0.0, x[2]), radius)
             }
             _ => (*x, self.rounding),
         }
     }
 
-    /// Its line along z, for a capsule or the side of a cylinder: half of the length, and the radius about it.
-    fn line(&self) -> Option<(f64, f64)> {
-        match self.kind {
-            Kind::Capsule(half) => Some((half, self.rounding)),
-            Kind::Cylinder(half, radius) => Some((half, radius)),
+    /// Center and radius of the rim of a cylinder with this point.
+    fn rim_about(&self, x: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
+        let Kind::Cylinder(half, radius) = self.kind else { return None };
+        let is_on = x[0].hypot(x[1]) > radius * (1.0 - 1e-6);
+        is_on.then_some((Vector3::new(0.0, 0.0, half.copysign(x[2])), radius))
+    }
+
+    /// The face whose normal is a direction, up to a sine, and that sine.
+    fn aligned(&self, toward: &Vector3<f64>, slack: f64) -> Option<(f64, Polygon)> {
+        let face = self.face_toward(toward)?;
+        let sine = face.0.cross(toward).norm();
+        (face.0.dot(toward) > 0.0 && sine <= slack).then_some((sine, face))
+    }
+
+    /// The line that touches in a direction, by its ends and the radius about it: that of a capsule or of the side of a
+    /// cylinder, if it is across, or an edge.
+    fn line_toward(&self, direction: &Vector3<f64>) -> Option<([Vector3<f64>; 2], f64)> {
+        let along = |half: f64| [-half, half].map(|z| Vector3::new(0.0, 0.0, z));
+        let is_across = direction[2].abs() <= PARALLEL;
+        match &self.kind {
+            Kind::Capsule(half) if is_across => Some((along(*half), self.rounding)),
+            Kind::Cylinder(half, radius) if is_across => Some((along(*half), *radius)),
+            Kind::Box(_, of) | Kind::Hull(of) if of.faces.len() <= FEW_FACES => {
+                let first = of.farthest(direction);
+                let is_level = |x: &&Vector3<f64>| direction.dot(&(first - *x)) <= PARALLEL * (first - *x).norm();
+                let mut level = of.corners.iter().filter(is_level);
+                let ends = [*level.next()?, *level.next()?];
+                level.next().is_none().then_some((ends, 0.0))
+            }
             _ => None,
         }
     }
@@ -256,7 +321,7 @@ fn on_plane(
     let inside = |points: Vec<Vector3<f64>>| if sides.is_empty() { points } else { clip(points, sides, n) };
     let mut add = |center: Vector3<f64>, radius: f64| {
         let gap = height(&center) - radius;
-        push(out, reach, on_first, (center, radius), against, gap);
+        push(out, reach, Near { on_first, center, radius, rim: None, against, is_face: true, gap });
     };
     let points = match &shape.kind {
         Kind::HalfSpace | Kind::Heights(_) => return,
@@ -266,11 +331,12 @@ fn on_plane(
             let across = Vector3::new(n[0], n[1], 0.0);
             let sine = across.norm();
             if sine >= FLAT {
-                // The sphere through the rim that touches the plane at the lowest point of the rim rolls as the rim.
                 let lowest = across * (-radius / sine);
                 let ends = [-half, *half].map(|z| lowest + Vector3::new(0.0, 0.0, z)).to_vec();
                 for point in inside(ends) {
-                    add(point + n * (radius / sine), radius / sine);
+                    let (center, gap) = (Vector3::new(0.0, 0.0, point[2]), height(&point));
+                    let rim = Some(Vector3::z());
+                    push(out, reach, Near { on_first, center, radius: *radius, rim, against, is_face: true, gap });
                 }
                 return;
             }
@@ -314,11 +380,6 @@ fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, o
     let size = a.half.norm().min(1e6) + b.half.norm().min(1e6);
     let slack = ALIGNED + 1e-14 * size / found.distance.abs().max(1e-30);
     let slack = slack.min(0.1);
-    let aligned = |shape: &Geometry, toward: &Vector3<f64>| {
-        let face = shape.face_toward(toward)?;
-        let sine = face.0.cross(toward).norm();
-        (face.0.dot(toward) > 0.0 && sine <= slack).then_some((sine, face))
-    };
     let back = b_in_a.inverse();
     let least = SLIDES * a.half.norm().min(b.half.norm());
     let gap = found.distance - a.rounding - b.rounding;
@@ -333,7 +394,7 @@ fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, o
             return;
         }
     }
-    let (on_a, on_b) = (aligned(a, &normal), aligned(b, &into_b));
+    let (on_a, on_b) = (a.aligned(&normal, slack), b.aligned(&into_b, slack));
     let by_b = match (&on_a, &on_b) {
         (Some(a), Some(b)) => b.0 <= a.0 + ALIGNED,
         (None, Some(_)) => true,
@@ -357,7 +418,7 @@ fn on_convex(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, o
 /// frame of the face.
 fn on_face(
     shape: &Geometry,
-    (face_normal, corners): (Vector3<f64>, Vec<Vector3<f64>>),
+    (face_normal, corners): Polygon,
     pose: &RigidShift<f64>,
     reach: f64,
     on_first: bool,
@@ -378,7 +439,7 @@ fn sliding(
     other_in_one: &RigidShift<f64>,
     normal: &Vector3<f64>,
     slack: f64,
-) -> Option<(Vector3<f64>, Vec<Vector3<f64>>)> {
+) -> Option<Polygon> {
     let of = one.polyhedron().filter(|of| of.faces.len() <= FEW_FACES)?;
     let touches = |face: &&Face| {
         let n = &face.normal;
@@ -391,52 +452,72 @@ fn sliding(
 
 /// The contact of edges, corners and round sides: one point, or two of parallel lines.
 fn on_features(a: &Geometry, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, found: &Nearest, out: &mut Vec<Near>) {
-    if let (Some(own), Some(other)) = (a.line(), b.line())
-        && on_lines(own, other, b_in_a, reach, found, out)
-    {
-        return;
+    let lines = (a.line_toward(&found.normal), b.line_toward(&-b_in_a.rotate_back(&found.normal)));
+    // The shape without a line, or with the thicker one, has the sphere.
+    let swaps = lines.0.is_some_and(|own| lines.1.is_none_or(|other| other.1 > own.1));
+    let (a, b, (own, line), b_in_a, found) = if swaps {
+        (b, a, (lines.1, lines.0), b_in_a.inverse(), found.exchanged(b_in_a))
+    } else {
+        (a, b, lines, *b_in_a, *found)
+    };
+    let into_b = |x: &Vector3<f64>| b_in_a.rotate_back(&(x - b_in_a.lever));
+    let (center, radius) = a.sphere_about(&found.on_a, &found.normal);
+    let (other, other_radius) = match line {
+        Some((ends, radius)) => (on_line(&ends, &into_b(&center)), radius),
+        None => b.sphere_about(&into_b(&found.on_b), &b_in_a.rotate_back(&found.normal)),
+    };
+    let beside = own.zip(line).and_then(|((own, radius), (ends, _))| Some((beside(own, ends, &b_in_a)?, radius)));
+    let (pairs, radius) = beside.map_or(([[center, other]; 2], radius), |(pairs, radius)| (pairs, radius));
+    let both = radius + other_radius;
+    for [center, other] in pairs.into_iter().take(if beside.is_some() { 2 } else { 1 }) {
+        let apart = b_in_a.rotate(&other) + b_in_a.lever - center;
+        let is_outside = both > 0.0 && (found.distance > 0.0 || apart.dot(&found.normal) > 0.0);
+        let (against, distance) = match line {
+            Some((ends, radius)) if is_outside => (Against::Line { ends, radius }, apart.norm()),
+            None if is_outside => (Against::Sphere { center: other, radius: other_radius }, apart.norm()),
+            _ => {
+                // The normal stays on b.
+                let normal = -b_in_a.rotate_back(&found.normal);
+                (Against::Plane { normal, offset: normal.dot(&other) + other_radius }, apart.dot(&found.normal))
+            }
+        };
+        let (on_first, is_face, gap) = (!swaps, false, distance - both);
+        let near = Near { on_first, center, radius, rim: None, against, is_face, gap };
+        let of_rim = matches!(against, Against::Plane { .. }).then(|| a.rim_about(&center)).flatten();
+        push(
+            out,
+            reach,
+            of_rim.map_or(near, |(center, radius)| Near { center, radius, rim: Some(Vector3::z()), ..near }),
+        );
     }
-    let on_b = b_in_a.rotate_back(&(found.on_b - b_in_a.lever));
-    let ((center, radius), (other, other_radius)) = (a.sphere_about(&found.on_a), b.sphere_about(&on_b));
-    let apart = b_in_a.rotate(&other) + b_in_a.lever - center;
-    let gap = apart.norm() - radius - other_radius;
-    let is_outside = found.distance > 0.0 || (radius + other_radius > 0.0 && apart.dot(&found.normal) > 0.0);
-    if is_outside && radius + other_radius > 0.0 {
-        let against = Against::Sphere { center: other, radius: other_radius };
-        push(out, reach, true, (center, radius), against, gap);
-        return;
-    }
-    // The normal stays on b.
-    let normal = -b_in_a.rotate_back(&found.normal);
-    let against = Against::Plane { normal, offset: normal.dot(&on_b) + b.rounding };
-    push(out, reach, true, (found.on_a, a.rounding), against, found.distance - a.rounding - b.rounding);
 }
 
-/// The contacts of two lines with radii about them, if they are parallel and beside each other.
-fn on_lines(
-    (half, radius): (f64, f64),
-    (other_half, other_radius): (f64, f64),
+/// The point of a line that is nearest to another.
+pub(crate) fn on_line([from, to]: &[Vector3<f64>; 2], x: &Vector3<f64>) -> Vector3<f64> {
+    let along = to - from;
+    from + along * ((x - from).dot(&along) / along.norm_squared()).clamp(0.0, 1.0)
+}
+
+/// Two pairs of points of two lines, each in the frame of its shape, if the lines are parallel and beside each other.
+fn beside(
+    own: [Vector3<f64>; 2],
+    other: [Vector3<f64>; 2],
     b_in_a: &RigidShift<f64>,
-    reach: f64,
-    found: &Nearest,
-    out: &mut Vec<Near>,
-) -> bool {
-    let along = b_in_a.rotate(&Vector3::z());
-    if along[0].hypot(along[1]) > PARALLEL || found.normal[2].abs() > PARALLEL {
-        return false;
+) -> Option<[[Vector3<f64>; 2]; 2]> {
+    let [(along, length), (along_other, length_other)] = [own, other].map(|[from, to]| {
+        let length = (to - from).norm();
+        ((to - from) / length, length)
+    });
+    let turned = b_in_a.rotate(&along_other);
+    if !(along.cross(&turned).norm() <= PARALLEL) {
+        return None;
     }
-    let middle = b_in_a.lever[2];
-    let (low, high) = ((-half).max(middle - other_half), half.min(middle + other_half));
-    if !(low < high) {
-        return false;
-    }
-    for z in [low, high] {
-        let center = Vector3::new(0.0, 0.0, z);
-        let at = Vector3::new(0.0, 0.0, (z - middle) * 1.0_f64.copysign(along[2]));
-        let gap = (b_in_a.rotate(&at) + b_in_a.lever - center).norm() - radius - other_radius;
-        push(out, reach, true, (center, radius), Against::Sphere { center: at, radius: other_radius }, gap);
-    }
-    true
+    let sign = 1.0_f64.copysign(along.dot(&turned));
+    let start = along.dot(&(b_in_a.rotate(&other[0]) + b_in_a.lever - own[0]));
+    let end = start + sign * length_other;
+    let (low, high) = (start.min(end).max(0.0), start.max(end).min(length));
+    let at = |along_own: f64| [own[0] + along * along_own, other[0] + along_other * (sign * (along_own - start))];
+    (low < high).then(|| [low, high].map(at))
 }
 
 /// The triangles of the ground near a shape.
@@ -465,19 +546,30 @@ fn on_heights(of: &Heights, b: &Geometry, b_in_a: &RigidShift<f64>, reach: f64, 
         // A ridge or a peak.
         let ground = Geometry::of_triangle(&corners);
         let Some(found) = nearest(&ground, b, b_in_a, reach + b.rounding) else { continue };
-        if found.distance > 0.0 && found.normal.dot(&normal) > 0.0 {
-            on_features(&ground, b, b_in_a, reach, &found, out);
+        let is_above = found.distance > -SHALLOW * b.half.norm() && found.normal.dot(&normal) > 0.0;
+        if is_above && of.is_exposed(&found.on_a, &found.normal, reach) {
+            match b.aligned(&-b_in_a.rotate_back(&found.normal), PARALLEL) {
+                Some((_, face)) => on_face(&ground, face, &b_in_a.inverse(), reach, true, out),
+                None => on_features(&ground, b, b_in_a, reach, &found, out),
+            }
         }
     }
-    // Neighbors share corners.
-    let mut kept: Vec<Near> = Vec::new();
+    // Neighbors share corners, and triangles in one plane are one face.
+    let mut rest: Vec<Near> = Vec::new();
     for near in out.drain(first..) {
-        let same = |known: &Near| {
-            known.on_first == near.on_first && (known.center - near.center).norm() <= 1e-9 * (1.0 + near.radius)
-        };
-        if !kept.iter().any(same) {
-            kept.push(near);
+        if !rest.iter().any(|known| known.is_again(&near)) {
+            rest.push(near);
         }
     }
-    out.extend(kept);
+    while let Some(one) = rest.first().copied() {
+        let (face, others): (Vec<Near>, _) = rest.into_iter().partition(|near| near == &one || one.shares_plane(near));
+        rest = others;
+        let Against::Plane { normal, .. } = one.against else {
+            out.extend(face);
+            continue;
+        };
+        let normal = if one.on_first { b_in_a.rotate(&normal) } else { b_in_a.rotate_back(&normal) };
+        let (points, gaps): (Vec<_>, Vec<_>) = face.iter().map(|near| (near.center, near.gap)).unzip();
+        out.extend(spanning(&points, &gaps, &normal).into_iter().map(|i| face[i]));
+    }
 }

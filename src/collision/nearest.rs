@@ -3,6 +3,9 @@
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 
+/// Largest distance of equal points, m, and of equal normals.
+pub(super) const SAME: f64 = 1e-9;
+
 /// The nearest points of two shapes, in the frame of the first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Nearest {

@@ -85,9 +85,11 @@ impl Solid {
             }
             Self::Box { size } => size.iter().find_map(|&edge| length("size", edge)),
             Self::Hull { points } => {
-                let finite = points.iter().all(|point| point.iter().all(|x| x.is_finite()));
-                (!finite || points.len() < 4)
-                    .then(|| (format!("{} points", points.len()), "at least four points of finite numbers"))
+                let expected = "at least four points of finite numbers";
+                if !points.iter().flatten().all(|x| x.is_finite()) {
+                    return Some(("a point that is not finite".to_owned(), expected));
+                }
+                (points.len() < 4).then(|| (format!("{} points", points.len()), expected))
             }
             Self::Heights { heights, columns, size } => {
                 let finite = heights.iter().all(|z| z.is_finite());

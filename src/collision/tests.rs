@@ -104,7 +104,7 @@ fn a_cylinder_has_the_points_of_its_rims_and_side() {
     let height = 0.1 * tilt.sin() + 0.01 * tilt.cos();
     let tilted = found(&ground, &coin, &turned(at(0.0, 0.0, height), Vector3::x() * tilt), 1e-6);
     assert!(tilted.len() == 1 && tilted[0].gap.abs() <= 1e-15, "{tilted:?}");
-    assert!((tilted[0].radius - 0.1 / tilt.sin()).abs() <= 1e-14);
+    assert!(tilted[0].radius == 0.1 && tilted[0].rim == Some(Vector3::z()));
 }
 
 #[test]
@@ -148,6 +148,67 @@ fn a_ball_on_a_height_field_touches_its_triangles() {
         assert!(all.len() == 1 && (all[0].gap - (z - 0.1)).abs() <= 1e-12, "{z}: {all:?}");
     }
     assert!(found(&field, &ball, &at(0.0, 0.0, 0.7), 0.01).is_empty());
+}
+
+#[test]
+fn a_ball_in_a_valley_touches_both_sides() {
+    let heights: Vec<f64> = (0..9).map(|i| 0.5 * (f64::from(i % 3) - 1.0).abs()).collect();
+    let field = made(&Solid::Heights { heights: heights.into(), columns: 3, size: [2.0, 2.0] });
+    let ball = made(&Solid::Sphere { radius: 0.15 });
+    let all = found(&field, &ball, &at(0.0, 0.03, 0.15 * 1.25_f64.sqrt()), 1e-6);
+    assert!(all.len() == 2 && all.iter().all(|near| near.gap.abs() <= 1e-15), "{all:?}");
+}
+
+#[test]
+fn round_shapes_and_edges_touch_an_edge_along_their_common_length() {
+    let step = made(&cube(0.2));
+    let beside = |x: f64| Vector3::new(0.1, 0.1, 0.1) + Vector3::new(0.6, 0.0, 0.8) * x;
+    let along_y = Vector3::x() * std::f64::consts::FRAC_PI_2;
+    for shape in [Solid::Capsule { radius: 0.05, length: 0.1 }, Solid::Cylinder { radius: 0.05, length: 0.1 }] {
+        let shape = made(&shape);
+        // The middle of its line is at y = 0.08: beside the edge from 0.03 to 0.1.
+        let pose = turned(RigidShift { lever: beside(0.051) - Vector3::y() * 0.02, ..at(0.0, 0.0, 0.0) }, along_y);
+        let all = found(&step, &shape, &pose, 0.01);
+        let mut y: Vec<f64> = places(&all, &pose).iter().map(|(x, _)| x[1]).collect();
+        y.sort_by(f64::total_cmp);
+        assert!(all.len() == 2 && (y[0] - 0.03).abs() <= 1e-12 && (y[1] - 0.1).abs() <= 1e-12, "{all:?}");
+        assert!(all.iter().all(|near| (near.gap - 1e-3).abs() <= 1e-9), "{all:?}");
+    }
+    // The edge of a cube that stands on an edge, 20 mm above.
+    let lever = Vector3::new(0.101 + 0.1 * 2.0_f64.sqrt(), 0.05, 0.12);
+    let pose = turned(RigidShift { lever, ..at(0.0, 0.0, 0.0) }, Vector3::y() * std::f64::consts::FRAC_PI_4);
+    let all = found(&step, &step, &pose, 0.03);
+    let mut y: Vec<f64> = places(&all, &pose).iter().map(|(x, _)| x[1]).collect();
+    y.sort_by(f64::total_cmp);
+    assert!(all.len() == 2 && (y[0] + 0.05).abs() <= 1e-12 && (y[1] - 0.1).abs() <= 1e-12, "{all:?}");
+}
+
+#[test]
+fn equal_points_have_one_hull() {
+    let points =
+        || Solid::Hull { points: (0..8).map(|i| Vector3::from([0, 1, 2].map(|k| f64::from(i >> k & 1)))).collect() };
+    let [one, other] = [made(&points()), made(&points())];
+    assert!(one.polyhedron().zip(other.polyhedron()).is_some_and(|(one, other)| std::ptr::eq(one, other)));
+}
+
+#[test]
+fn flat_triangles_are_one_face() {
+    let field = made(&Solid::Heights { heights: vec![0.0; 41 * 41].into(), columns: 41, size: [2.0, 2.0] });
+    let ground = made(&Solid::HalfSpace);
+    for shape in [cube(0.4), Solid::Cylinder { radius: 0.2, length: 0.4 }] {
+        let (shape, pose) = (made(&shape), at(0.013, 0.027, 0.2));
+        let all = found(&field, &shape, &pose, 1e-6);
+        assert!(all.len() <= super::polygon::MOST && all.iter().all(|near| near.gap.abs() <= 1e-15), "{}", all.len());
+        // They span the area of the face.
+        let far = |of: &[Near], x: f64, y: f64| {
+            of.iter().fold(0.0_f64, |far, near| far.max(near.center[0] * x + near.center[1] * y))
+        };
+        let expected = found(&ground, &shape, &pose, 1e-6);
+        for (x, y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+            let (found, expected) = (far(&all, x, y), far(&expected, x, y));
+            assert!((found - expected).abs() <= 0.1 * expected, "{found} {expected}");
+        }
+    }
 }
 
 #[test]

@@ -225,7 +225,7 @@ impl ContactScratch {
             let Touch { axes, gap, at } = point.touch(place, &other.unwrap_or_else(RigidShift::identity));
             (self.axes[i], self.gaps[i]) = (axes, gap);
             let on_body = RigidShift { rotation: Matrix3::identity(), lever: point.center };
-            let arm = axes.row(2).transpose() * -point.radius;
+            let (arm, _) = point.arm(Some(place), &axes.row(2).transpose());
             self.units[i].set(0, (&axes, &arm), (place, &on_body));
             if let Some(other) = other {
                 self.units[i].set(1, (&axes, &(at - other.lever)), (&other, &RigidShift::identity()));

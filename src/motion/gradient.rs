@@ -7,7 +7,7 @@
 //! repeated and every step is stored. `reverser` iterates over the steps; `backward` differentiates one.
 
 use super::backward::{RATE, TARGET, TORQUE};
-use super::contact::{ContactReverse, ModeChange, check_reproduced};
+use super::contact::{ContactReverse, ModeChange, ShapeGradients, check_reproduced};
 use super::gradient_layout::{Layout, RecordedRows};
 use super::job::Records;
 use super::method::Method;
@@ -51,6 +51,8 @@ pub struct RolloutGradients {
     pub parameters: Vec<Parameters<f64>>,
     /// By the contacts of the scene.
     pub contacts: ContactGradients,
+    /// By the pairs of shapes that could touch in the run, sorted by state and colliders.
+    pub shapes: Vec<ShapeGradients>,
     /// Changes of contacts between two steps, sorted by state, step and contact. At such a change, and where a margin
     /// is small, the gradients are those of the modes of this run: on the other side of the change they differ.
     pub mode_changes: Vec<ModeChange>,
@@ -155,13 +157,15 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let make = || Reverser::new(form, arm);
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let changes: Mutex<Vec<ModeChange>> = Mutex::new(Vec::new());
+        let shapes: Mutex<Vec<ShapeGradients>> = Mutex::new(Vec::new());
         let outcome = Batch { states, cost, pool: &pool, make }.run_pieces(GRAIN, &mut all, |reverser, range, out| {
             let lanes = reverser.lanes();
             for from in range.clone().step_by(lanes) {
                 let to = (from + lanes).min(range.end);
                 let out = &mut out[(from - range.start) * width..(to - range.start) * width];
                 let states = from..to;
-                let job = Job { scene, settings, torque, rows, count, states, layout, changes: &changes };
+                let job =
+                    Job { scene, settings, torque, rows, count, states, layout, changes: &changes, shapes: &shapes };
                 if let Err(found) = reverser.run(&job, out) {
                     let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                     if fault.as_ref().is_none_or(|known| found.state < known.state) {
@@ -177,8 +181,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
         }
         let mut mode_changes = changes.into_inner().unwrap_or_else(PoisonError::into_inner);
         mode_changes.sort_by_key(|change| (change.state, change.step, change.contact));
+        let mut shapes = shapes.into_inner().unwrap_or_else(PoisonError::into_inner);
+        shapes.sort_by_key(|of| (of.state, of.colliders));
         let gradients = RolloutGradients::of(layout, &all, states).map_err(refuse)?;
-        Ok(RolloutGradients { mode_changes, ..gradients })
+        Ok(RolloutGradients { shapes, mode_changes, ..gradients })
     }
 
     /// The gradients from sparse rows of a scene with contacts: the run is repeated and every step recorded.
@@ -276,6 +282,7 @@ impl RolloutGradients {
             target_rate: gathered(layout.all(RATE))?,
             parameters: gathered(layout.parameters())?.as_chunks().0.to_vec(),
             contacts: ContactGradients::of(&gathered(layout.contacts())?),
+            shapes: Vec::new(),
             mode_changes: Vec::new(),
         })
     }

@@ -87,7 +87,7 @@ mod totals;
 mod touches;
 mod works;
 
-pub use contact::{ContactReport, ContactState, ModeChange};
+pub use contact::{ContactId, ContactReport, ContactState, ModeChange, ShapeGradients};
 pub use events::StopImpact;
 pub use gradient::{ContactGradients, RolloutGradients};
 pub use gradient_layout::RecordedRows;

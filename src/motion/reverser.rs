@@ -5,7 +5,7 @@ mod step;
 use super::backward::{ACTING, CheckedBackward, EventSolver, INPUTS, StepGradients, VectorizedBackward, backward};
 use super::closed_reverse::ClosedReverse;
 use super::connected::ConnectedReverse;
-use super::contact::{ContactReverse, ModeChange};
+use super::contact::{ContactReverse, ModeChange, ShapeGradients};
 use super::division::{Substeps, TreeSteps};
 use super::events::{EventSolution, Events, Rebound};
 use super::gradient_layout::{Layout, RecordedRows};
@@ -51,6 +51,8 @@ pub(super) struct Job<'a> {
     pub layout: Layout,
     /// Destination of the changes of contacts.
     pub changes: &'a Mutex<Vec<ModeChange>>,
+    /// Destination of the gradients by pairs of shapes.
+    pub shapes: &'a Mutex<Vec<ShapeGradients>>,
 }
 
 impl Job<'_> {
@@ -509,6 +511,8 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
             scatter(parameters.as_flattened(), lane, &mut out[layout.parameters()]);
             if let Some(touching) = &self.touching {
                 touching.write(job.scene, &mut out[layout.contacts()]);
+                let mut shapes = job.shapes.lock().unwrap_or_else(PoisonError::into_inner);
+                shapes.extend(touching.of_shapes(job.states.start));
             }
         }
     }

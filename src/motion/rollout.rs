@@ -378,11 +378,15 @@ impl<S: Borrow<Scene>> Rollout<S> {
         /// Cost factor of steps with connections or contacts that run one state at a time, and in the kernels.
         const CONNECTED: usize = 20;
         const IN_LANES: usize = 4;
+        /// Number of contacts that cost as much as those of a shape.
+        const OF_SHAPE: usize = 4;
         let one_by_one = ONE_BODY * self.settings.scheme.tableau.stages * self.scene().model().bodies.len().max(1);
         let connected = self.settings.connected;
         let touches = self.settings.method == Method::Contact;
         if (connected && !self.settings.is_vectorized()) || (touches && !self.settings.touches_in_lanes(self.scene())) {
-            return CONNECTED * (one_by_one + ONE_BODY * self.scene().contacts().len());
+            let contacts =
+                self.scene().contacts().len() + OF_SHAPE * self.scene().shapes().map_or(0, |of| of.all.len());
+            return CONNECTED * (one_by_one + ONE_BODY * contacts);
         }
         let factor = if connected || touches { IN_LANES } else { 1 };
         factor * one_by_one / self.arm.lanes().min(self.states.max(1))

@@ -15,10 +15,11 @@ use super::stepping::Keywords;
 use crate::batch::{Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
-use crate::motion::{Gains, ModeChange, RecordedRows, Rollout, RolloutGradients};
+use crate::motion::{ContactId, Gains, ModeChange, RecordedRows, Rollout, RolloutGradients, ShapeGradients};
 use crate::scene::{Coupling, Scene};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
+use std::collections::BTreeSet;
 
 #[pymethods]
 impl PyScene {
@@ -239,7 +240,34 @@ impl<'py> Output<'_, 'py> {
             ];
             by_name.set_item(&contact.name, class.call1(PyTuple::new(self.py, parts)?)?)?;
         }
+        let pairs: BTreeSet<[usize; 2]> = found.shapes.iter().map(|of| of.colliders).collect();
+        let states = self.batch.iter().product();
+        for pair in pairs {
+            // A state in which the shapes could not touch has no gradients and no other mode.
+            let each = |of: fn(&ShapeGradients) -> f64, none: f64| {
+                let mut all = vec![none; states];
+                found.shapes.iter().filter(|one| one.colliders == pair).for_each(|one| all[one.state] = of(one));
+                self.array(&all, &[])
+            };
+            let nan = vec![f64::NAN; 3 * states];
+            #[allow(clippy::cast_precision_loss)] // number of steps of a run
+            let parts = [
+                each(|of| of.friction, 0.0)?,
+                each(|of| of.restitution, 0.0)?,
+                self.array(&nan[..states], &[])?,
+                self.array(&nan, &[3])?,
+                each(|of| of.margin, f64::INFINITY)?,
+                each(|of| of.margin_step as f64, 0.0)?,
+            ];
+            by_name.set_item(self.names(pair), class.call1(PyTuple::new(self.py, parts)?)?)?;
+        }
         Ok(by_name.into_any())
+    }
+
+    /// The names of a pair of colliders.
+    fn names(&self, pair: [usize; 2]) -> (&str, &str) {
+        let [first, second] = pair.map(|at| self.scene.colliders().get(at).map_or("", |of| &*of.name));
+        (first, second)
     }
 
     /// The changes of contacts as a list of ModeChange.
@@ -248,8 +276,15 @@ impl<'py> Output<'_, 'py> {
         let found = PyList::empty(self.py);
         for ModeChange { state, step, contact, before, after } in changes {
             let index = (!self.batch.is_empty()).then(|| batch_index(self.py, *state, self.batch)).transpose()?;
-            let name = self.scene.contacts().get(*contact).map_or("", |contact| &*contact.name);
-            found.append(class.call1((name, *step, before.number(), after.number(), index))?)?;
+            let (step, before, after) = (*step, before.number(), after.number());
+            let change = match *contact {
+                ContactId::Named(at) => {
+                    let name = self.scene.contacts().get(at).map_or("", |contact| &*contact.name);
+                    class.call1((name, step, before, after, index))?
+                }
+                ContactId::Shapes(pair) => class.call1((self.names(pair), step, before, after, index))?,
+            };
+            found.append(change)?;
         }
         Ok(found.into_any())
     }

@@ -116,6 +116,9 @@ impl PyScene {
     /// mimic : {"free", "couple"}, default "free"
     ///     "couple": joints with <mimic> follow the joint that they name and have no coordinates of their own; q, tau
     ///     and M are those of the other joints. "free": they are independent, with a MimicWarning for each.
+    /// contacts : {"all", "plane"}, optional
+    ///     "all": the shapes of <collision> become colliders. "plane": they touch only the plane z = 0 of the base, the
+    ///     collider "ground". None: no shapes are read. See phipsi.load.
     #[doc = section!(Returns)]
     /// scene : Scene
     ///     The robot, including the damping, friction, limits and extensions (armature, stiffness, rest) of its joints.
@@ -133,6 +136,8 @@ impl PyScene {
     ///     Invalid limits, which are ignored.
     /// UnknownTagWarning
     ///     Elements, attributes and text that are ignored; one warning per file.
+    /// MeshWarning, ModelWarning
+    ///     With `contacts`: shapes and parameters of contacts that cannot be read, and links that overlap.
     #[doc = section!(Notes)]
     /// Operators and estimation need the simplifications "fixed_joints" and "base_links". Scenes with coupled joints
     /// support kinematics, dynamics, derivatives and simulation; the other methods raise ArgumentError.
@@ -141,19 +146,22 @@ impl PyScene {
     /// >>> scene.joint_names[:2], scene.nv
     /// (('root_joint', 'joint1'), 12)
     #[staticmethod]
-    #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None, mimic="free"),
+    #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None, mimic="free",
+                        contacts=None),
            text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None, \
-                             mimic='free')")]
-    fn from_urdf(
-        py: Python<'_>,
-        source: &Object<'_>,
+                             mimic='free', contacts=None)")]
+    fn from_urdf<'py>(
+        py: Python<'py>,
+        source: &Object<'py>,
         floating_base: bool,
-        gravity: Option<&Object<'_>>,
+        gravity: Option<&Object<'py>>,
         strict: bool,
-        leave_out: Option<&Object<'_>>,
+        leave_out: Option<&Object<'py>>,
         mimic: &str,
-    ) -> PyResult<Self> {
+        contacts: Option<&Object<'py>>,
+    ) -> PyResult<Object<'py>> {
         let mimic = read_mimic(mimic)?;
+        let given = source;
         let simplifications = description::left_out(leave_out)?;
         let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
         let source = Source::read(source)?;
@@ -172,7 +180,11 @@ impl PyScene {
                 .build()
         })?;
         errors::warn(py, &scene)?;
-        Ok(Self::new(scene))
+        let scene = Bound::new(py, Self::new(scene))?.into_any();
+        match contacts {
+            Some(_) => imported!(py, "phipsi._urdf_colliders", "read")?.call1((scene, given, contacts, strict)),
+            None => Ok(scene),
+        }
     }
 
     /// Create the scene of a MuJoCo model; needs the extra phipsi[mujoco].

@@ -173,7 +173,7 @@ impl Contact {
                 return Some((self.other_frame.compose(&plane), Shape::Plane));
             }
             Surface::Sphere { radius } => Shape::Sphere(radius),
-            Surface::Box { size } => Shape::Box(size * 0.5),
+            Surface::Box { size } => Shape::Box(size * 0.5, 0.0),
         };
         Some((self.other_frame, shape))
     }
@@ -245,6 +245,7 @@ impl Scene {
             body,
             center: link.placement.rotate(&contact.point) + link.placement.lever,
             radius: contact.radius,
+            rim: None,
             axes: plane_axes(&normal),
             offset: contact.offset + normal.dot(&contact.other_frame.lever),
             other: other_surface,

@@ -1,4 +1,5 @@
-//! Contacts in the form that the sweeps read: spheres on bodies, and surfaces on the base or on other bodies, by index.
+//! Contacts in the form that the sweeps read: spheres or rims on bodies, and surfaces on the base or on other bodies, by
+//! index.
 
 use crate::kinematics::{Frame, frame_motion, placement};
 use crate::model::Model;
@@ -17,6 +18,8 @@ pub(crate) struct ContactPoint {
     pub center: Vector3<f64>,
     /// Radius of the sphere, m; zero for a point.
     pub radius: f64,
+    /// The axis of the rim of a disk in the body frame, which touches a plane instead of the sphere.
+    pub rim: Option<Vector3<f64>>,
     /// Rows t1, t2, n in the base frame: n is the unit normal of the plane toward the free side, t1 and t2 are
     /// tangents. Those of another surface depend on the configuration, see [`ContactPoint::touch`]; these are then the
     /// axes in which impulses are stored.
@@ -52,8 +55,9 @@ pub(crate) enum Shape {
     Plane,
     /// A sphere about the origin, by its radius, m.
     Sphere(f64),
-    /// A box about the origin, by half of the lengths of its edges, m.
-    Box(Vector3<f64>),
+    /// A box about the origin, by half of the lengths of its edges, with a rounding about it, m. A line is a box without
+    /// width.
+    Box(Vector3<f64>, f64),
 }
 
 /// A contact at one configuration, in the base frame.
@@ -65,6 +69,23 @@ pub(crate) struct Touch {
     pub gap: f64,
     /// The point of the sphere nearest to the surface, at which the force acts on both bodies.
     pub at: Vector3<f64>,
+}
+
+impl Touch {
+    /// The unit normal of the surface.
+    pub fn normal(&self) -> Vector3<f64> {
+        self.axes.row(2).transpose()
+    }
+}
+
+impl OtherSurface {
+    /// Moves the surface outward.
+    pub fn raise(&mut self, by: f64) {
+        match &mut self.shape {
+            Shape::Plane => self.frame.lever += self.frame.rotation.column(2) * by,
+            Shape::Sphere(radius) | Shape::Box(_, radius) => *radius += by,
+        }
+    }
 }
 
 /// A sphere whose center is nearer to the surface of a box than this, relative to the size of the box, has the normal
@@ -88,13 +109,30 @@ impl ContactPoint {
         let center = place.rotate(&self.center) + place.lever;
         let Some(surface) = &self.other else {
             let normal = self.normal();
-            let gap = normal.dot(&center) - self.radius - self.offset;
-            return Touch { axes: self.axes, gap, at: center - normal * self.radius };
+            let (arm, height) = self.arm(Some(place), &normal);
+            return Touch { axes: self.axes, gap: normal.dot(&center) - height - self.offset, at: center + arm };
         };
         let frame = other.compose(&surface.frame);
         let (normal, distance) = surface.shape.nearest(&frame.rotate_back(&(center - frame.lever)));
         let normal = frame.rotate(&normal);
-        Touch { axes: plane_axes(&normal), gap: distance - self.radius, at: center - normal * self.radius }
+        let (arm, height) = self.arm(Some(place), &normal);
+        Touch { axes: plane_axes(&normal), gap: distance - height, at: center + arm }
+    }
+
+    /// The point that touches, from the center, and how far it is below, for the normal of the surface in the frame of
+    /// the body or, with its pose, in the base frame.
+    pub fn arm(&self, place: Option<&RigidShift<f64>>, normal: &Vector3<f64>) -> (Vector3<f64>, f64) {
+        let Some(axis) = self.rim else { return (normal * -self.radius, self.radius) };
+        let axis = place.map_or(axis, |place| place.rotate(&axis));
+        let across = (normal - axis * axis.dot(normal)).normalize();
+        (across * -self.radius, across.dot(normal) * self.radius)
+    }
+
+    /// Displacement of the point that touches on the body, for a change -x of the normal in the frame of the body.
+    pub fn roll(&self, place: &RigidShift<f64>, normal: &Vector3<f64>, x: &Vector3<f64>) -> Vector3<f64> {
+        let Some(axis) = self.rim else { return x * self.radius };
+        let along = place.rotate(&axis).cross(normal);
+        along * (along.dot(x) * self.radius / along.norm().powi(3))
     }
 
     /// Derivative of the normal, in the base frame, with respect to the position of the center of the sphere relative
@@ -109,6 +147,17 @@ impl ContactPoint {
     /// True if the surface is a plane.
     pub fn is_plane(&self) -> bool {
         self.other.is_none_or(|other| other.shape == Shape::Plane)
+    }
+
+    /// True if a touch of a surface on a body with this pose is on a plane or on a face of a box.
+    pub fn is_on_face(&self, touch: &Touch, other: &RigidShift<f64>) -> bool {
+        let is_face = |surface: &OtherSurface| match surface.shape {
+            Shape::Plane => true,
+            Shape::Sphere(_) => false,
+            Shape::Box(half, _) if half.amin() == 0.0 => false,
+            Shape::Box(..) => other.compose(&surface.frame).rotate_back(&touch.normal()).amax() > 1.0 - 1e-12,
+        };
+        self.other.as_ref().is_none_or(is_face)
     }
 
     /// The contact at `q`. O(depth).
@@ -136,7 +185,7 @@ impl ContactPoint {
     ) -> (Touch, Vector3<f64>, f64) {
         let place = other.map_or_else(RigidShift::identity, |other| *other.0);
         let touch = self.touch(own.0, &place);
-        let arm = self.center - own.0.rotate_back(&touch.axes.row(2).transpose()) * self.radius;
+        let arm = self.center + self.arm(None, &own.0.rotate_back(&touch.normal())).0;
         let (mut velocity, mut terms) = (Vector3::zeros(), 0.0);
         let arms = [(Some(own), arm, 1.0), (other, place.rotate_back(&(touch.at - place.lever)), -1.0)];
         for ((place, twist), arm, sign) in arms.into_iter().filter_map(|(body, arm, sign)| Some((body?, arm, sign))) {
@@ -172,7 +221,7 @@ impl Shape {
         let (offset, distance, apart) = match self {
             Self::Plane => return Matrix3::zeros(),
             Self::Sphere(_) => (*x, x.norm(), Vector3::repeat(1.0)),
-            Self::Box(half) => match Self::beyond(half, x) {
+            Self::Box(half, _) => match Self::beyond(half, x) {
                 Some((beyond, distance)) => (beyond, distance, beyond.map(|beyond| f64::from(u8::from(beyond != 0.0)))),
                 None => return Matrix3::zeros(),
             },
@@ -190,16 +239,16 @@ impl Shape {
                 let distance = x.norm();
                 (x / distance, if distance > 0.0 { distance - radius } else { f64::NAN })
             }
-            Self::Box(half) => {
+            Self::Box(half, rounding) => {
                 if let Some((beyond, distance)) = Self::beyond(half, x) {
-                    return (beyond / distance, distance);
+                    return (beyond / distance, distance - rounding);
                 }
                 // Inside, the nearest face.
                 let depths = x.zip_map(half, |x, half| x.abs() - half);
                 let face = depths.imax();
                 let mut normal = Vector3::zeros();
                 normal[face] = 1.0_f64.copysign(x[face]);
-                (normal, depths[face])
+                (normal, depths[face] - rounding)
             }
         }
     }
@@ -223,7 +272,7 @@ mod tests {
     #[test]
     fn distances_from_a_box() {
         let half = Vector3::new(0.3, 0.2, 0.1);
-        let shape = Shape::Box(half);
+        let shape = Shape::Box(half, 0.0);
         for (x, normal, distance) in [
             (Vector3::new(0.05, 0.0, 0.15), Vector3::z(), 0.05),
             (Vector3::new(0.05, 0.0, 0.1), Vector3::z(), 0.0),

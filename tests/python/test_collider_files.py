@@ -283,3 +283,79 @@ def test_shapes_of_a_xacro_are_read(tmp_path: Path) -> None:
     scene = read(tmp_path / "ball.xacro", floating_base=True, xacro_arguments={"radius": "0.3"})
     assert scene._collisions()[0][1][3] == ("sphere", [0.3], []) and touching(scene).keys() == {frozenset(("ground", "ball"))}
     assert scene.file == tmp_path / "ball.xacro"
+
+
+# Meshes
+
+CORNERS = np.array(list(itertools.product((-0.1, 0.1), repeat=3)))
+SIDES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+NAN = np.full((1, 3), np.nan)
+
+
+def one_mesh(folder: Path, vertices: Any, triangles: Any) -> Path:
+    """A link whose shape is a mesh."""
+    lines = [f"v {x} {y} {z}\n" for x, y, z in vertices] + [f"f {' '.join(str(i + 1) for i in triangle)}\n" for triangle in triangles]
+    (folder / "one.obj").write_text("".join(lines))
+    link = '<link name="a"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    (folder / "robot.urdf").write_text(f'<robot name="r">{link}<collision><geometry><mesh filename="one.obj"/></geometry></collision></link></robot>')
+    return folder / "robot.urdf"
+
+
+@pytest.mark.parametrize(
+    ("vertices", "triangles"),
+    [
+        (CORNERS, SIDES[:6]),
+        (CORNERS, SIDES[:, ::-1]),
+        (CORNERS, np.concatenate([SIDES, [[0, 0, 1], [1, 1, 1]]])),
+        (np.concatenate([CORNERS, CORNERS]), np.concatenate([SIDES, SIDES + 8])),
+        (np.concatenate([CORNERS, CORNERS + 1e-13]), np.concatenate([SIDES, SIDES + 8])),
+        (np.concatenate([CORNERS, [[5, 5, 5]], NAN]), SIDES),
+    ],
+    ids=["open", "inverted", "degenerate triangles", "duplicate vertices", "almost equal vertices", "unused vertices"],
+)
+def test_meshes_with_defects_have_the_hull_of_their_triangles(tmp_path: Path, vertices: Any, triangles: Any) -> None:
+    scene = phipsi.load(one_mesh(tmp_path, vertices, triangles), contacts="all", floating_base=True)
+    for turn in (np.eye(4)[3], np.array([0.2, -0.5, 0.1, 0.8]) / np.linalg.norm([0.2, -0.5, 0.1, 0.8])):
+        q = np.r_[0.0, 0.0, 5.0, turn]
+        corners = CORNERS @ scene.placement(q, "a")[2, :3]
+        assert abs(scene.distances(q).distance[0] - 5.0 - corners.min()) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("vertices", "triangles", "match"),
+    [
+        (np.concatenate([CORNERS, NAN]), np.concatenate([SIDES, [[0, 1, 8]]]), r"a vertex that is not finite in one\.obj"),
+        (np.concatenate([CORNERS, np.inf * np.ones((1, 3))]), np.concatenate([SIDES, [[0, 1, 8]]]), r"a vertex that is not finite in one\.obj"),
+        (CORNERS, SIDES[:0], r"no triangles in one\.obj"),
+        (CORNERS[:3], [[0, 1, 2]], "3 points"),
+        (CORNERS * [1, 1, 0], SIDES, "whose points have no volume"),
+        (CORNERS * [1, 0, 0], SIDES, "points"),
+        (CORNERS, [[0, 1, 99]], r"one\.obj cannot be read"),
+    ],
+    ids=["NaN", "infinite", "no triangles", "one triangle", "flat", "line", "wrong index"],
+)
+def test_meshes_without_a_hull_are_named(tmp_path: Path, vertices: Any, triangles: Any, match: str) -> None:
+    """The link touches nothing; a shape of a builder is an error."""
+    path = one_mesh(tmp_path, vertices, triangles)
+    for contacts in ("all", "plane"):
+        with pytest.warns(MeshWarning, match=f"a: .*{match}"):
+            assert phipsi.load(path, contacts=contacts, floating_base=True).collider_names == ("ground",)
+        with pytest.raises(SceneError, match=match):
+            phipsi.load(path, contacts=contacts, strict=True)
+    builder = phipsi.SceneBuilder().link("a", mass=1.0, inertia=np.eye(3))
+    with pytest.raises((SceneError, ArgumentError), match=match):
+        builder.collider("a", phipsi.shapes.Mesh(tmp_path / "one.obj"), link="a").build(floating_base=True)
+
+
+def test_contacts_of_from_urdf_are_those_of_load(tmp_path: Path) -> None:
+    path = robot(tmp_path)
+    for contacts in ("all", "plane", None):
+        for source in (path, path.read_text().replace("package://anywhere/", f"{tmp_path}/")):
+            one, other = read(source, contacts), None
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelWarning)
+                other = phipsi.Scene.from_urdf(source, contacts=contacts)
+            assert one.collider_names == other.collider_names and touching(one) == touching(other)
+            assert (contacts is None) == (one.collider_names == ())
+    with pytest.raises(ArgumentError, match="contacts: found 'points'; expected \"all\", \"plane\" or None"):
+        phipsi.Scene.from_urdf(path, contacts="points")  # type: ignore[arg-type]

@@ -89,20 +89,24 @@ impl ContactScratch {
         for (at, &i) in near.iter().enumerate() {
             let Some(point) = points.get(i) else { continue };
             let (place, other) = (&self.places[point.body], self.other_place(point));
-            let (center, radius, axes) = (self.center(point), point.radius, &self.axes[i]);
+            let (center, axes) = (self.center(point), &self.axes[i]);
             let normal = axes.row(2).transpose();
+            let (arm, _) = point.arm(Some(place), &normal);
+            let roll = |x: &Vector3<f64>| point.roll(place, &normal, x);
             let f = axes.tr_mul(&impulses.fixed_rows::<3>(3 * at));
             let velocity = &self.velocity[point.body];
             let turning = place.rotate(&angular(velocity));
             let speed = place.rotate(&(linear(velocity) + angular(velocity).cross(&point.center)));
             let (other_turning, other_speed) = point.other_body().map_or_else(Default::default, |k| {
-                let (velocity, arm) = (&self.velocity[k], other.rotate_back(&(center - normal * radius - other.lever)));
+                let (velocity, arm) = (&self.velocity[k], other.rotate_back(&(center + arm - other.lever)));
                 (other.rotate(&angular(velocity)), other.rotate(&(linear(velocity) + angular(velocity).cross(&arm))))
             });
-            let slip = speed - turning.cross(&normal) * radius - other_speed;
-            let by_normal = f.cross(&slip).cross(&normal) + (turning - other_turning).cross(&f) * radius;
+            let (slip, relative) = (speed + turning.cross(&arm) - other_speed, turning - other_turning);
+            let by_normal = f.cross(&slip).cross(&normal) + roll(&relative.cross(&f));
             let push = other_turning.cross(&f) + point.bending(place, &other).tr_mul(&by_normal);
-            let moment = speed.cross(&f) - turning.cross(&normal.cross(&f)) * radius;
+            let by_arm = f.cross(&relative);
+            let moment =
+                speed.cross(&f) + turning.cross(&arm.cross(&f)) + arm.cross(&by_arm) + normal.cross(&roll(&by_arm));
             let mut add =
                 |k: usize, place: &RigidShift<f64>, arm: &Vector3<f64>, sign: f64, units: &[Vector6<f64>; 3]| {
                     let [forces, moments] = &mut scratch.sums[k];

@@ -49,7 +49,7 @@ pub use crate::contact::ContactState;
 pub(super) use lanes::Touching;
 pub use report::ContactReport;
 pub(super) use report::{RECORD, begin, width};
-pub use reverse::ModeChange;
+pub use reverse::{ContactId, ModeChange, ShapeGradients};
 pub(super) use reverse::{ContactReverse, check_reproduced};
 pub(super) use shapes::Shapes;
 pub(super) use smoothing::Smoothing;

@@ -22,6 +22,7 @@ use crate::error::{Error, in_language};
 use crate::filter::Form;
 use crate::scene::{Contact, Scene, Surface};
 use nalgebra::Vector3;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Largest deviation of a recomputed step from the recorded one, relative to coordinates and velocities of at least
 /// one.
@@ -33,7 +34,35 @@ const BACK: usize = 16;
 /// Distance of a contact from another mode, m/s, and its state.
 type Mode = (f64, ContactState);
 
-/// A contact that is in another state in a step than in the step before.
+/// A contact of a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum ContactId {
+    /// One that the scene names, by its index.
+    Named(usize),
+    /// A pair of shapes that touch, by the indices of their colliders, the lower one first.
+    Shapes([usize; 2]),
+}
+
+/// Gradients by a pair of shapes in one state, of a run in which it could touch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct ShapeGradients {
+    /// Index of the state in the batch.
+    pub state: usize,
+    /// Indices of the colliders, the lower one first.
+    pub colliders: [usize; 2],
+    /// By the coefficient of friction of the pair.
+    pub friction: f64,
+    /// By the coefficient of restitution of the pair.
+    pub restitution: f64,
+    /// Smallest distance of a point of contact from another mode over all steps, m/s.
+    pub margin: f64,
+    /// The step with this distance.
+    pub margin_step: usize,
+}
+
+/// A contact, or a point of contact of a pair of shapes, that is in another state in a step than in the step before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ModeChange {
@@ -41,8 +70,8 @@ pub struct ModeChange {
     pub state: usize,
     /// The first step in the new state.
     pub step: usize,
-    /// Index of the contact.
-    pub contact: usize,
+    /// The contact.
+    pub contact: ContactId,
     /// State of the contact in the step before.
     pub before: ContactState,
     /// State of the contact in this step.
@@ -59,11 +88,10 @@ pub(in crate::motion) struct ContactReverse {
     connections: Connections,
     /// Impulses of the last recomputed step, from which the solves of the next one start.
     kept: Vec<f64>,
-    sums: Vec<ContactGradient>,
-    /// The smallest distance of each contact from another mode, m/s, and its step.
-    margins: Vec<(f64, usize)>,
-    /// States of the contacts in the last recomputed step.
-    states: Option<Vec<ContactState>>,
+    /// The contacts of the last recomputed step, in the order of their rows.
+    contacts: Vec<ContactId>,
+    sums: BTreeMap<ContactId, ContactGradient>,
+    modes: Modes,
     shaped: Option<Box<Shaped>>,
 }
 
@@ -87,9 +115,9 @@ impl ContactReverse {
             step,
             scratch,
             kept: vec![0.0; width(contacts)],
-            sums: vec![ContactGradient::default(); contacts],
-            margins: vec![(f64::INFINITY, 0); contacts],
-            states: None,
+            contacts: (0..contacts).map(ContactId::Named).collect(),
+            sums: BTreeMap::new(),
+            modes: Modes::default(),
             shaped: Shaped::new(scene).map(Box::new),
         }
     }
@@ -97,9 +125,8 @@ impl ContactReverse {
     /// Begins with the last step of a state.
     pub fn begin(&mut self) {
         begin(&mut self.kept);
-        self.sums.fill(ContactGradient::default());
-        self.margins.fill((f64::INFINITY, 0));
-        self.states = None;
+        self.sums.clear();
+        self.modes = Modes::default();
     }
 
     /// Makes a step, with the contacts of shapes that it can reach.
@@ -145,17 +172,18 @@ impl ContactReverse {
         n: usize,
         recorded: (&[f64], &[f64]),
         row_before: impl Fn(usize) -> Option<Vec<f64>>,
-        mut changed: impl FnMut(usize, ContactState, ContactState),
+        changed: impl FnMut(ContactId, ContactState, ContactState),
     ) -> Result<(), (String, Error)> {
         self.make(scene, settings)?;
         self.reproduce((scene, settings), n, recorded, row_before)?;
         let shaped = self.shaped.take();
         let of_step = shaped.as_ref().map_or(scene, |shaped| &shaped.scene);
+        let of_shapes = shaped.iter().flat_map(|shaped| &shaped.shapes.pairs);
+        self.contacts.truncate(scene.contacts().len());
+        self.contacts.extend(of_shapes.map(|pair| ContactId::Shapes(pair.colliders)));
         let through = self.through_parts((of_step, settings));
         self.shaped = shaped;
-        let mut now = through?;
-        now.truncate(self.sums.len());
-        note((&mut self.margins, &mut self.states), n, now, &mut changed);
+        self.modes.add(n, self.contacts.iter().copied().zip(through?), changed);
         let mut results = self.gradients.results();
         results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
     }
@@ -228,9 +256,10 @@ impl ContactReverse {
         (scene, settings): (&Scene, &StepSettings),
         of_gap: Option<(usize, f64)>,
     ) -> Result<Vec<Mode>, (String, Error)> {
-        let Self { scratch: s, gradients, step, adjoint, connections, sums, .. } = self;
+        let Self { scratch: s, gradients, step, adjoint, connections, contacts, sums, .. } = self;
         adjoint.step(scene, settings, (step, s), connections, gradients, of_gap)?;
-        for (sum, more) in sums.iter_mut().zip(&adjoint.contacts) {
+        for (contact, more) in contacts.iter().zip(&adjoint.contacts) {
+            let sum = sums.entry(*contact).or_default();
             sum.friction += more.friction;
             sum.restitution += more.restitution;
             sum.offset += more.offset;
@@ -246,7 +275,7 @@ impl ContactReverse {
         job: &mut Job<'_, '_>,
         n: usize,
         recorded: (&[f64], &[f64]),
-        mut changed: impl FnMut(usize, ContactState, ContactState),
+        changed: impl FnMut(ContactId, ContactState, ContactState),
     ) -> Result<bool, StepFault> {
         let (acting, fault) = self.switching.free_steps(job, n, 1);
         if let Some(fault) = fault {
@@ -259,21 +288,34 @@ impl ContactReverse {
         let made = check_reproduced(n, recorded, (q, &rest[..job.scene.nv()]));
         made.map_err(|error| StepFault { step: n, state: job.states.at(0), joint: String::new(), error })?;
         let gaps = self.switching.gaps().iter();
-        let now = gaps.map(|gap| (gap / job.settings.step, ContactState::Open)).collect();
-        note((&mut self.margins, &mut self.states), n, now, &mut changed);
+        let now = gaps.map(|gap| (gap / job.settings.step, ContactState::Open));
+        self.modes.add(n, (0..).map(ContactId::Named).zip(now), changed);
         Ok(true)
     }
 
-    /// Writes the sums, [`ContactReverse::WIDTH`] values per contact.
+    /// Writes the sums of the contacts that the scene names, [`ContactReverse::WIDTH`] values per contact.
     #[allow(clippy::cast_precision_loss)] // number of steps of a run
     pub fn write(&self, scene: &Scene, out: &mut [f64]) {
-        let each = self.sums.iter().zip(&self.margins).zip(scene.contacts());
-        for (((sum, (margin, step)), contact), out) in each.zip(out.chunks_exact_mut(Self::WIDTH)) {
-            let (offset, normal) = by_plane(scene, contact, sum);
+        let each = scene.contacts().iter().zip(out.chunks_exact_mut(Self::WIDTH));
+        for (i, (contact, out)) in each.enumerate() {
+            let id = ContactId::Named(i);
+            let sum = self.sums.get(&id).copied().unwrap_or_default();
+            let (margin, step) = self.modes.margins.get(&id).copied().unwrap_or((f64::INFINITY, 0));
+            let (offset, normal) = by_plane(scene, contact, &sum);
             out[..3].copy_from_slice(&[sum.friction, sum.restitution, offset]);
             out[3..6].copy_from_slice(normal.as_slice());
-            out[6..].copy_from_slice(&[*margin, *step as f64]);
+            out[6..].copy_from_slice(&[margin, step as f64]);
         }
+    }
+
+    /// The sums of the pairs of shapes, for the index of the state.
+    pub fn of_shapes(&self, state: usize) -> impl Iterator<Item = ShapeGradients> + '_ {
+        self.sums.iter().filter_map(move |(contact, sum)| {
+            let ContactId::Shapes(colliders) = *contact else { return None };
+            let (margin, margin_step) = self.modes.margins.get(contact).copied().unwrap_or((f64::INFINITY, 0));
+            let (friction, restitution) = (sum.friction, sum.restitution);
+            Some(ShapeGradients { state, colliders, friction, restitution, margin, margin_step })
+        })
     }
 }
 
@@ -283,24 +325,49 @@ impl Parts for ContactReverse {
     }
 }
 
-/// Adds the contacts of step `n`, their distances from another mode and their states, to those of the later steps.
-fn note(
-    (margins, states): (&mut [(f64, usize)], &mut Option<Vec<ContactState>>),
-    n: usize,
-    now: Vec<Mode>,
-    changed: &mut impl FnMut(usize, ContactState, ContactState),
-) {
-    if let Some(later) = states.take() {
-        for (i, ((_, before), after)) in now.iter().zip(later).enumerate().filter(|(_, ((_, a), b))| a != b) {
-            changed(i, *before, after);
+/// The modes of contacts in the steps of a run, from the last one.
+#[derive(Default)]
+struct Modes {
+    /// The smallest distance of each contact from another mode, m/s, and its step.
+    margins: BTreeMap<ContactId, (f64, usize)>,
+    /// The states of the contacts in the last recomputed step: several points of a pair of shapes in a fixed order, so
+    /// that their number counts, not which is which.
+    states: Option<BTreeMap<ContactId, Vec<ContactState>>>,
+}
+
+impl Modes {
+    /// Adds the contacts of step `n`, which precedes those before. Calls `changed` with each change.
+    fn add(
+        &mut self,
+        n: usize,
+        now: impl Iterator<Item = (ContactId, Mode)>,
+        mut changed: impl FnMut(ContactId, ContactState, ContactState),
+    ) {
+        let mut states: BTreeMap<ContactId, Vec<ContactState>> = BTreeMap::new();
+        for (contact, (margin, state)) in now {
+            let least = self.margins.entry(contact).or_insert((f64::INFINITY, 0));
+            if margin < least.0 {
+                *least = (margin, n);
+            }
+            states.entry(contact).or_default().push(state);
         }
-    }
-    for (least, (margin, _)) in margins.iter_mut().zip(&now) {
-        if *margin < least.0 {
-            *least = (*margin, n);
+        for of in states.values_mut() {
+            of.sort_by(|a, b| b.number().total_cmp(&a.number()));
         }
+        if let Some(later) = &self.states {
+            let ids: BTreeSet<_> = states.keys().chain(later.keys()).collect();
+            for &contact in ids {
+                let [before, after] = [&states, later].map(|of| of.get(&contact).map_or(&[][..], |of| of));
+                for i in 0..before.len().max(after.len()) {
+                    let [before, after] = [before, after].map(|of| of.get(i).copied().unwrap_or(ContactState::Open));
+                    if before != after {
+                        changed(contact, before, after);
+                    }
+                }
+            }
+        }
+        self.states = Some(states);
     }
-    *states = Some(now.into_iter().map(|(_, state)| state).collect());
 }
 
 /// Gradients by the offset of a plane and by its unit normal, tangent to the unit sphere, in the frame in which the

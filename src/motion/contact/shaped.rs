@@ -8,7 +8,6 @@ use super::shapes::Shapes;
 use super::step::ContactStep;
 use crate::error::Error;
 use crate::scene::Scene;
-use crate::scene::contact_point::Touch;
 use nalgebra::Vector3;
 
 /// Largest number of repeats of a step whose shapes move farther than its search assumed.
@@ -73,9 +72,9 @@ impl Shaped {
             if force == Vector3::zeros() && impulse == Vector3::zeros() {
                 return None;
             }
-            let Touch { axes, gap, at } = point.touch_at(model, q);
-            let normal = axes.row(2).transpose() * sign;
-            Some(ShapeContact { state, step, colliders, point: at, normal, gap, force, impulse })
+            let touch = point.touch_at(model, q);
+            let (normal, gap) = (touch.normal() * sign, touch.gap);
+            Some(ShapeContact { state, step, colliders, point: touch.at, normal, gap, force, impulse })
         })
     }
 }

@@ -6,11 +6,11 @@
 //! are omitted.
 
 use super::reach::touching_gap;
-use crate::collision::{Against, Near, contacts, distance};
+use crate::collision::{Against, Near, contacts, distance, on_line};
 use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::scene::Scene;
 use crate::scene::collider_pairs::{Colliders, Placed};
-use crate::scene::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes, probing_rates};
+use crate::scene::contact_point::{ContactPoint, OtherSurface, Shape, Touch, plane_axes, probing_rates};
 use crate::spatial::{RigidShift, angular, linear, zero};
 use nalgebra::{Rotation3, Vector3, Vector6};
 use std::collections::HashMap;
@@ -18,6 +18,11 @@ use std::sync::Arc;
 
 /// Largest number of distances of a pair on its way.
 const MOST_LOOKS: usize = 32;
+
+/// Two spheres are level above a face up to this difference of their heights, and edges up to this height above a face do
+/// not rise above it, relative to the radius.
+const LEVEL: f64 = 1e-5;
+const FLUSH: f64 = 1e-7;
 
 /// A velocity below this, relative to its terms, is rounding.
 const STILL: f64 = 1e-12;
@@ -34,6 +39,8 @@ pub(super) struct Range {
 pub(super) struct PairOf {
     pub colliders: [usize; 2],
     pub on_second: bool,
+    /// True if the surface is a face.
+    pub is_face: bool,
 }
 
 /// Scratch memory for the shapes of one state.
@@ -206,6 +213,44 @@ impl Shapes {
             }
         }
         self.order = order;
+        self.omit_hidden();
+    }
+
+    /// Omits contacts with edges and corners that a face hides: a sphere or rim on a face, or another point of its body that
+    /// is level with it, touches the plane of the face before anything on or below that plane. A ball or a cylinder that
+    /// rolls over flush tiles or triangles does not hit their edges.
+    fn omit_hidden(&mut self) {
+        let Self { points, pairs, bodies, .. } = self;
+        let surface = |i: usize| points[i].other_body().map_or_else(RigidShift::identity, |k| bodies[k]);
+        let touch = |i: usize| points[i].touch(&bodies[points[i].body], &surface(i));
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        order.sort_by_key(|&i| points[i].body);
+        let mut hidden = vec![false; points.len()];
+        for of_body in order.chunk_by(|&i, &j| points[i].body == points[j].body) {
+            let place = &bodies[points[of_body[0]].body];
+            let below = |i: usize, normal: &Vector3<f64>| {
+                place.rotate(&points[i].center) + points[i].arm(Some(place), normal).0
+            };
+            let is_round = |i: &&usize| points[**i].radius > 0.0 && pairs[**i].is_face;
+            for &i in of_body.iter().filter(is_round) {
+                let (face, size) = (touch(i), points[i].radius);
+                if !points[i].is_on_face(&face, &surface(i)) {
+                    continue;
+                }
+                let normal = face.normal();
+                for &j in of_body.iter().filter(|&&j| points[j].other_body() == points[i].other_body()) {
+                    let edge = touch(j);
+                    let height = |x: &Touch| normal.dot(&(x.at - x.normal() * x.gap));
+                    hidden[j] |= !(pairs[j].is_face && points[j].is_on_face(&edge, &surface(j)))
+                        && normal.dot(&(below(i, &normal) - below(j, &normal))).abs() <= LEVEL * size
+                        && height(&edge) - height(&face) <= FLUSH * size;
+                }
+            }
+        }
+        let mut of_points = hidden.iter();
+        points.retain(|_| !of_points.next().is_some_and(|hidden| *hidden));
+        let mut of_pairs = hidden.iter();
+        pairs.retain(|_| !of_pairs.next().is_some_and(|hidden| *hidden));
     }
 
     fn overlap(&self, i: usize, j: usize) -> bool {
@@ -237,10 +282,9 @@ impl Shapes {
                 let ends = if of.on_first { [i, j] } else { [j, i] };
                 let Some((mut point, swapped)) = self.point_of(of, ends, &name) else { continue };
                 (point.friction, point.restitution) = (values.friction, values.restitution);
-                if point.other.is_none() {
-                    point.offset += values.margin;
-                } else {
-                    point.radius += values.margin;
+                match &mut point.other {
+                    None => point.offset += values.margin,
+                    Some(surface) => surface.raise(values.margin),
                 }
                 if !self.can_move(&point) {
                     continue;
@@ -250,7 +294,7 @@ impl Shapes {
                 point.path = Arc::clone(path);
                 self.least = self.least.min(of.gap - values.margin);
                 self.points.push(point);
-                self.pairs.push(PairOf { colliders: [i, j], on_second: of.on_first == swapped });
+                self.pairs.push(PairOf { colliders: [i, j], on_second: of.on_first == swapped, is_face: of.is_face });
             }
         }
         self.near = near;
@@ -301,29 +345,42 @@ impl Shapes {
                     let lever = on_body(surface, center);
                     (RigidShift { rotation: surface.frame.rotation, lever }, Shape::Sphere(*radius))
                 }
-                Against::Box(half) => (surface.frame, Shape::Box(*half)),
+                Against::Line { ends: [from, to], radius } => {
+                    let along = surface.frame.rotate(&(to - from));
+                    let half = Vector3::new(0.0, 0.0, 0.5 * along.norm());
+                    (plane(&along.normalize(), on_body(surface, &((from + to) * 0.5))), Shape::Box(half, *radius))
+                }
+                Against::Box(half) => (surface.frame, Shape::Box(*half, 0.0)),
             };
             let center = on_body(point, &near.center);
-            return Some((contact_on(name, (body, center, near.radius), (surface.body, frame, shape)), false));
+            let made = contact_on(name, (body, center, near.radius), (surface.body, frame, shape));
+            return Some((ContactPoint { rim: near.rim.map(|axis| point.frame.rotate(&axis)), ..made }, false));
         }
         // The point is on the base, and the surface moves: its nearest point touches what the base has there.
         let body = surface.body?;
         let (place, center) = (&self.places[other], on_body(point, &near.center));
         let sphere = RigidShift { rotation: point.frame.rotation, lever: center };
+        // The nearest point of a line or box, and a sphere about it.
+        let nearest =
+            |at: Vector3<f64>, radius: f64| (on_body(surface, &at), radius, (sphere, Shape::Sphere(near.radius)));
         let (at, radius, on) = match &near.against {
             Against::Plane { normal, .. } => {
                 let normal = place.rotate(normal);
-                let at = center - normal * (near.gap + near.radius);
-                let at = surface.frame.rotate(&place.rotate_back(&(at - place.lever))) + surface.frame.lever;
-                (at, 0.0, (plane(&-normal, center - normal * near.radius), Shape::Plane))
+                let rim = near.rim.map_or(normal, |axis| {
+                    let axis = point.frame.rotate(&axis);
+                    (normal - axis * axis.dot(&normal)).normalize()
+                });
+                let low = center - rim * near.radius;
+                let at = place.rotate_back(&(low - normal * near.gap - place.lever));
+                (on_body(surface, &at), 0.0, (plane(&-normal, low), Shape::Plane))
             }
-            Against::Sphere { center: theirs, radius } => {
-                (on_body(surface, theirs), *radius, (sphere, Shape::Sphere(near.radius)))
+            Against::Sphere { center, radius } => nearest(*center, *radius),
+            Against::Line { ends, radius } => {
+                nearest(on_line(ends, &place.rotate_back(&(center - place.lever))), *radius)
             }
             Against::Box(half) => {
                 let x = place.rotate_back(&(center - place.lever));
-                let at = x.zip_map(half, |x, half| x.clamp(-half, half));
-                (on_body(surface, &at), 0.0, (sphere, Shape::Sphere(near.radius)))
+                nearest(x.zip_map(half, |x, half| x.clamp(-half, half)), 0.0)
             }
         };
         Some((contact_on(name, (body, at, radius), (None, on.0, on.1)), true))
@@ -333,7 +390,7 @@ impl Shapes {
     fn can_move(&self, point: &ContactPoint) -> bool {
         let of = |k: usize| (&self.bodies[k], &self.probing[k]);
         let (touch, velocity, terms) = point.moving(of(point.body), point.other_body().map(of));
-        touch.axes.row(2).transpose().dot(&velocity).abs() > STILL * terms
+        touch.normal().dot(&velocity).abs() > STILL * terms
     }
 
     /// The contacts of the last search after those that are named, for a step.
@@ -356,6 +413,7 @@ fn contact_on(
         body,
         center,
         radius,
+        rim: None,
         axes: plane_axes(&normal),
         offset: if is_ground { normal.dot(&frame.lever) } else { 0.0 },
         other: (!is_ground).then_some(OtherSurface { body: on_body, frame, shape }),
