@@ -113,7 +113,7 @@ def efforts(path: Any, given: dict[str, Any]) -> _Array:
             u = u + control
     if given.get("effort") == "clip":
         u = np.clip(u, -scene.limits.effort, scene.limits.effort)
-    return u
+    return np.asarray(u)
 
 
 class MotionEnergy(NamedTuple):
