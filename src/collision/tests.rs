@@ -177,7 +177,7 @@ fn round_shapes_and_edges_touch_an_edge_along_their_common_length() {
     // The edge of a cube that stands on an edge, 20 mm above.
     let lever = Vector3::new(0.101 + 0.1 * 2.0_f64.sqrt(), 0.05, 0.12);
     let pose = turned(RigidShift { lever, ..at(0.0, 0.0, 0.0) }, Vector3::y() * std::f64::consts::FRAC_PI_4);
-    let all = found(&step, &step, &pose, 0.03);
+    let all = found(&step, &step, &pose, 0.02);
     let mut y: Vec<f64> = places(&all, &pose).iter().map(|(x, _)| x[1]).collect();
     y.sort_by(f64::total_cmp);
     assert!(all.len() == 2 && (y[0] + 0.05).abs() <= 1e-12 && (y[1] - 0.1).abs() <= 1e-12, "{all:?}");

@@ -1,7 +1,6 @@
 //! The solver: Newton's method; if it fails, an interior-point method; if that fails, continuation along a curve. For
 //! redundant contacts an active-set method ends the solve.
 
-use super::gram::Gram;
 use super::held::Held;
 use super::interior::Interior;
 use super::law::{Cone, Limits};
@@ -30,6 +29,9 @@ const TRIED_AGAIN: f64 = 0.3;
 const CURVES: [(f64, f64); 2] = [(2.0, 1e-2), (10.0, 1e-3)];
 const ALONG: usize = 600;
 const BETWEEN: usize = 10;
+
+/// Largest number of contacts whose curves are followed: a step factorizes a dense matrix of five rows for each.
+const MOST_ALONG: usize = 64;
 
 /// Coefficients of friction above this are first replaced by it: contacts that stick with it also stick with more
 /// friction.
@@ -270,7 +272,7 @@ impl<'a> Search<'a> {
                 return;
             }
         }
-        if self.effort.attempts <= STARTS.len() || !matches!(self.cone.g, Gram::Dense(_)) {
+        if self.effort.attempts <= STARTS.len() || self.cone.len() > MOST_ALONG {
             return;
         }
         for curve in CURVES {
