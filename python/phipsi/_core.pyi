@@ -870,13 +870,6 @@ class Scene:
             Steps between two rows.
         pd : PD, optional
             Control law PD(kp, kd, target, target_rate, effort), evaluated within the step.
-        targets : (..., steps, nq) array_like, optional
-            Target of pd in each step, instead of pd.target.
-        target_rates : (..., steps, nv) array_like, optional
-            Target velocity of pd in each step, instead of pd.target_rate.
-        effort : {"report", "clip"}, default "report"
-            "clip": the sum of tau and pd is limited to scene.limits.effort. "report": Trajectory.violations() lists
-            rows with more.
         armature : float or (nv,) array_like, optional
             Armature instead of that of the scene, kg m^2 or kg.
         damping : float or (nv,) array_like, optional
@@ -915,6 +908,13 @@ class Scene:
             Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
             alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
             An error for impacts on stops, accuracy and functions tau.
+        targets : (..., steps, nq) array_like, optional
+            Target of pd in each step, instead of pd.target.
+        target_rates : (..., steps, nv) array_like, optional
+            Target velocity of pd in each step, instead of pd.target_rate.
+        effort : {"report", "clip"}, default "report"
+            "clip": the sum of tau and pd is limited to scene.limits.effort. "report": Trajectory.violations() lists
+            rows with more.
         control : (n,) or (..., steps, n) array_like, or dict of str to float or array_like, optional
             Controls of scene.actuators: constant, or for each step (an axis of one step: for all steps); by name, a
             float or (..., steps), and 0 for the others. They are clipped to ctrlrange, which Trajectory.violations()

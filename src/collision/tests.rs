@@ -104,7 +104,7 @@ fn a_cylinder_has_the_points_of_its_rims_and_side() {
     let height = 0.1 * tilt.sin() + 0.01 * tilt.cos();
     let tilted = found(&ground, &coin, &turned(at(0.0, 0.0, height), Vector3::x() * tilt), 1e-6);
     assert!(tilted.len() == 1 && tilted[0].gap.abs() <= 1e-15, "{tilted:?}");
-    assert!(tilted[0].radius == 0.1 && tilted[0].rim == Some(Vector3::z()));
+    assert!((tilted[0].radius - 0.1).abs() <= 1e-15 && tilted[0].rim == Some(Vector3::z()));
 }
 
 #[test]

@@ -2,13 +2,13 @@
 
 use std::collections::VecDeque;
 
-/// A square matrix with `band` entries on each side of the diagonal; during the factorization, row exchanges fill twice
+/// A square matrix with `width` entries on each side of the diagonal; during the factorization, row exchanges fill twice
 /// as many above it.
 #[derive(Debug, Clone)]
 pub(super) struct Band {
     size: usize,
-    band: usize,
-    /// Entry (i, j) at i width + j - i + band.
+    width: usize,
+    /// Entry (i, j) at i (3 width + 1) + j - i + width.
     entries: Vec<f64>,
     /// The row that was exchanged with each row.
     exchanged: Vec<usize>,
@@ -16,7 +16,8 @@ pub(super) struct Band {
 
 impl Band {
     pub fn identity(size: usize, band: usize) -> Self {
-        let mut matrix = Self { size, band, entries: vec![0.0; size * (3 * band + 1)], exchanged: vec![0; size] };
+        let mut matrix =
+            Self { size, width: band, entries: vec![0.0; size * (3 * band + 1)], exchanged: vec![0; size] };
         for i in 0..size {
             matrix.add(i, i, 1.0);
         }
@@ -24,7 +25,7 @@ impl Band {
     }
 
     const fn at(&self, i: usize, j: usize) -> usize {
-        i * (3 * self.band + 1) + j + self.band - i
+        i * (3 * self.width + 1) + j + self.width - i
     }
 
     /// Adds to an entry within the band.
@@ -36,8 +37,8 @@ impl Band {
     /// Replaces the matrix by its factor; returns false if it is singular.
     pub fn factorize(&mut self) -> bool {
         for k in 0..self.size {
-            let below = (k + self.band).min(self.size - 1);
-            let last = (k + 2 * self.band).min(self.size - 1);
+            let below = (k + self.width).min(self.size - 1);
+            let last = (k + 2 * self.width).min(self.size - 1);
             let largest = |best: usize, i: usize| {
                 if self.entries[self.at(i, k)].abs() > self.entries[self.at(best, k)].abs() { i } else { best }
             };
@@ -73,12 +74,12 @@ impl Band {
     pub fn solve(&self, x: &mut [f64]) {
         for k in 0..self.size {
             x.swap(k, self.exchanged[k]);
-            for i in k + 1..=(k + self.band).min(self.size - 1) {
+            for i in k + 1..=(k + self.width).min(self.size - 1) {
                 x[i] -= self.entries[self.at(i, k)] * x[k];
             }
         }
         for k in (0..self.size).rev() {
-            let last = (k + 2 * self.band).min(self.size - 1);
+            let last = (k + 2 * self.width).min(self.size - 1);
             let (row, above) = (&self.entries[self.at(k, k)..=self.at(k, last)], &x[k..=last]);
             let products = row[1..].iter().zip(&above[1..]).map(|(entry, x)| entry * x);
             x[k] = (x[k] - products.sum::<f64>()) / row[0];
@@ -86,8 +87,9 @@ impl Band {
     }
 }
 
-/// The new number of each unknown, and the band of a matrix whose unknowns are coupled in groups: those of E. Cuthill and
-/// J. McKee (Proceedings of the 24th ACM National Conference, 1969), from an unknown at an end.
+/// The new number of each unknown, and the width of a matrix whose unknowns are coupled in groups: in the order in which
+/// a search from an unknown at an end reaches them.
+// E. Cuthill and J. McKee, Proceedings of the 24th ACM National Conference, 1969.
 pub(super) fn narrow<'a>(groups: impl Iterator<Item = &'a [usize]> + Clone, unknowns: usize) -> (Vec<usize>, usize) {
     let mut beside: Vec<Vec<usize>> = vec![Vec::new(); unknowns];
     let mut all: Vec<&[usize]> = groups.collect();

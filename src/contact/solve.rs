@@ -1,6 +1,7 @@
 //! The solver: Newton's method; if it fails, an interior-point method; if that fails, continuation along a curve. For
 //! redundant contacts an active-set method ends the solve.
 
+use super::gram::Gram;
 use super::held::Held;
 use super::interior::Interior;
 use super::law::{Cone, Limits};
@@ -253,8 +254,9 @@ impl<'a> Search<'a> {
 
     /// Newton's method, from `start` and from contacts that stick.
     fn newton(&mut self, start: Option<&DVector<f64>>) -> bool {
-        // Without impulses, contacts are more likely to stick than to open.
-        let start = start.filter(|start| start.iter().any(|&p| p != 0.0)).map(|start| {
+        // Many contacts without impulses rest on each other: they are more likely to stick than to open.
+        let is_cold = matches!(self.cone.g, Gram::Rows { .. }) && start.is_some_and(|start| start.amax() == 0.0);
+        let start = start.filter(|_| !is_cold).map(|start| {
             let mut start = start.clone();
             self.cone.project(&mut start, &self.limits.least);
             start
