@@ -39,6 +39,7 @@ mod columns;
 pub(crate) mod constraints;
 pub(crate) mod contact_kernel;
 pub(crate) mod contact_rows;
+#[cfg(feature = "motion")]
 pub(crate) mod contacts;
 pub(crate) mod coupled;
 #[cfg(feature = "derivatives")]
