@@ -140,7 +140,7 @@ def test_an_impact_whose_rebound_is_limited_by_the_energy() -> None:
     assert checked > 3, checked
 
 
-@pytest.mark.parametrize("mode", [(True, False), (False, False), (True, True), (False, True)], ids=["sticks", "slides", "sticks and rebounds", "slides and rebounds"])
+@pytest.mark.parametrize("mode", [(True, False), (False, True)], ids=["sticks", "slides and rebounds"])
 def test_a_body_beside_a_dense_step_in_mpmath(mode: tuple[bool, bool]) -> None:
     sticks, rebounds = mode
     random = np.random.default_rng(11)

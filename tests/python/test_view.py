@@ -407,13 +407,13 @@ posix = pytest.mark.skipif(os.name != "posix", reason="the browser is a script o
 
 @posix
 @needs_browser
-def test_the_page_of_a_script_plays_after_its_end(browser: Any, tmp_path: Path) -> None:
+def test_the_page_of_a_script_remains_after_its_end(browser: Any, tmp_path: Path) -> None:
     printed, opened = run_script(FALL + "scene.show(path)", tmp_path)
     assert printed.split() == opened and len(opened) == 1
     file = Path(unquote(urlsplit(opened[0]).path))
     assert file.is_relative_to(tmp_path)
     with Opened(browser, file, 600) as shown:
-        check_player(shown, shown.page)
+        shown.page.locator("canvas").last.wait_for(timeout=PATIENCE)
         shown.check(file)
 
 
