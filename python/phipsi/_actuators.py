@@ -487,8 +487,7 @@ def simulate(scene: Scene, q: ArrayLike, qd: ArrayLike, control: Any, activation
     law = actuators._law(inputs)
     is_constant = inputs.shape[-2] == 1
     if not is_constant and any(np.any(gain != gain[..., :1, :]) for gain in law[:2] if gain.ndim > 1):
-        names = ", ".join(repr(one.name) for one in actuators if any(one.gain[1:]))
-        raise of_argument(ArgumentError, "control", f"found controls of {names}, and with them gains, that change from step to step; expected constant ones")
+        raise _changing_gains(actuators, "that change from step to step; expected constant ones")
     at_start = Law(*(part if part.ndim == 1 else np.asarray(part[..., 0, :]) for part in law))
     given |= actuators._keywords(at_start)
     if "pd" in given and not is_constant:
@@ -523,6 +522,12 @@ def controlled(scene: Scene, control: Any, given: Mapping[str, Any]) -> tuple[Ac
         more = f", and {len(lost) - 1} more actuators that a scene cannot represent" if len(lost) > 1 else ""
         warn(f"control: found {name!r}, {reason}{more}; their forces do not act", ModelWarning)
     return actuators, controls
+
+
+def _changing_gains(actuators: Actuators, rest: str) -> ArgumentError:
+    """An error for controls on which gains depend."""
+    names = ", ".join(repr(one.name) for one in actuators if any(one.gain[1:]))
+    return of_argument(ArgumentError, "control", f"found controls of {names}, and with them gains, {rest}")
 
 
 def _sum_of_torques(scene: Scene, own: _Array, is_constant: bool, tau: Any, tau_steps: Any, dt: float, steps: int) -> tuple[Any, Any]:
@@ -575,8 +580,7 @@ class Drive:
         for _ in range(steps if has_activation else 1):
             law = self._law()
             if law.kp is not self._gains[0] and any(np.any(gain != before) for gain, before in zip(law[:2], self._gains, strict=True)):
-                names = ", ".join(repr(one.name) for one in self.actuators if any(one.gain[1:]))
-                raise of_argument(ArgumentError, "control", f"found controls of {names}, and with them gains, that change; expected those of the creation of the simulator")
+                raise _changing_gains(self.actuators, "that change; expected those of the creation of the simulator")
             torque = given if not self.actuators.has_torques else law.tau if given is None else given + law.tau
             targets = (law.target, law.rate) if self.actuators.has_servos else (None, None)
             simulator._advance(torque, 1 if has_activation else steps, *targets)

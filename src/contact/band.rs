@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-/// A square matrix with `width` entries on each side of the diagonal; during the factorization, row exchanges fill twice
-/// as many above it.
+/// A square matrix with `width` entries on each side of the diagonal. Row exchanges of the factorization extend it to
+/// 2 `width` entries after the diagonal.
 #[derive(Debug, Clone)]
 pub(super) struct Band {
     size: usize,

@@ -14,28 +14,35 @@
 use super::band::{Band, narrow};
 use nalgebra::{DMatrix, DVector, Dyn, LU, Matrix3, Vector3};
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Rows are kept apart from at least this number on, and if they are more than the joints by this factor.
 const MANY: usize = 60;
 const MORE: f64 = 1.5;
 
-/// W of one contact.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct ContactRows {
-    /// The joints that its impulse moves, in the order of the band.
-    pub columns: Vec<usize>,
-    /// The entries of its three rows in each of these columns.
-    pub entries: Vec<Vector3<f64>>,
+/// The joints that the impulse of each contact moves, numbered so that joints with a common contact are near each other.
+#[derive(Debug, PartialEq)]
+pub(crate) struct RowPattern {
+    pub contacts: Vec<Vec<usize>>,
+    joints: usize,
+    /// Distance from the diagonal of the entries that couple joints.
+    band: usize,
 }
 
 /// W of all contacts.
 #[derive(Debug, PartialEq)]
 pub(crate) struct WideRows {
-    contacts: Vec<ContactRows>,
-    columns: usize,
-    /// Distance from the diagonal of the entries that couple joints.
-    band: usize,
+    pattern: Arc<RowPattern>,
+    /// The entries of the three rows of each contact, for each of its joints.
+    entries: Vec<Vec<Vector3<f64>>>,
+}
+
+/// W of one contact.
+#[derive(Debug, Clone, Copy)]
+struct ContactRows<'a> {
+    joints: &'a [usize],
+    entries: &'a [Vector3<f64>],
 }
 
 /// The matrix G of some contacts.
@@ -47,41 +54,62 @@ pub(crate) enum Gram {
     Rows { rows: Arc<WideRows>, scale: Option<DVector<f64>>, compliance: f64 },
 }
 
-/// True if G of these rows is better kept as W.
-pub(crate) fn has_many_rows(rows: usize, columns: usize) -> bool {
-    #[allow(clippy::cast_precision_loss)] // counts
-    let more = rows as f64 > MORE * columns as f64;
-    rows >= MANY && more
+impl RowPattern {
+    /// The pattern of contacts that move the given joints; `None` if their G is better kept as a matrix.
+    pub fn of_many(mut contacts: Vec<Vec<usize>>) -> Option<Self> {
+        if 3 * contacts.len() < MANY {
+            return None;
+        }
+        let mut number = HashMap::new();
+        for joint in contacts.iter_mut().flatten() {
+            let next = number.len();
+            *joint = *number.entry(*joint).or_insert(next);
+        }
+        let joints = number.len();
+        #[allow(clippy::cast_precision_loss)] // counts
+        let is_many = 3.0 * contacts.len() as f64 > MORE * joints as f64;
+        if !is_many {
+            return None;
+        }
+        let (order, band) = narrow(contacts.iter().map(|of| &of[..]), joints);
+        contacts.iter_mut().flatten().for_each(|joint| *joint = order[*joint]);
+        Some(Self { contacts, joints, band })
+    }
 }
 
 impl WideRows {
-    /// From the columns and entries of each contact; renumbers the columns.
-    pub fn new(mut contacts: Vec<ContactRows>, columns: usize) -> Self {
-        let (order, band) = narrow(contacts.iter().map(|of| &of.columns[..]), columns);
-        for column in contacts.iter_mut().flat_map(|of| &mut of.columns) {
-            *column = order[*column];
-        }
-        Self { contacts, columns, band }
+    fn each(&self) -> impl Iterator<Item = ContactRows<'_>> {
+        let of = |(joints, entries)| ContactRows { joints, entries };
+        self.pattern.contacts.iter().map(|of| &of[..]).zip(self.entries.iter().map(|of| &of[..])).map(of)
     }
 
     /// W x.
     fn along_joints(&self, x: impl Fn(usize) -> Vector3<f64>) -> DVector<f64> {
-        let mut y = DVector::zeros(self.columns);
-        for (i, of) in self.contacts.iter().enumerate() {
+        let mut y = DVector::zeros(self.pattern.joints);
+        for (i, of) in self.each().enumerate() {
             let x = x(i);
-            for (&column, entries) in of.columns.iter().zip(&of.entries) {
-                y[column] += entries.dot(&x);
+            for (joint, entries) in of.each() {
+                y[joint] += entries.dot(&x);
             }
         }
         y
     }
 }
 
-impl ContactRows {
-    /// Its rows of W* y.
-    fn times(&self, y: &DVector<f64>) -> Vector3<f64> {
-        self.columns.iter().zip(&self.entries).fold(Vector3::zeros(), |sum, (&column, of)| sum + of * y[column])
+impl<'a> ContactRows<'a> {
+    fn each(self) -> impl Iterator<Item = (usize, &'a Vector3<f64>)> {
+        self.joints.iter().copied().zip(self.entries)
     }
+
+    /// Its rows of W* y.
+    fn times(self, y: &DVector<f64>) -> Vector3<f64> {
+        self.each().fold(Vector3::zeros(), |sum, (joint, of)| sum + of * y[joint])
+    }
+}
+
+/// The scale of the rows of a contact.
+fn scale_of(scale: Option<&DVector<f64>>, i: usize) -> f64 {
+    scale.map_or(1.0, |scale| scale[3 * i])
 }
 
 fn three(x: &DVector<f64>, i: usize) -> Vector3<f64> {
@@ -95,15 +123,17 @@ impl From<DMatrix<f64>> for Gram {
 }
 
 impl Gram {
-    pub fn of_rows(rows: WideRows) -> Self {
-        Self::Rows { rows: Arc::new(rows), scale: None, compliance: 0.0 }
+    /// G = W* W, from the entries of the three rows of each contact for each of its joints.
+    pub fn of_rows(pattern: &Arc<RowPattern>, entries: Vec<Vec<Vector3<f64>>>) -> Self {
+        let rows = Arc::new(WideRows { pattern: Arc::clone(pattern), entries });
+        Self::Rows { rows, scale: None, compliance: 0.0 }
     }
 
     /// Number of rows.
     pub fn len(&self) -> usize {
         match self {
             Self::Dense(g) => g.nrows(),
-            Self::Rows { rows, .. } => 3 * rows.contacts.len(),
+            Self::Rows { rows, .. } => 3 * rows.entries.len(),
         }
     }
 
@@ -116,7 +146,7 @@ impl Gram {
         let scaled = scale.map_or(Cow::Borrowed(p), |scale| Cow::Owned(p.component_mul(scale)));
         let y = rows.along_joints(|i| three(&scaled, i));
         let mut product = DVector::zeros(p.len());
-        for (i, of) in rows.contacts.iter().enumerate() {
+        for (i, of) in rows.each().enumerate() {
             product.fixed_rows_mut::<3>(3 * i).copy_from(&of.times(&y));
         }
         product.axpy(compliance, &scaled, 1.0);
@@ -137,18 +167,17 @@ impl Gram {
                 }
             }
             Self::Rows { rows, scale, compliance } => {
-                let scale = |i: usize| scale.as_ref().map_or_else(|| Vector3::repeat(1.0), |scale| three(scale, i));
-                let mut sizes = DVector::<f64>::zeros(rows.columns);
-                for (i, of) in rows.contacts.iter().enumerate() {
-                    let p = three(p, i).component_mul(&scale(i)).abs();
-                    for (&column, entries) in of.columns.iter().zip(&of.entries) {
-                        sizes[column] += entries.abs().dot(&p);
+                let scale = |i: usize| scale_of(scale.as_ref(), i);
+                let mut sizes = DVector::<f64>::zeros(rows.pattern.joints);
+                for (i, of) in rows.each().enumerate() {
+                    let p = (three(p, i) * scale(i)).abs();
+                    for (joint, entries) in of.each() {
+                        sizes[joint] += entries.abs().dot(&p);
                     }
                 }
-                for (i, of) in rows.contacts.iter().enumerate() {
-                    let each = of.columns.iter().zip(&of.entries);
-                    let sum = each.fold(Vector3::zeros(), |sum, (&column, of)| sum + of.abs() * sizes[column]);
-                    let own = (sum + three(p, i).component_mul(&scale(i)).abs() * *compliance).component_mul(&scale(i));
+                for (i, of) in rows.each().enumerate() {
+                    let sum = of.each().fold(Vector3::zeros(), |sum, (joint, of)| sum + of.abs() * sizes[joint]);
+                    let own = (sum + (three(p, i) * scale(i)).abs() * *compliance) * scale(i);
                     terms.fixed_rows_mut::<3>(3 * i).zip_apply(&own, |term, own| *term += own);
                 }
             }
@@ -160,10 +189,10 @@ impl Gram {
         match self {
             Self::Dense(g) => Vector3::from_fn(|row, _| g[(3 * i + row, 3 * i + row)]),
             Self::Rows { rows, scale, compliance } => {
-                let own = &rows.contacts[i].entries;
+                let own = &rows.entries[i];
                 let squares = own.iter().fold(Vector3::zeros(), |sum, of| sum + of.component_mul(of));
-                let scale = scale.as_ref().map_or_else(|| Vector3::repeat(1.0), |scale| three(scale, i));
-                squares.add_scalar(*compliance).component_mul(&scale).component_mul(&scale)
+                let scale = scale_of(scale.as_ref(), i);
+                squares.add_scalar(*compliance) * scale * scale
             }
         }
     }
@@ -193,20 +222,20 @@ impl Gram {
     pub fn dense(&self) -> Cow<'_, DMatrix<f64>> {
         let (rows, scale, compliance) = match self {
             Self::Dense(g) => return Cow::Borrowed(g),
-            Self::Rows { rows, scale, compliance } => (rows, scale, *compliance),
+            Self::Rows { rows, scale, compliance } => (rows, scale.as_ref(), *compliance),
         };
-        let mut wide = DMatrix::zeros(rows.columns, self.len());
-        for (i, of) in rows.contacts.iter().enumerate() {
-            for (&column, entries) in of.columns.iter().zip(&of.entries) {
+        let mut wide = DMatrix::zeros(rows.pattern.joints, self.len());
+        for (i, of) in rows.each().enumerate() {
+            for (joint, entries) in of.each() {
                 for (row, &entry) in entries.iter().enumerate() {
-                    wide[(column, 3 * i + row)] = entry * scale.as_ref().map_or(1.0, |scale| scale[3 * i + row]);
+                    wide[(joint, 3 * i + row)] = entry * scale_of(scale, i);
                 }
             }
         }
         let mut g = wide.tr_mul(&wide);
         g.fill_lower_triangle_with_upper_triangle();
         for i in 0..g.nrows() {
-            let scale = scale.as_ref().map_or(1.0, |scale| scale[i]);
+            let scale = scale_of(scale, i / 3);
             g[(i, i)] += compliance * scale * scale;
         }
         Cow::Owned(g)
@@ -225,14 +254,14 @@ impl Gram {
             Self::Rows { rows, scale, compliance } => (rows, scale.as_ref(), *compliance),
         };
         let mut own = Vec::with_capacity(blocks.len());
-        let mut matrix = Band::identity(rows.columns, rows.band);
-        for (i, ((a, b), of)) in blocks.iter().zip(&rows.contacts).enumerate() {
-            let w = scale.map_or(1.0, |scale| scale[3 * i]);
+        let mut matrix = Band::identity(rows.pattern.joints, rows.pattern.band);
+        for (i, ((a, b), of)) in blocks.iter().zip(rows.each()).enumerate() {
+            let w = scale_of(scale, i);
             let inverse = (a + b * (eps + compliance * w * w)).try_inverse()?;
             let weight = inverse * b * (w * w);
-            for (&column, entries) in of.columns.iter().zip(&of.entries) {
+            for (column, entries) in of.each() {
                 let weighted = weight * entries;
-                for (&row, entries) in of.columns.iter().zip(&of.entries) {
+                for (row, entries) in of.each() {
                     matrix.add(row, column, entries.dot(&weighted));
                 }
             }
@@ -263,7 +292,7 @@ impl Factor<'_> {
         let mut y = rows.along_joints(|i| own[i].0 * three(f, i) * own[i].2);
         matrix.solve(y.as_mut_slice());
         let mut p = DVector::zeros(f.len());
-        for (i, ((inverse, b, _), of)) in own.iter().zip(&rows.contacts).enumerate() {
+        for (i, ((inverse, b, _), of)) in own.iter().zip(rows.each()).enumerate() {
             p.fixed_rows_mut::<3>(3 * i).copy_from(&(inverse * (three(f, i) - b * of.times(&y))));
         }
         p.iter().all(|p| p.is_finite()).then_some(p)

@@ -36,7 +36,7 @@ mod solve;
 mod tests;
 
 pub(crate) use energy::{ContactProblem, Impact, expansion_kept, impact, passive};
-pub(crate) use gram::{ContactRows, Gram, WideRows, has_many_rows};
+pub(crate) use gram::{Gram, RowPattern};
 pub(crate) use groups::Cones;
 pub(crate) use implicit::{LawCotangents, Turning};
 pub use law::ContactState;

@@ -17,8 +17,8 @@ pub(crate) mod derivatives;
 
 use super::constraints::Elimination;
 use super::contact_rows::UnitForces;
-use super::sweeps::{Forces, MOST_FORCES, Path, SweepModel, WhitenedRows, general};
-use crate::contact::{ContactRows, Gram, WideRows, has_many_rows};
+use super::sweeps::{Forces, MOST_FORCES, Path, PathRows, SweepModel, WhitenedRows, general};
+use crate::contact::{Gram, RowPattern};
 use crate::filter::riccati::Measured;
 use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::model::Model;
@@ -26,7 +26,7 @@ use crate::scene::contact_point::{ContactPoint, Touch};
 use crate::spatial::{RigidShift, zero};
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6};
-use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 
 /// A row of W that the projection reduces below this, relative to its size, is zero: the connections fix its motion.
 const HELD: f64 = 1e-12;
@@ -104,8 +104,8 @@ struct Block {
     /// The steps of the path of each on which its forces act.
     ends: Vec<[Option<usize>; 2]>,
     whitened: WhitenedRows<f64>,
-    /// True if G is kept as W* W.
-    has_many_rows: bool,
+    /// The joints of its contacts, if G is kept as W* W.
+    pattern: Option<Arc<RowPattern>>,
     forces: Vec<Forces<f64>>,
 }
 
@@ -131,40 +131,35 @@ impl Block {
             };
             paths.push(path);
         }
-        let joints = paths.iter().flat_map(|(path, _)| path.rows_shared(path, model)).flatten();
-        let columns = joints.collect::<HashSet<usize>>().len();
-        let has_many_rows = !is_closed && has_many_rows(3 * which.len(), columns);
-        let mut whitened = WhitenedRows::with_gram(model, paths, !has_many_rows);
+        let joints = |path: &Path| path.rows_shared(path, model).into_iter().flatten().collect();
+        let pattern =
+            if is_closed { None } else { RowPattern::of_many(paths.iter().map(|(path, _)| joints(path)).collect()) };
+        let mut whitened = WhitenedRows::with_gram(model, paths, pattern.is_none());
         // Joint limits have no tangents.
         whitened.gram.fill(0.0);
         let none = Forces { z: [[f64::NAN; 6]; MOST_FORCES], moments: [f64::NAN; MOST_FORCES] };
         let forces = vec![none; whitened.longest()];
-        Self { forces, which, members: Vec::new(), ends, whitened, has_many_rows }
+        Self { forces, which, members: Vec::new(), ends, whitened, pattern: pattern.map(Arc::new) }
     }
 
     /// G as W* W, with the rows of each contact. Joint limits have a normal row only.
-    fn wide(&self, measured: &[Measured<f64>]) -> Gram {
-        let mut number: HashMap<usize, usize> = HashMap::new();
-        let of = |(columns, rows): (Vec<usize>, Vec<Vec<f64>>)| {
-            let first = 3 - rows.len();
-            let entries = (0..columns.len())
-                .map(|k| Vector3::from_fn(|row, _| if row < first { 0.0 } else { rows[row - first][k] }));
-            let entries = entries.collect();
-            let numbered = |column: usize| {
-                let next = number.len();
-                *number.entry(column).or_insert(next)
-            };
-            ContactRows { columns: columns.into_iter().map(numbered).collect(), entries }
+    fn wide(&self, pattern: &Arc<RowPattern>, measured: &[Measured<f64>]) -> Gram {
+        let of = |(of, joints): (&PathRows, &Vec<usize>)| {
+            let mut entries = vec![Vector3::zeros(); joints.len()];
+            for (row, i) in (3 - of.rows.len()..3).zip(of.rows.clone()) {
+                let own = self.whitened.scaled_row(of, i, measured);
+                entries.iter_mut().zip(own).for_each(|(to, (_, entry))| to[row] = entry);
+            }
+            entries
         };
-        let contacts: Vec<ContactRows> = self.whitened.along_paths(measured).map(of).collect();
-        Gram::of_rows(WideRows::new(contacts, number.len()))
+        Gram::of_rows(pattern, self.whitened.paths.iter().zip(&pattern.contacts).map(of).collect())
     }
 
     /// G.
     fn gram(&mut self, measured: &[Measured<f64>]) -> Gram {
         let m = 3 * self.which.len();
-        if self.has_many_rows {
-            return self.wide(measured);
+        if let Some(pattern) = &self.pattern {
+            return self.wide(pattern, measured);
         }
         self.whitened.multiply(0.0);
         let mut gram = DMatrix::from_row_slice(m, m, &self.whitened.gram);

@@ -3,12 +3,13 @@
 use super::{Draw, breach, in_the_cones};
 use crate::contact::band::{Band, narrow};
 use crate::contact::gram::Factor;
-use crate::contact::{Cone, ContactRows, Effort, Gram, Limits, WideRows};
+use crate::contact::{Cone, Effort, Gram, Limits, RowPattern};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use std::sync::Arc;
 
 /// Contacts between adjacent links of a row of bodies with `dofs` joints each, `each` per pair, in a shuffled order.
 fn row_of_bodies(draw: &mut Draw, (bodies, dofs, each): (usize, usize, usize)) -> Gram {
-    let mut contacts = Vec::new();
+    let (mut contacts, mut entries) = (Vec::new(), Vec::new());
     let shuffled = |k: usize| (k * 7 + 3) % bodies;
     for k in 0..bodies {
         for _ in 0..each {
@@ -16,11 +17,11 @@ fn row_of_bodies(draw: &mut Draw, (bodies, dofs, each): (usize, usize, usize)) -
             if k + 1 < bodies {
                 columns.extend(dofs * shuffled(k + 1)..dofs * shuffled(k + 1) + dofs);
             }
-            let entries = columns.iter().map(|_| Vector3::from_fn(|_, _| draw.next())).collect();
-            contacts.push(ContactRows { columns, entries });
+            entries.push(columns.iter().map(|_| Vector3::from_fn(|_, _| draw.next())).collect());
+            contacts.push(columns);
         }
     }
-    Gram::of_rows(WideRows::new(contacts, bodies * dofs))
+    Gram::of_rows(&Arc::new(RowPattern::of_many(contacts).unwrap()), entries)
 }
 
 fn vector(draw: &mut Draw, len: usize) -> DVector<f64> {

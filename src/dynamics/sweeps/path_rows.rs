@@ -140,24 +140,18 @@ impl<T: Real> WhitenedRows<T> {
         }
     }
 
-    /// w / sqrt(D) of the rows of each path: its joint rows, and the entries of each of its rows.
-    pub fn along_paths(&self, measured: &[Measured<T>]) -> impl Iterator<Item = (Vec<usize>, Vec<Vec<T>>)> {
-        self.paths.iter().map(|PathRows { rows, shared, .. }| {
-            let columns: Vec<usize> = shared[0].iter().cloned().flatten().collect();
-            let entry =
-                |i: usize, row: usize| self.innovations[i * self.width + row] * measured[row].pivot_inverse.sqrt();
-            let entries = rows.clone().map(|i| columns.iter().map(|&row| entry(i, row)).collect());
-            (columns.clone(), entries.collect())
-        })
+    /// w / sqrt(D) of row `i` of a path: its joint rows and their entries.
+    pub fn scaled_row(&self, of: &PathRows, i: usize, measured: &[Measured<T>]) -> impl Iterator<Item = (usize, T)> {
+        let entry = move |row: usize| self.innovations[i * self.width + row] * measured[row].pivot_inverse.sqrt();
+        of.shared[0].iter().cloned().flatten().map(move |row| (row, entry(row)))
     }
 
     /// w / sqrt(D) of all rows into `out`, (m x nv), which holds zeros.
     pub fn scaled(&self, measured: &[Measured<T>], out: &mut [T]) {
-        for PathRows { rows, shared, .. } in &self.paths {
-            for i in rows.clone() {
-                for row in shared[0].iter().cloned().flatten() {
-                    let root = measured[row].pivot_inverse.sqrt();
-                    out[i * measured.len() + row] = self.innovations[i * self.width + row] * root;
+        for of in &self.paths {
+            for i in of.rows.clone() {
+                for (row, entry) in self.scaled_row(of, i, measured) {
+                    out[i * measured.len() + row] = entry;
                 }
             }
         }
