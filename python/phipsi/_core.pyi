@@ -5088,7 +5088,8 @@ class SceneBuilder:
         Raises
         ------
         ShapeError, ArgumentError
-            kp or kv together with gain or bias, or invalid arrays. The message names the actuator; build() checks the rest.
+            kp or kv together with gain or bias, or invalid arrays. The message names the actuator; build() checks the
+            rest.
 
         Notes
         -----
@@ -5101,7 +5102,7 @@ class SceneBuilder:
         >>> builder.build().actuators.names
         ('shoulder', 'elbow')
         """
-    def _set_actuators(self, actuators: list[tuple[Any, ...]], /) -> None: ...
+    def _set_actuators(self, actuators: list[tuple[Any, ...]]) -> None: ...
     def start(
         self, q: Mapping[str, ArrayLike] | None = None, qd: Mapping[str, ArrayLike] | None = None, *, keyframe: str | None = None
     ) -> SceneBuilder:

@@ -144,8 +144,8 @@ impl Heights {
         Vector3::new(x, y, self.values[row * self.columns + column])
     }
 
-    /// True if the ground falls away about one of its points, seen along a normal, and no triangle rises there by more than
-    /// a height: edges and corners in a plane or a valley are hidden by their triangles.
+    /// True if the ground falls away about one of its points, seen along a normal, and no triangle rises there by more
+    /// than a height: edges and corners in a plane or a valley are hidden by their triangles.
     pub fn is_exposed(&self, x: &Vector3<f64>, normal: &Vector3<f64>, height: f64) -> bool {
         let slack = SAME * self.size[0].max(self.size[1]);
         let holds = |t: &[Vector3<f64>; 3]| {

@@ -16,8 +16,8 @@ use nalgebra::Vector3;
 /// The largest angle between the normal of the nearest points and that of a face that touches.
 const ALIGNED: f64 = 1e-4;
 
-/// A face in whose plane another shape slides has a gap of at most this, relative to the smaller shape, and a normal whose
-/// cosine is below the second.
+/// A face in whose plane another shape slides has a gap of at most this, relative to the smaller shape, and a normal
+/// whose cosine is below the second.
 const SLIDES: f64 = 1e-7;
 const OTHER: f64 = 0.99;
 
@@ -263,8 +263,8 @@ impl Geometry {
         of.face_toward(direction).map(|face| (face.normal, of.polygon(face)))
     }
 
-    /// The sphere that stands for the shape about one of its points without rounding, with the normal there: that of its
-    /// side for a cylinder.
+    /// The sphere that stands for the shape about one of its points without rounding, with the normal there: that of
+    /// its side for a cylinder.
     fn sphere_about(&self, x: &Vector3<f64>, normal: &Vector3<f64>) -> (Vector3<f64>, f64) {
         match self.kind {
             Kind::Cylinder(_, radius) if normal[2].abs() <= PARALLEL && x[0].hypot(x[1]) > radius * (1.0 - 1e-6) => {
@@ -431,8 +431,8 @@ fn on_face(
     on_plane(shape, &plane, reach, (on_first, Against::Plane { normal: face_normal, offset }), out);
 }
 
-/// The face of one shape in whose plane the other slides, if their nearest points have another normal: a box that slides
-/// over flush tiles does not hit their sides.
+/// The face of one shape in whose plane the other slides, if their nearest points have another normal: a box that
+/// slides over flush tiles does not hit their sides.
 fn sliding(
     one: &Geometry,
     other: &Geometry,

@@ -1,4 +1,5 @@
-//! Matrices whose entries are near the diagonal: an order of the unknowns for which they are, and LU with row exchanges.
+//! Matrices whose entries are near the diagonal: an order of the unknowns for which they are, and LU with row
+//! exchanges.
 
 use std::collections::VecDeque;
 
@@ -87,8 +88,8 @@ impl Band {
     }
 }
 
-/// The new number of each unknown, and the width of a matrix whose unknowns are coupled in groups: in the order in which
-/// a search from an unknown at an end reaches them.
+/// The new number of each unknown, and the width of a matrix whose unknowns are coupled in groups: in the order in
+/// which a search from an unknown at an end reaches them.
 // E. Cuthill and J. McKee, Proceedings of the 24th ACM National Conference, 1969.
 pub(super) fn narrow<'a>(groups: impl Iterator<Item = &'a [usize]> + Clone, unknowns: usize) -> (Vec<usize>, usize) {
     let mut beside: Vec<Vec<usize>> = vec![Vec::new(); unknowns];

@@ -1,7 +1,7 @@
 //! G = J M^-1 J* of coupled contacts: a matrix, or the product W* W of sparse rows if many contacts act on few joints.
 //!
-//! Newton's method needs (A + B (G + eps))^-1 with 3 x 3 blocks A and B of each contact. With C = A + eps B and G = W* W
-//! it is
+//! Newton's method needs (A + B (G + eps))^-1 with 3 x 3 blocks A and B of each contact. With C = A + eps B and G = W*
+//! W it is
 //!
 //! ```text
 //! p = C^-1 (f - B W* y),     (1 + W C^-1 B W*) y = W C^-1 f
@@ -21,7 +21,8 @@ use std::sync::Arc;
 const MANY: usize = 60;
 const MORE: f64 = 1.5;
 
-/// The joints that the impulse of each contact moves, numbered so that joints with a common contact are near each other.
+/// The joints that the impulse of each contact moves, numbered so that joints with a common contact are near each
+/// other.
 #[derive(Debug, PartialEq)]
 pub(crate) struct RowPattern {
     pub contacts: Vec<Vec<usize>>,

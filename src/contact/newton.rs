@@ -7,8 +7,8 @@ use nalgebra::{DVector, Matrix2, Matrix3, Vector2};
 pub(super) const PROXIMAL: f64 = 1e-8;
 
 impl Cone {
-    /// The blocks A and B of each contact in dF/dp = A + B G: X = 1 - r G, where each contact is open (no contribution),
-    /// sticking (X in n and t) or sliding.
+    /// The blocks A and B of each contact in dF/dp = A + B G: X = 1 - r G, where each contact is open (no
+    /// contribution), sticking (X in n and t) or sliding.
     fn slope(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<(Matrix3<f64>, Matrix3<f64>)> {
         let x = self.targets(p, c);
         let of = |i: usize| {

@@ -19,7 +19,8 @@ use crate::workspace::Workspace;
 /// Scratch memory for the steps of one state.
 pub(super) struct ClosedScratch {
     pub rows_of_connections: ConstrainedScratch,
-    /// The joints with friction, stops or limits of effort, and the settings of steps without friction and these limits.
+    /// The joints with friction, stops or limits of effort, and the settings of steps without friction and these
+    /// limits.
     pub rows: Vec<SetValued>,
     pub without: StepSettings,
 }

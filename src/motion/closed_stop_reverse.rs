@@ -1,6 +1,7 @@
 //! Adjoint of steps of scenes with connections in which joints stick or are at their stops, in the pieces of the step.
 //!
-//! With the velocities w of the rows S on vertical pieces, and constant torques r of the others, a solution of the law is
+//! With the velocities w of the rows S on vertical pieces, and constant torques r of the others, a solution of the law
+//! is
 //!
 //! ```text
 //! M (v - v_free) = J* p + h r,   J v = 0,   v_S = w
@@ -9,8 +10,8 @@
 //! ```
 //!
 //! so that the rows S, which are constant, are further rows of the [adjoint of the
-//! connections](crate::dynamics::constraints). A row on the slope b of its control law is one with the compliance 1/(h b):
-//! r = c - b v, so that `y_S` = sigma/(h b).
+//! connections](crate::dynamics::constraints). A row on the slope b of its control law is one with the compliance 1/(h
+//! b): r = c - b v, so that `y_S` = sigma/(h b).
 
 use super::closed_stops::{Displacement, LawSolution, StopRecord};
 use super::constrained::{ConstrainedScratch, solution_of_stuck};

@@ -407,8 +407,8 @@ impl Acting {
         any
     }
 
-    /// The torques of the rows on these pieces, and their velocities. Those of stuck rows, and of rows on the slope of a
-    /// control law, r = c - b u, are unknown: u = w - r/b with w the prescribed velocity, or c/b.
+    /// The torques of the rows on these pieces, and their velocities. Those of stuck rows, and of rows on the slope of
+    /// a control law, r = c - b u, are unknown: u = w - r/b with w the prescribed velocity, or c/b.
     fn response(&self, free: &DVector<f64>, graphs: &[Graph], pieces: &[Piece]) -> (DVector<f64>, DVector<f64>) {
         let unknown = |(a, (graph, &piece)): (usize, (&Graph, &Piece))| match (graph.velocity(piece), graph.line(piece))
         {

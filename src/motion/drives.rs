@@ -1,16 +1,17 @@
 //! The torque of the control law up to its limits of effort.
 //!
-//! With the displacement x of a joint from its target and the target velocity w, the torque of the law in a step from v to
-//! v' = v + h a is that at the end of the step:
+//! With the displacement x of a joint from its target and the target velocity w, the torque of the law in a step from v
+//! to v' = v + h a is that at the end of the step:
 //!
 //! ```text
 //! clip(-kp (x + h v') - kd (v' - w), lower, upper) = clip(c - (kd + h kp) v', lower, upper)
 //! ```
 //!
-//! one more monotone graph of torque over velocity, beside those of [`stops`](super::stops). During a step the law is on one
-//! of its three pieces: linear, with the gains as measurement noise, or at a limit, with a constant torque and no noise. The
-//! torque at the start of the step determines the piece, and the end of the step tests it. In steps of one stage the test is
-//! the law itself. In others both the torque at the end and the mean torque of the step have to be on the piece.
+//! one more monotone graph of torque over velocity, beside those of [`stops`](super::stops). During a step the law is
+//! on one of its three pieces: linear, with the gains as measurement noise, or at a limit, with a constant torque and
+//! no noise. The torque at the start of the step determines the piece, and the end of the step tests it. In steps of
+//! one stage the test is the law itself. In others both the torque at the end and the mean torque of the step have to
+//! be on the piece.
 
 use super::scratch::Scratch;
 use super::step_settings::{StepArguments, StepSettings};
@@ -171,8 +172,8 @@ pub(super) fn agreement<T: Real>(by @ (settings, scheme): StepArguments<'_>, s: 
     least
 }
 
-/// Lists the rows with limits whose torque at the velocities `ends` of a step of one stage contradicts their piece, by their index in
-/// the list of these rows, with the piece to which they must change.
+/// Lists the rows with limits whose torque at the velocities `ends` of a step of one stage contradicts their piece, by
+/// their index in the list of these rows, with the piece to which they must change.
 pub(super) fn contradictions(
     by: StepArguments<'_>,
     (s, ends): (&Scratch<f64>, &[f64]),

@@ -120,8 +120,8 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// Gains `proportional` and `derivative` (nv each) toward configurations `target`, with target velocities of zero and
-    /// without limits of effort.
+    /// Gains `proportional` and `derivative` (nv each) toward configurations `target`, with target velocities of zero
+    /// and without limits of effort.
     #[must_use]
     pub fn new(
         proportional: impl Into<Vec<f64>>,

@@ -1,5 +1,5 @@
-//! The set-valued torque of one joint: exact Coulomb friction, stops and a control law with limits of effort as a monotone
-//! graph of torque over velocity, and the solution for all rows together.
+//! The set-valued torque of one joint: exact Coulomb friction, stops and a control law with limits of effort as a
+//! monotone graph of torque over velocity, and the solution for all rows together.
 //!
 //! In one step from v to v' = v + h a, with the velocity bounds of the stops, low = (lower - q)/h and high = (upper -
 //! q)/h, the torque r of friction and stops is a point of
@@ -17,9 +17,10 @@
 //! This is the law of J. J. Moreau's time stepping, one row per joint. With (M + N) a = u + r it is a linear
 //! complementarity problem with bounds whose matrix is positive definite, so that the solution is unique. Each row is
 //! on one of the pieces. For given pieces, a is one forward dynamics whose measurement noise makes the rows with
-//! v' = low, 0 or high stuck; those on the slope of a control law have the noise h b. All rows that contradict their piece move to the adjacent one together, or one by one if
-//! that does not reduce their number (block principal pivoting, J. J. Judice and F. M. Pires, Computers and Operations
-//! Research 21, 1994, 587-596; the single pivots of K. G. Murty terminate).
+//! v' = low, 0 or high stuck; those on the slope of a control law have the noise h b. All rows that contradict their
+//! piece move to the adjacent one together, or one by one if that does not reduce their number (block principal
+//! pivoting, J. J. Judice and F. M. Pires, Computers and Operations Research 21, 1994, 587-596; the single pivots of K.
+//! G. Murty terminate).
 
 /// A joint outside of its stops returns with this time constant, s, at a velocity between these bounds, rad/s or m/s.
 /// The velocity increases as slowly, because a jump would add energy.
@@ -153,8 +154,8 @@ impl Line {
 /// Largest number of velocities at which a graph changes its piece.
 const KNOTS: usize = 5;
 
-/// The graph of one row in one step: the velocities of its vertical pieces and kinks, in increasing order, and the torques
-/// of friction and stops between them, which decrease.
+/// The graph of one row in one step: the velocities of its vertical pieces and kinks, in increasing order, and the
+/// torques of friction and stops between them, which decrease.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Graph {
     count: usize,

@@ -56,18 +56,18 @@ pub struct Totals {
     pub substeps: f64,
     /// Largest number of substeps of one step.
     pub most_substeps: f64,
-    /// Number of substeps in which a joint stuck, slipped, or reached or left a stop; with connections, also of those in
-    /// which friction or a stop held one.
+    /// Number of substeps in which a joint stuck, slipped, or reached or left a stop; with connections, also of those
+    /// in which friction or a stop held one.
     pub events: f64,
     /// With error control, the sum of the estimated errors of all substeps: rad, m, and relative to the fastest joint
     /// velocity if that exceeds 1.
     pub error: f64,
-    /// Number of events whose friction and stop torques contradict each other, because the mass matrix is indefinite, with
-    /// a joint that was then treated as stuck; and of steps with contacts that leave a control law with limits of effort
-    /// without a solution, whose joint was then at its limit.
+    /// Number of events whose friction and stop torques contradict each other, because the mass matrix is indefinite,
+    /// with a joint that was then treated as stuck; and of steps with contacts that leave a control law with limits of
+    /// effort without a solution, whose joint was then at its limit.
     pub unsettled: f64,
-    /// Number of substeps in which connections, at a dead center, or contacts prevent a joint from returning to its limits
-    /// or from stopping there.
+    /// Number of substeps in which connections, at a dead center, or contacts prevent a joint from returning to its
+    /// limits or from stopping there.
     pub dropped: f64,
     /// The degree of freedom of the last of these joints.
     pub dropped_row: f64,

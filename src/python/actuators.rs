@@ -41,7 +41,8 @@ impl PySceneBuilder {
     #[doc = returns!(builder)]
     #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
-    ///     kp or kv together with gain or bias, or invalid arrays. The message names the actuator; build() checks the rest.
+    ///     kp or kv together with gain or bias, or invalid arrays. The message names the actuator; build() checks the
+    ///     rest.
     #[doc = section!(Notes)]
     /// The torques of all actuators of a joint together are clipped to its effort limit.
     #[doc = section!(Examples)]

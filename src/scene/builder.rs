@@ -180,7 +180,8 @@ impl SceneBuilder {
         self
     }
 
-    /// The pairs of colliders with values of their own, the excluded pairs of links, and whether parent and child touch.
+    /// The pairs of colliders with values of their own, the excluded pairs of links, and whether parent and child
+    /// touch.
     #[cfg_attr(not(feature = "python"), allow(dead_code))]
     pub(crate) fn collision_rules(&self) -> (&[ColliderPair], &[[Option<String>; 2]], bool) {
         let ColliderRules { pairs, excluded, with_parents, .. } = &self.collisions;
@@ -291,8 +292,9 @@ impl SceneBuilder {
     /// - Starts: a wrong number of values.
     /// - Actuators: a joint with several degrees of freedom, values that are not finite, an empty range.
     ///
-    /// [`Error::Argument`] and [`Error::NotFinite`], named after the start or actuator, for an unknown joint, a quaternion that is
-    /// not of unit norm, values that are not finite, and joints that follow others (mimic) and are elsewhere.
+    /// [`Error::Argument`] and [`Error::NotFinite`], named after the start or actuator, for an unknown joint, a
+    /// quaternion that is not of unit norm, values that are not finite, and joints that follow others (mimic) and are
+    /// elsewhere.
     pub fn build(self) -> Result<Scene, Error> {
         memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
         let tree = self.check_tree().map_err(|error| self.with_notes(error))?;

@@ -1,5 +1,5 @@
-//! Contacts in the form that the sweeps read: spheres or rims on bodies, and surfaces on the base or on other bodies, by
-//! index.
+//! Contacts in the form that the sweeps read: spheres or rims on bodies, and surfaces on the base or on other bodies,
+//! by index.
 
 use crate::kinematics::{Frame, frame_motion, placement};
 use crate::model::Model;
@@ -55,8 +55,8 @@ pub(crate) enum Shape {
     Plane,
     /// A sphere about the origin, by its radius, m.
     Sphere(f64),
-    /// A box about the origin, by half of the lengths of its edges, with a rounding about it, m. A line is a box without
-    /// width.
+    /// A box about the origin, by half of the lengths of its edges, with a rounding about it, m. A line is a box
+    /// without width.
     Box(Vector3<f64>, f64),
 }
 
@@ -176,8 +176,8 @@ impl ContactPoint {
         (velocity, terms)
     }
 
-    /// The contact, and the two results of [`ContactPoint::velocity`], from the poses of its bodies in the base frame and
-    /// their velocities in their own frames.
+    /// The contact, and the two results of [`ContactPoint::velocity`], from the poses of its bodies in the base frame
+    /// and their velocities in their own frames.
     pub fn moving(
         &self,
         own: (&RigidShift<f64>, &Vector6<f64>),

@@ -19,8 +19,8 @@ use std::sync::Arc;
 /// Largest number of distances of a pair on its way.
 const MOST_LOOKS: usize = 32;
 
-/// Two spheres are level above a face up to this difference of their heights, and edges up to this height above a face do
-/// not rise above it, relative to the radius.
+/// Two spheres are level above a face up to this difference of their heights, and edges up to this height above a face
+/// do not rise above it, relative to the radius.
 const LEVEL: f64 = 1e-5;
 const FLUSH: f64 = 1e-7;
 
@@ -216,9 +216,9 @@ impl Shapes {
         self.omit_hidden();
     }
 
-    /// Omits contacts with edges and corners that a face hides: a sphere or rim on a face, or another point of its body that
-    /// is level with it, touches the plane of the face before anything on or below that plane. A ball or a cylinder that
-    /// rolls over flush tiles or triangles does not hit their edges.
+    /// Omits contacts with edges and corners that a face hides: a sphere or rim on a face, or another point of its body
+    /// that is level with it, touches the plane of the face before anything on or below that plane. A ball or a
+    /// cylinder that rolls over flush tiles or triangles does not hit their edges.
     fn omit_hidden(&mut self) {
         let Self { points, pairs, bodies, .. } = self;
         let surface = |i: usize| points[i].other_body().map_or_else(RigidShift::identity, |k| bodies[k]);

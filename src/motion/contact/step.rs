@@ -141,8 +141,9 @@ impl ContactStep {
 
     /// A step, or a part of it, from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the
     /// joint and the error if it fails, and false, without an effect, if the least gap at the end of the rows that the
-    /// part passes is not `accepted`. It is repeated until the pieces of the control laws with limits agree with its end,
-    /// first with all that contradict it changed together, then one after another; a joint on no piece stays at its limit.
+    /// part passes is not `accepted`. It is repeated until the pieces of the control laws with limits agree with its
+    /// end, first with all that contradict it changed together, then one after another; a joint on no piece stays at
+    /// its limit.
     pub fn part(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
@@ -313,7 +314,8 @@ impl ContactStep {
         let is_free = settings.free.is_some()
             && !(0..n).any(|i| gaps[i] <= least && division.whole * start[3 * i + 2].abs() <= least);
         let mut passing = std::mem::take(&mut division.passing);
-        // The part of an impact has no other forces of contacts, and the velocities after it are those of the next part.
+        // The part of an impact has no other forces of contacts, and the velocities after it are those of the next
+        // part.
         let is_impact = division.struck.is_some();
         if is_impact {
             near = (0..all_rows).filter(|&i| gaps[i] <= TOUCHING).collect();
