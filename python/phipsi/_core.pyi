@@ -417,6 +417,12 @@ class Scene:
         """Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m, read-only; used in simulations."""
 
     @property
+    def friction_terms(self) -> _Array:
+        """Terms of friction beside Coulomb friction at each degree of freedom, (4, nv), read-only: friction_offset, stribeck,
+        stribeck_speed and load_friction of SceneBuilder.joint; used in simulations.
+        """
+
+    @property
     def friction(self) -> _Array:
         """Coulomb friction of each degree of freedom, (nv,), N m or N, read-only; used in simulations."""
 
@@ -3538,6 +3544,10 @@ class Scene:
         damping: Mapping[str, ArrayLike] | ArrayLike | None = None,
         friction: Mapping[str, ArrayLike] | ArrayLike | None = None,
         stiffness: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        friction_offset: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        stribeck: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        stribeck_speed: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        load_friction: Mapping[str, ArrayLike] | ArrayLike | None = None,
     ) -> Scene:
         """Create a scene with other joint properties; properties that are not given remain.
 
@@ -3553,6 +3563,8 @@ class Scene:
             Coulomb friction, N m or N.
         stiffness : dict of str to float, float or array_like, optional
             Stiffness of the springs, N m/rad or N/m.
+        friction_offset, stribeck, stribeck_speed, load_friction : dict of str to float, float or array_like, optional
+            Further terms of friction, as in SceneBuilder.joint.
 
         Returns
         -------
@@ -4888,6 +4900,10 @@ class SceneBuilder:
         armature: float = 0.0,
         damping: float = 0.0,
         friction: float = 0.0,
+        friction_offset: float = 0.0,
+        stribeck: float = 0.0,
+        stribeck_speed: float = 0.1,
+        load_friction: float = 0.0,
         stiffness: float = 0.0,
         rest: ArrayLike | None = None,
         lower: float | None = None,
@@ -4929,6 +4945,14 @@ class SceneBuilder:
             Viscous damping, N m s/rad or N s/m, in simulations.
         friction : float, default 0
             Coulomb friction, N m or N, in simulations.
+        friction_offset : float, default 0
+            Half of the difference between friction in the positive and in the negative direction, N m or N.
+        stribeck : float, default 0
+            What friction at rest exceeds Coulomb friction by, N m or N; it decreases by exp(-(qd / stribeck_speed)^2).
+        stribeck_speed : float, default 0.1
+            Speed at which that part has decreased to 1/e, rad/s or m/s.
+        load_friction : float, default 0
+            Friction per torque that the joint transmits, below 1.
         stiffness : float, default 0
             Stiffness of the spring, N m/rad or N/m, in simulations.
         rest : float or array_like, optional

@@ -147,6 +147,14 @@ class Joint(NamedTuple):
     """Limit of the rate of the acceleration, rad/s^3 or m/s^3; inf if there is none."""
     mimic: Mimic | None
     """Relation to another joint that the joint should follow; None if there is none."""
+    friction_offset: float = 0.0
+    """Half of the difference between friction in the positive and in the negative direction, N m or N."""
+    stribeck: float = 0.0
+    """What friction at rest exceeds Coulomb friction by, N m or N."""
+    stribeck_speed: float = 0.1
+    """Speed at which that part has decreased to 1/e, rad/s or m/s."""
+    load_friction: float = 0.0
+    """Friction per torque that the joint transmits."""
 
 
 def joint_of(described: tuple[Any, ...], has_axis: bool) -> Joint:
@@ -154,11 +162,12 @@ def joint_of(described: tuple[Any, ...], has_axis: bool) -> Joint:
     name, kind, pitch, parent, child, (rotation, xyz), axis, losses, limits, mimic, (stiffness, rest) = described
     place = np.array(xyz), np.array(rotation).reshape(3, 3), np.array(axis) if has_axis else None
     at_rest = np.array(rest, float)
+    losses, terms = losses[:3], losses[3:]
     numbers = pitch, *losses, stiffness, at_rest, *limits
     for array in (*place, at_rest):
         if array is not None:
             array.setflags(write=False)
-    return Joint._make((name, kind, parent or None, child, *place, *numbers, Mimic(*mimic) if mimic else None))
+    return Joint._make((name, kind, parent or None, child, *place, *numbers, Mimic(*mimic) if mimic else None, *terms))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from ._arguments import check_result
+from ._friction import transmitted
 from ._motion_parts import (
     PD,
     ContactGradients,
@@ -302,8 +303,8 @@ class Trajectory(TrajectoryFiles):
 
         u = -own("damping", scene.damping) * v - self.stiffness * self._displacement(self.rest, self.q)
         speed = self.friction_speed
-        u -= own("friction", scene.friction) * (v / np.sqrt(v**2 + speed**2) if speed > 0.0 else np.sign(v))
-        return np.asarray(u + efforts(self, given))
+        direction = v / np.sqrt(v**2 + speed**2) if speed > 0.0 else np.sign(v)
+        return transmitted(scene, u + efforts(self, given), v, direction, own("friction", scene.friction))
 
     @property
     def connection_forces(self) -> NoReturn:

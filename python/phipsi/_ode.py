@@ -36,6 +36,7 @@ from ._chart import (
     tangent,
 )
 from ._coordinates import Coordinates
+from ._friction import check_coulomb
 from ._install import command
 from ._motion import PD, Trajectory
 from ._motion_parts import of_motors
@@ -89,6 +90,7 @@ class Ode:
         friction_speed: float = 0.01,
     ) -> None:
         check_tree(scene, "ode")
+        check_coulomb(scene, "ode")
         self.scene = scene
         nv = scene.nv
 

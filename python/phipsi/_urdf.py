@@ -27,7 +27,7 @@ KINDS = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating", "
 #: Limits that URDF 1.2 added.
 ADDED = ("acceleration", "deceleration", "jerk")
 #: Properties of a free joint that URDF cannot store if floating_base=True creates the joint.
-LOSSES = ("armature", "damping", "friction", "stiffness")
+LOSSES = ("armature", "damping", "friction", "stiffness", "friction_offset", "stribeck", "load_friction")
 #: Solids of URDF and the names of their lengths.
 SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 
@@ -172,6 +172,8 @@ def _joint(robot: ElementTree.Element, joint: Joint, is_new: bool) -> None:
     if bounds:
         _child(element, "limit", **{what: _text(value) for what, value in bounds.items()})
     dynamics = {what: _text(value) for what in LOSSES if (value := getattr(joint, what)) != 0.0}
+    if "stribeck" in dynamics:
+        dynamics["stribeck_speed"] = _text(joint.stribeck_speed)
     if "stiffness" in dynamics:
         if len(joint.rest) != 1:
             raise ArgumentError(f"scene: found a spring at joint {joint.name!r} with {len(joint.rest)} coordinates; expected springs only at joints with one coordinate, because URDF cannot represent others")

@@ -176,11 +176,10 @@ def _subspace(joint: Any) -> _Array:
 def _numbers(model: pinocchio.Model, part: _Part, kind: str, name: str) -> dict[str, Any]:
     """Armature, damping, friction and limits of a joint, as keyword arguments of SceneBuilder.joint."""
     found: dict[str, Any] = {}
-    friction = _first(model, "upperDryFrictionLimit", "friction")
-    lower = getattr(model, "lowerDryFrictionLimit", None)
-    if lower is not None and np.any(lower[part.v] != -friction[part.v]):
-        raise SceneError(f"model: found dry friction from {lower[part.v].tolist()} to {friction[part.v].tolist()} at the joint {name!r}; expected symmetric limits")
-    for ours, values in (("armature", model.armature), ("damping", model.damping), ("friction", friction)):
+    upper = _first(model, "upperDryFrictionLimit", "friction")
+    lower = getattr(model, "lowerDryFrictionLimit", -upper)
+    frictions = {"friction": 0.5 * (upper - lower), "friction_offset": 0.5 * (upper + lower)}
+    for ours, values in {"armature": model.armature, "damping": model.damping, **frictions}.items():
         own = np.array(values[part.v])
         if np.any(own != own[0]):
             raise SceneError(f"model: found {ours} {own.tolist()} at the joint {name!r}; expected equal values for all axes")

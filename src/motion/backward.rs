@@ -467,7 +467,7 @@ impl<T: Real> StepGradients<T> {
         }
         // A joint without friction can have that of joints that follow it, which the loop above contains.
         let rubs = |row: usize| settings.properties.friction[row] != 0.0;
-        for (mode, of) in s.modes.iter().zip(&settings.set_valued).filter(|(_, of)| of.friction > 0.0 && rubs(of.row)) {
+        for (mode, of) in s.modes.iter().zip(&settings.set_valued).filter(|(_, of)| of.rubs() && rubs(of.row)) {
             let by_friction = s.dry[mode.row] * mode.friction.recip();
             acting[FRICTION][of.row] = by_friction.mul_add(by_u[of.row], acting[FRICTION][of.row]);
         }

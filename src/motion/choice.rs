@@ -88,10 +88,11 @@ fn set_valued(scene: &Scene, settings: &StepSettings, stops: bool) -> Vec<SetVal
         });
         let (lower, upper) = bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
         for row in joint.v.clone() {
-            let friction = if exact { friction[row] } else { 0.0 };
+            let curve = properties.curves.get(row).filter(|curve| !curve.is_flat());
+            let friction = if exact { curve.map_or(friction[row], |curve| curve.size(friction[row])) } else { 0.0 };
             let drives = limited.contains(&row);
             if friction > 0.0 || bounds.is_some() || drives {
-                let coordinate = joint.q.start;
+                let (coordinate, friction) = (joint.q.start, [friction; 2]);
                 rows.push(SetValued { row, coordinate, friction, stops: bounds.is_some(), lower, upper, drives });
             }
         }
@@ -116,8 +117,7 @@ fn choose(scene: &Scene, dt: f64, properties: &Properties, gains: Option<&Gains>
         own.iter().enumerate().map(|(row, x)| x + gain(row)).collect()
     };
     let (damping, stiffness) = (with(&properties.damping, 1), with(&properties.stiffness, 0));
-    let regularized = properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f > 0.0);
-    if regularized {
+    if properties.is_regularized() {
         return Method::Rosenbrock2;
     }
     if damping.iter().chain(&stiffness).all(|&x| x == 0.0) {

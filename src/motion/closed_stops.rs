@@ -156,11 +156,16 @@ impl Constrained<'_> {
         record: &mut StopRecord,
     ) -> Result<f64, Failure> {
         record.free.clone_from(&s.v_next);
+        s.displace_from_targets(settings, false);
+        let drive = |of: &SetValued| of.drives.then(|| Drive::of(settings, s, of.row, h));
+        let torque = |of: &SetValued| s.u[of.row] + drive(of).map_or(0.0, |drive| drive.torque(s.v[of.row]));
+        let rows: Vec<SetValued> = rows.iter().map(|of| s.at_start(of, torque(of))).collect();
+        let (rows, drives) = (&rows[..], rows.iter().map(drive).collect());
         let mut free = s.v_next.clone();
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
         let limits: Vec<_> = rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h)).collect();
         let bounds: Vec<[f64; 2]> = limits.iter().map(|of| of.map(|bound| bound.velocity)).collect();
-        let (mut acting, n) = (self.acting(settings, (rows, h), s)?, rows.len());
+        let (mut acting, n) = (self.acting(drives, (rows, h), s)?, rows.len());
         let mut bent = vec![0.0; n];
         let mut correction = 0;
         let (reached, is_still) = loop {
@@ -285,18 +290,17 @@ impl Constrained<'_> {
     /// The rows that act in every step: those with friction or limits of effort.
     fn acting(
         &mut self,
-        settings: &StepSettings,
+        drives: Vec<Option<Drive>>,
         (rows, h): (&[SetValued], f64),
-        s: &mut Scratch<f64>,
+        s: &Scratch<f64>,
     ) -> Result<Acting, Failure> {
-        let near: Vec<usize> = (0..rows.len()).filter(|&i| rows[i].friction > 0.0 || rows[i].drives).collect();
-        s.displace_from_targets(settings, false);
+        let near: Vec<usize> = (0..rows.len()).filter(|&i| rows[i].rubs() || rows[i].drives).collect();
         let mut acting = Acting {
             near: Vec::new(),
             columns: Vec::new(),
             g: DMatrix::zeros(0, 0),
             reduced: vec![0; rows.len()],
-            drives: rows.iter().map(|of| of.drives.then(|| Drive::of(settings, s, of.row, h))).collect(),
+            drives,
         };
         self.join(&mut acting, &near, (rows, h), s)?;
         Ok(acting)
@@ -349,7 +353,7 @@ impl Acting {
                 let (slow, weak) = (ROUNDING * (own.amax() + u.amax()), ROUNDING * torques.amax());
                 for (a, (graph, &piece)) in graphs.iter().zip(pieces).enumerate() {
                     let value = if matches!(piece, Piece::At(_)) { torques[a] } else { u[a] };
-                    let weak = weak + ROUNDING * rows[self.near[a]].friction;
+                    let weak = weak + ROUNDING * rows[self.near[a]].rubbing();
                     found.extend(graph.contradicted(piece, value, [slow, weak]).map(|piece| (a, piece)));
                 }
             });
@@ -520,7 +524,7 @@ impl Acting {
                 s.control[of.row] = h * last.driven[at];
             }
             let hold = reached.holds[at].filter(|&hold| hold != Hold::Friction);
-            let impulse = RowWork::new(of, (h, torque, hold), s).add(s);
+            let impulse = RowWork::new((of.row, of.friction), (h, torque, hold), s).add(s);
             let Some(hold) = hold else { continue };
             let upper = hold == Hold::Upper;
             let bound = if upper { of.upper } else { of.lower };
@@ -551,7 +555,7 @@ impl Acting {
             lasts &= match hold {
                 Some(Hold::Friction) => start == 0.0,
                 Some(_) => is_at_stop,
-                None => of.friction == 0.0 || start * s.v_next[of.row] >= 0.0,
+                None => !of.rubs() || start * s.v_next[of.row] >= 0.0,
             };
             if hold.is_some_and(|hold| hold != Hold::Friction) && !bounced[i] && !is_at_stop {
                 let (back, slowing) = (settings.restitution * start.abs(), (free[of.row] - start).abs() / h);
@@ -559,7 +563,7 @@ impl Acting {
             }
         }
         let late = |row: usize| {
-            let rubbing = self.near.iter().zip(&self.columns).map(|(&i, column)| rows[i].friction * column[row].abs());
+            let rubbing = self.near.iter().zip(&self.columns).map(|(&i, column)| rows[i].rubbing() * column[row].abs());
             (free[row] - s.v[row]).abs() + rubbing.sum::<f64>()
         };
         let late = if lasts { 0.0 } else { (0..free.len()).map(late).fold(0.0, f64::max) / fastest };

@@ -95,7 +95,8 @@ impl Events {
         self.pieces.clear();
         for of in &settings.set_valued {
             let drive = of.drives.then(|| Drive::of(settings, s, of.row, h));
-            let graph = Graph::new(of, (s.q[of.coordinate], s.v[of.row]), h, drive);
+            let u = s.u[of.row] + drive.map_or(0.0, |drive| drive.torque(s.v[of.row]));
+            let graph = Graph::new(&s.at_start(of, u), (s.q[of.coordinate], s.v[of.row]), h, drive);
             self.graphs.push(graph);
             self.pieces.push(graph.piece(s.v[of.row]));
         }
@@ -209,7 +210,7 @@ impl Events {
     /// The works of friction and stop of a row in the current solution.
     fn work(&self, i: usize, of: &SetValued, h: f64, s: &Scratch<f64>) -> RowWork {
         let hold = self.graphs[i].velocity(self.pieces[i]).map(|(_, hold)| hold);
-        RowWork::new(of, (h, self.torque[of.row], hold), s)
+        RowWork::new((of.row, self.graphs[i].friction), (h, self.torque[of.row], hold), s)
     }
 
     /// Velocities after impacts on stops, by J. J. Moreau's law: rebound velocities, with restitution halved until the
@@ -232,7 +233,7 @@ impl Events {
             (self.graphs, self.pieces) = (graphs.clone(), pieces.clone());
             for &(i, k, restitution) in hits {
                 let (of, kept) = (&settings.set_valued[i], part * restitution);
-                self.graphs[i] = graphs[i].rebounding(k, (kept, s.v[of.row]), of.friction);
+                self.graphs[i] = graphs[i].rebounding(k, (kept, s.v[of.row]));
                 self.pieces[i] = self.graphs[i].piece(-kept * s.v[of.row]);
             }
             self.solve(settings, h, s, solver);
@@ -306,7 +307,8 @@ impl Events {
                 let held = graph.velocity(piece).map(|_| -(STUCK_NOISE * s.m[1][of.row]));
                 torque[of.row] = held.map_or_else(|| graph.torque(piece), |held| held - driven.torque);
                 let size = driven.torque.abs() + (driven.slope * s.v[of.row]).abs();
-                right[of.row] = right[of.row].abs() + given[of.row].abs() + of.friction + size;
+                right[of.row] =
+                    right[of.row].abs() + given[of.row].abs() + graph.friction[0].max(graph.friction[1]) + size;
                 if held.is_some() {
                     s.m[1][of.row] = 0.0;
                 }

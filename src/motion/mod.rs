@@ -62,6 +62,7 @@ mod division;
 mod drives;
 mod events;
 mod faults;
+mod friction;
 mod gradient;
 mod gradient_layout;
 mod job;

@@ -30,7 +30,7 @@ pub(super) fn set_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut 
             mode.at_lower = larger(q - mode.lower, o).one_if_zero();
             mode.at_upper = larger(mode.upper - q, o).one_if_zero();
         }
-        if of.friction > 0.0 {
+        if of.rubs() {
             mode.stuck = at_rest;
             if settings.connected {
                 // A joint of a loop at rest is solved together with the others.
@@ -55,12 +55,14 @@ pub(super) fn set_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut 
 /// to exactly their targets.
 #[inline(always)]
 pub(super) fn test_stuck_rows<T: Real>(s: &mut Scratch<T>, i: usize) {
-    for mode in &s.modes {
+    for at in 0..s.modes.len() {
+        let mode = s.modes[at];
+        let [back, ahead] = s.friction_of_mode(&mode);
         let m = &mut s.m[i][mode.row];
         let held = -(*m * mode.stuck * m.constant(STUCK_NOISE));
         let (endless, barely) = (m.constant(STUCK_NOISE), m.constant(BARELY));
-        let below = mode.at_lower.mul_add(endless, mode.friction - held);
-        let above = mode.at_upper.mul_add(endless, mode.friction + held);
+        let below = mode.at_lower.mul_add(endless, back - held);
+        let above = mode.at_upper.mul_add(endless, ahead + held);
         s.consistent = s.consistent.worst(below + barely).worst(above + barely);
         *m = mode.target.mul_add(mode.stuck, *m * (m.constant(1.0) - mode.stuck));
     }
@@ -72,7 +74,7 @@ pub(super) fn test_stuck_rows<T: Real>(s: &mut Scratch<T>, i: usize) {
 pub(super) fn observe_end<T: Real>(by @ (settings, scheme): StepArguments<'_>, s: &mut Scratch<T>) {
     for (mode, of) in s.modes.iter().zip(&settings.set_valued) {
         let (v, next, q) = (s.v[mode.row], s.v_next[mode.row], s.q_next[mode.coordinate]);
-        if of.friction > 0.0 {
+        if of.rubs() {
             s.consistent = s.consistent.worst(v.mul_add(next, mode.stuck));
         }
         if of.stops {

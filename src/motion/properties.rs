@@ -2,7 +2,7 @@
 //! form.
 
 use crate::error::{Error, check_finite, check_length, in_language};
-use crate::scene::{JointForces, Scene};
+use crate::scene::{FrictionCurve, JointForces, Scene};
 use crate::setters::setters;
 
 /// Default speed of regularized friction, rad/s or m/s; see [`Properties::friction_speed`].
@@ -22,6 +22,8 @@ pub struct Properties {
     pub rest: Vec<f64>,
     /// Coulomb friction f, (nv), N m or N.
     pub friction: Vec<f64>,
+    /// Further terms of dry friction, (nv); empty if no joint has any.
+    pub curves: Vec<FrictionCurve>,
     /// Speed v0 of friction, rad/s or m/s. Zero selects exact Coulomb friction, which can hold a joint at rest; in
     /// scenes with connections, and in steps in which contacts act, zero stands for [`FRICTION_SPEED`]. A positive
     /// value selects the regularized torque -f v / sqrt(v^2 + v0^2), which is within 1 % of f above 7 v0 and viscous
@@ -35,6 +37,7 @@ setters!(Properties {
     with_stiffness: stiffness => Vec<f64>,
     with_rest: rest => Vec<f64>,
     with_friction: friction => Vec<f64>,
+    with_curves: curves => Vec<FrictionCurve>,
     with_friction_speed: friction_speed: f64,
 });
 
@@ -42,15 +45,21 @@ impl Properties {
     /// The properties in the description of the scene.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
-        let JointForces { damping, stiffness, rest, friction } = &*scene.joint_forces();
+        let JointForces { damping, stiffness, rest, friction, curves } = &*scene.joint_forces();
         Self {
             armature: scene.model().system.noise.clone(),
             damping: damping.clone(),
             stiffness: stiffness.clone(),
             rest: rest.clone(),
             friction: friction.clone(),
+            curves: curves.clone(),
             friction_speed: 0.0,
         }
+    }
+
+    /// True if friction acts and is regularized.
+    pub(super) fn is_regularized(&self) -> bool {
+        self.friction_speed > 0.0 && (!self.curves.is_empty() || self.friction.iter().any(|&f| f != 0.0))
     }
 
     pub(super) fn check(&self, scene: &Scene) -> Result<(), Error> {

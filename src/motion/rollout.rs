@@ -3,6 +3,7 @@
 use super::choice::{check_connections_of_contacts, check_method, step_settings};
 use super::contact::{self, ContactReport, RECORD};
 use super::events::StopImpact;
+use super::friction::check_curves;
 use super::job::{Impacts, Job, Records, Rows, States};
 use super::method::Method;
 use super::properties::Gains;
@@ -92,6 +93,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         }
         scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), settings.tolerance)?;
         settings.properties.check(holds)?;
+        check_curves(holds, coupling.as_deref(), &settings.properties)?;
         check_method(holds, &settings)?;
         holds.check_compliance(&settings.compliance)?;
         check_connections_of_contacts(holds, &settings.compliance)?;

@@ -1,6 +1,7 @@
 //! The arrays of a step, for one state or for one state per lane.
 
 use super::drives::{LOWER, UPPER};
+use super::friction::{CurvedRow, curved_rows};
 use super::method::{STAGES, Scheme};
 use super::properties::Gains;
 use super::step_settings::StepSettings;
@@ -84,6 +85,8 @@ pub(super) struct Scratch<T: Real> {
     pub u: Vec<T>,
     /// Secant coefficient of regularized friction, f / sqrt(v^2 + v0^2) at the start of the step.
     pub chord: Vec<T>,
+    /// Rows with friction curves.
+    pub curved: Vec<CurvedRow>,
     /// Rows with exact friction or stops, and their friction torques in this step, zero for stuck rows.
     pub modes: Vec<ModeTerms<T>>,
     pub dry: Vec<T>,
@@ -134,11 +137,11 @@ impl<T: Real> Scratch<T> {
     pub fn new(scene_model: &Model<f64>, settings: &StepSettings) -> Self {
         let mut of_step = scene_model.clone();
         of_step.system.noise = settings.noise(&settings.scheme);
-        for of in settings.set_valued.iter().filter(|of| of.friction > 0.0 || of.stops) {
+        for of in settings.set_valued.iter().filter(|of| of.rubs() || of.stops) {
             let noise = &mut of_step.system.noise[of.row];
             *noise = if *noise == 0.0 { FREE } else { *noise };
         }
-        let constants = SweepModel::new(&of_step);
+        let (constants, curved) = (SweepModel::new(&of_step), curved_rows(settings));
         let model = of_step.cast::<T>();
         let (nq, nv) = (model.nq, model.nv());
         let row = |row: usize| {
@@ -148,7 +151,7 @@ impl<T: Real> Scratch<T> {
                 noise: T::from_f64(noise),
                 damping: T::from_f64(p.damping[row]),
                 stiffness: T::from_f64(p.stiffness[row]),
-                friction: T::from_f64(p.friction[row]),
+                friction: T::from_f64(if curved.iter().any(|of| of.row == row) { 0.0 } else { p.friction[row] }),
                 proportional: T::from_f64(kp),
                 derivative: T::from_f64(kd),
                 held: T::zero(),
@@ -162,7 +165,7 @@ impl<T: Real> Scratch<T> {
             coordinate: of.coordinate,
             lower: T::from_f64(of.lower),
             upper: T::from_f64(of.upper),
-            friction: T::from_f64(of.friction),
+            friction: T::from_f64(of.rubbing()),
             stuck: T::zero(),
             target: T::zero(),
             at_lower: T::zero(),
@@ -195,6 +198,7 @@ impl<T: Real> Scratch<T> {
             c: rates(),
             u: rates(),
             chord: rates(),
+            curved,
             modes: settings.set_valued.iter().map(mode).collect(),
             dry: rates(),
             control: rates(),

@@ -81,7 +81,10 @@ pub(super) fn stage<T: Real>(by @ (_, scheme): StepArguments<'_>, s: &mut Scratc
 
 /// The velocity of the increment in stage `i`, from its accelerations.
 #[inline(always)]
-pub(super) fn finish_stage<T: Real>((_, scheme): StepArguments<'_>, s: &mut Scratch<T>, i: usize) {
+pub(super) fn finish_stage<T: Real>(by @ (_, scheme): StepArguments<'_>, s: &mut Scratch<T>, i: usize) {
+    if !s.curved.is_empty() {
+        s.rub_by_noise(by, i);
+    }
     s.l[i].copy_from_slice(&s.c);
     add_scaled(&mut s.l[i], scheme.tableau.gamma[i][i], &s.m[i]);
 }
@@ -162,6 +165,9 @@ pub(super) fn forces<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scr
         if settings.gains.is_some() {
             s.control[row] = control.mul_add(control.constant(t.weights[i]), s.control[row]);
         }
+    }
+    if !s.curved.is_empty() {
+        s.rub((settings, scheme), i);
     }
     for mode in &s.modes {
         s.u[mode.row] += s.dry[mode.row];

@@ -84,7 +84,7 @@ impl StepSettings {
             divides: false,
             scheme: Scheme::new(method, step),
             coupling: None,
-            regularized: properties.friction_speed > 0.0 && properties.friction.iter().any(|&f| f != 0.0),
+            regularized: properties.is_regularized(),
             accuracy: None,
             tolerance: None,
             set_valued: Vec::new(),
@@ -117,9 +117,10 @@ impl StepSettings {
         Self { coupling, ..self }
     }
 
-    /// True if steps are vectorized: those without coupled joints, compliant connections and error control.
+    /// True if steps are vectorized: those without coupled joints, compliant connections, friction curves and error
+    /// control.
     pub fn is_vectorized(&self) -> bool {
-        self.coupling.is_none() && self.is_rigid() && self.accuracy.is_none()
+        self.coupling.is_none() && self.properties.curves.is_empty() && self.is_rigid() && self.accuracy.is_none()
     }
 
     /// True if no connection is compliant.
@@ -136,6 +137,7 @@ impl StepSettings {
             && scene.contacts_have_planes()
             && scene.contacts_are_coupled()
             && self.coupling.is_none()
+            && self.properties.curves.is_empty()
             && self.accuracy.is_none()
             && !self.connected
             && self.smoothing.is_none()

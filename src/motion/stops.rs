@@ -34,8 +34,8 @@ pub(super) struct SetValued {
     /// Index in v, and index of its coordinate in q.
     pub row: usize,
     pub coordinate: usize,
-    /// Coulomb friction, N m or N.
-    pub friction: f64,
+    /// Dry friction against motion in the negative and in the positive direction, N m or N.
+    pub friction: [f64; 2],
     /// True if it has stops, and the limits; infinite if there is none.
     pub stops: bool,
     pub lower: f64,
@@ -45,6 +45,16 @@ pub(super) struct SetValued {
 }
 
 impl SetValued {
+    /// True if friction acts on the joint.
+    pub fn rubs(&self) -> bool {
+        self.rubbing() > 0.0
+    }
+
+    /// The larger friction of the two directions.
+    pub fn rubbing(&self) -> f64 {
+        self.friction[0].max(self.friction[1])
+    }
+
     /// True if the joint is outside of its stops.
     pub fn is_outside(&self, q: &[f64]) -> bool {
         self.stops && !(self.lower..=self.upper).contains(&q[self.coordinate])
@@ -57,7 +67,7 @@ impl SetValued {
 
     /// True if friction or a stop acts on the joint at the start of a step.
     pub fn holds(&self, q: &[f64], v: &[f64]) -> bool {
-        (self.friction > 0.0 && v[self.row] == 0.0) || (self.stops && self.beyond(q) >= 0.0)
+        (self.rubs() && v[self.row] == 0.0) || (self.stops && self.beyond(q) >= 0.0)
     }
 
     /// The velocity bounds of the stops at `q` and `v` in a step h.
@@ -168,6 +178,8 @@ pub(super) struct Graph {
     lines: [Line; KNOTS + 1],
     /// Derivatives of the velocity bounds by q and v.
     slopes: [[f64; 2]; 2],
+    /// As in [`SetValued`].
+    pub friction: [f64; 2],
 }
 
 /// A velocity bound of a joint, with its derivatives by q and v.
@@ -187,7 +199,7 @@ impl Graph {
     }
 
     /// The graph with the given velocity bounds.
-    pub fn between(low: f64, high: f64, friction: f64, drive: Option<Drive>) -> Self {
+    pub fn between(low: f64, high: f64, friction: [f64; 2], drive: Option<Drive>) -> Self {
         let mut graph = Self {
             count: 0,
             velocities: [0.0; KNOTS],
@@ -196,15 +208,17 @@ impl Graph {
             drive: None,
             lines: [Line::default(); KNOTS + 1],
             slopes: [[0.0; 2]; 2],
+            friction,
         };
-        graph.torques[0] = if low < 0.0 { friction } else { -friction };
+        let [back, ahead] = friction;
+        graph.torques[0] = if low < 0.0 { back } else { -ahead };
         if low > f64::NEG_INFINITY {
             let above = graph.torques[0];
             graph.torques[0] = f64::INFINITY;
             graph.push(low, Some(Hold::Lower), above);
         }
-        if friction > 0.0 && low < 0.0 && high > 0.0 {
-            graph.push(0.0, Some(Hold::Friction), -friction);
+        if back + ahead > 0.0 && low < 0.0 && high > 0.0 {
+            graph.push(0.0, Some(Hold::Friction), -ahead);
         }
         if high < f64::INFINITY {
             if graph.count > 0 && graph.velocities[graph.count - 1] >= high {
@@ -249,7 +263,7 @@ impl Graph {
     }
 
     /// The graph with another velocity at one of the stops: -e v for a rebound, or zero.
-    pub fn rebounding(&self, at: usize, (restitution, v): (f64, f64), friction: f64) -> Self {
+    pub fn rebounding(&self, at: usize, (restitution, v): (f64, f64)) -> Self {
         let velocity = -restitution * v;
         let stop = |hold: Hold, usual: f64| {
             (0..self.count).find(|&k| self.holds[k] == Some(hold)).map_or(usual, |k| self.velocities[k])
@@ -257,7 +271,7 @@ impl Graph {
         let (mut low, mut high) = (stop(Hold::Lower, f64::NEG_INFINITY), stop(Hold::Upper, f64::INFINITY));
         let at_lower = self.holds[at] == Some(Hold::Lower);
         *(if at_lower { &mut low } else { &mut high }) = velocity;
-        let mut graph = Self::between(low, high.max(low), friction, self.drive);
+        let mut graph = Self::between(low, high.max(low), self.friction, self.drive);
         graph.slopes = self.slopes;
         graph.slopes[usize::from(!at_lower)] = [0.0, -restitution];
         graph

@@ -9,7 +9,7 @@ use super::object::{Object, imported};
 use super::scene::PyScene;
 use super::{errors, input};
 use crate::error::Error;
-use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneBuilder, Spring};
+use crate::scene::{FrictionCurve, Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Rotation3};
 use pyo3::prelude::*;
@@ -133,6 +133,14 @@ impl PySceneBuilder {
     ///     Viscous damping, N m s/rad or N s/m, in simulations.
     /// friction : float, default 0
     ///     Coulomb friction, N m or N, in simulations.
+    /// friction_offset : float, default 0
+    ///     Half of the difference between friction in the positive and in the negative direction, N m or N.
+    /// stribeck : float, default 0
+    ///     What friction at rest exceeds Coulomb friction by, N m or N; it decreases by exp(-(qd / stribeck_speed)^2).
+    /// stribeck_speed : float, default 0.1
+    ///     Speed at which that part has decreased to 1/e, rad/s or m/s.
+    /// load_friction : float, default 0
+    ///     Friction per torque that the joint transmits, below 1.
     /// stiffness : float, default 0
     ///     Stiffness of the spring, N m/rad or N/m, in simulations.
     /// rest : float or array_like, optional
@@ -166,12 +174,14 @@ impl PySceneBuilder {
     /// >>> scene.limits.upper
     /// array([0.5])
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
-                        armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None,
+                        armature=0.0, damping=0.0, friction=0.0, friction_offset=0.0, stribeck=0.0,
+                        stribeck_speed=0.1, load_friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None,
                         velocity=None, effort=None, acceleration=None, deceleration=None, jerk=None, mimic=None,
                         mimic_multiplier=1.0, mimic_offset=0.0, **unknown),
            text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, axis=(0, \
-                             0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
-                             lower=None, upper=None, velocity=None, effort=None, acceleration=None, deceleration=None, \
+                             0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, friction_offset=0.0, \
+                             stribeck=0.0, stribeck_speed=0.1, load_friction=0.0, stiffness=0.0, rest=None, lower=None, \
+                             upper=None, velocity=None, effort=None, acceleration=None, deceleration=None, \
                              jerk=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0)")]
     fn joint<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -187,6 +197,10 @@ impl PySceneBuilder {
         armature: f64,
         damping: f64,
         friction: f64,
+        friction_offset: f64,
+        stribeck: f64,
+        stribeck_speed: f64,
+        load_friction: f64,
         stiffness: f64,
         rest: Option<&Object<'py>>,
         lower: Option<f64>,
@@ -219,6 +233,7 @@ impl PySceneBuilder {
             armature,
             damping,
             friction,
+            friction_curve: FrictionCurve { offset: friction_offset, stribeck, stribeck_speed, load: load_friction },
             spring: Spring { stiffness, rest },
             limits: Limits {
                 lower: lower.unwrap_or(none.lower),

@@ -38,6 +38,8 @@ impl PyScene {
     ///     Coulomb friction, N m or N.
     /// stiffness : dict of str to float, float or array_like, optional
     ///     Stiffness of the springs, N m/rad or N/m.
+    /// friction_offset, stribeck, stribeck_speed, load_friction : dict of str to float, float or array_like, optional
+    ///     Further terms of friction, as in SceneBuilder.joint.
     #[doc = returns!(scene)]
     #[doc = section!(Raises)]
     /// ShapeError, ArgumentError
@@ -46,7 +48,8 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3).with_properties(armature=0.01, damping={"j2": 0.5})
     /// >>> scene.armature, scene.damping
     /// (array([0.01, 0.01, 0.01]), array([0. , 0. , 0.5]))
-    #[pyo3(signature = (*, armature=None, damping=None, friction=None, stiffness=None))]
+    #[pyo3(signature = (*, armature=None, damping=None, friction=None, stiffness=None, friction_offset=None, stribeck=None,
+                        stribeck_speed=None, load_friction=None))]
     fn with_properties(
         &self,
         py: Python<'_>,
@@ -54,9 +57,14 @@ impl PyScene {
         damping: Option<&Object<'_>>,
         friction: Option<&Object<'_>>,
         stiffness: Option<&Object<'_>>,
+        friction_offset: Option<&Object<'_>>,
+        stribeck: Option<&Object<'_>>,
+        stribeck_speed: Option<&Object<'_>>,
+        load_friction: Option<&Object<'_>>,
     ) -> PyResult<Self> {
         let mut changes = Vec::new();
-        for (property, given) in Property::ALL.iter().copied().zip([armature, damping, friction, stiffness]) {
+        let all = [armature, damping, friction, stiffness, friction_offset, stribeck, stribeck_speed, load_friction];
+        for (property, given) in Property::ALL.iter().copied().zip(all) {
             if let Some(given) = given {
                 let each = of_joints(&self.scene, property.name(), given)?;
                 changes.extend(each.into_iter().map(|(joint, value)| (joint, property, value)));

@@ -43,6 +43,7 @@ impl PyScene {
             stiffness: coupling.reduce_squares(&of.stiffness),
             friction: coupling.reduce_friction(&of.friction),
             rest: coupling.reduce_rest(&of.stiffness, &of.rest),
+            curves: coupling.independent_rows().iter().filter_map(|&row| of.curves.get(row).copied()).collect(),
             friction_speed: of.friction_speed,
         }
     }

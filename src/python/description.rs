@@ -9,8 +9,8 @@ use crate::error::{Error, number};
 use crate::memory;
 use crate::scene::properties::Properties;
 use crate::scene::{
-    Actuator, Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder,
-    Simplifications, Spring, Start,
+    Actuator, FrictionCurve, Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene,
+    SceneBuilder, Simplifications, Spring, Start,
 };
 use crate::spatial::Symmetric3;
 use pyo3::prelude::*;
@@ -24,13 +24,13 @@ pub(super) fn body_names(scene: &Scene) -> impl ExactSizeIterator<Item = &str> {
 }
 
 /// Version of the tuples.
-const VERSION: u32 = 13;
+const VERSION: u32 = 14;
 
 /// Name, then mass, center of mass and inertia about it (xx, xy, xz, yy, yz, zz), if any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 
-/// Name, kind, pitch, parent, child, origin (rotation in row-major order, lever), axis, (armature, damping, friction),
-/// limits (lower, upper, velocity, effort, acceleration, deceleration, jerk), mimic (joint, multiplier, offset), spring
+/// Name, kind, pitch, parent, child, origin (rotation in row-major order, lever), axis, (armature, damping, friction,
+/// friction_offset, stribeck, stribeck_speed, load_friction), limits (lower, upper, velocity, effort, acceleration, deceleration, jerk), mimic (joint, multiplier, offset), spring
 /// (stiffness, rest).
 pub(super) type JointTuple = (
     String,
@@ -40,7 +40,7 @@ pub(super) type JointTuple = (
     String,
     FrameTuple,
     [f64; 3],
-    [f64; 3],
+    [f64; 7],
     [f64; 7],
     Option<(String, f64, f64)>,
     (f64, Vec<f64>),
@@ -62,7 +62,7 @@ pub(super) struct Description(
     Vec<JointTuple>,
     Vec<String>,
     Vec<LockedTuple>,
-    [f64; 4],
+    [f64; 8],
     Option<PathBuf>,
     Beyond,
 );
@@ -228,6 +228,7 @@ pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
         armature,
         damping,
         friction,
+        friction_curve: FrictionCurve { offset, stribeck, stribeck_speed, load },
         spring,
         limits,
         mimic,
@@ -241,7 +242,7 @@ pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
         child.clone(),
         frame_tuple(origin),
         (*axis).into(),
-        [*armature, *damping, *friction],
+        [*armature, *damping, *friction, *offset, *stribeck, *stribeck_speed, *load],
         [lower, upper, velocity, effort, acceleration, deceleration, jerk],
         mimic.as_ref().map(|Mimic { joint, multiplier, offset }| (joint.clone(), *multiplier, *offset)),
         (spring.stiffness, spring.rest.clone()),
@@ -254,7 +255,8 @@ fn pitch_of(kind: JointKind) -> Option<f64> {
 }
 
 fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
-    let (name, kind, pitch, parent, child, origin, axis, [armature, damping, friction], limits, mimic, spring) = tuple;
+    let (name, kind, pitch, parent, child, origin, axis, terms, limits, mimic, spring) = tuple;
+    let [armature, damping, friction, offset, stribeck, stribeck_speed, load] = terms;
     let (stiffness, rest) = spring;
     let [lower, upper, velocity, effort, acceleration, deceleration, jerk] = limits;
     let kind = joint_kind(&name, &kind, pitch)?;
@@ -268,6 +270,7 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
         armature,
         damping,
         friction,
+        friction_curve: FrictionCurve { offset, stribeck, stribeck_speed, load },
         spring: Spring { stiffness, rest },
         limits: Limits { lower, upper, velocity, effort, acceleration, deceleration, jerk },
         mimic: mimic.map(|(joint, multiplier, offset)| Mimic { joint, multiplier, offset }),

@@ -16,7 +16,7 @@ use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::motion::{Properties, Records, Rollout, Torque};
-use crate::scene::{Coupling, Scene};
+use crate::scene::{Coupling, FrictionCurve, Scene};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::time::Instant;
@@ -33,6 +33,18 @@ impl PyScene {
     #[getter]
     fn friction<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         property(py, &self.properties_of_scene(&Properties::of(&self.scene)).friction, &[self.scene.nv()])
+    }
+
+    /// Terms of friction beside Coulomb friction at each degree of freedom, (4, nv), read-only: friction_offset, stribeck,
+    /// stribeck_speed and load_friction of SceneBuilder.joint; used in simulations.
+    #[getter]
+    fn friction_terms<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        let (curves, nv) = (self.properties_of_scene(&Properties::of(&self.scene)).curves, self.scene.nv());
+        let each = |row: usize| curves.get(row).copied().unwrap_or_default();
+        let terms = |term: fn(&FrictionCurve) -> f64| (0..nv).map(move |row| term(&each(row)));
+        let all = terms(|of| of.offset).chain(terms(|of| of.stribeck));
+        let all: Vec<f64> = all.chain(terms(|of| of.stribeck_speed)).chain(terms(|of| of.load)).collect();
+        property(py, &all, &[4, nv])
     }
 
     /// Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, read-only; used in simulations.

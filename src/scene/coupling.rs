@@ -129,6 +129,11 @@ impl Coupling {
         full
     }
 
+    /// Number of velocities of the tree that move with one of them, itself included.
+    pub(crate) fn rows_with(&self, row: usize) -> usize {
+        self.v.iter().filter(|(index, _)| *index == self.v[row].0).count()
+    }
+
     /// Index in the tree of each independent velocity.
     pub(crate) fn independent_rows(&self) -> &[usize] {
         &self.independent

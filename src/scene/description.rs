@@ -95,6 +95,42 @@ impl Mimic {
     }
 }
 
+/// Terms of dry friction beside Coulomb friction f: with the sign s of the velocity v and the load t, which is the torque
+/// that the joint transmits to the bodies, the friction torque is -(o + s (f + g exp(-(v/v0)^2) + c |t|)).
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct FrictionCurve {
+    /// o, N m or N, of either sign: friction is f + o in the positive direction and f - o in the negative one.
+    pub offset: f64,
+    /// g, N m or N: what friction at rest exceeds f by.
+    pub stribeck: f64,
+    /// v0, rad/s or m/s.
+    pub stribeck_speed: f64,
+    /// c, from 0 to below 1.
+    pub load: f64,
+}
+
+impl Default for FrictionCurve {
+    fn default() -> Self {
+        Self { offset: 0.0, stribeck: 0.0, stribeck_speed: 0.1, load: 0.0 }
+    }
+}
+
+impl FrictionCurve {
+    /// True if friction is that of Coulomb alone.
+    #[must_use]
+    pub fn is_flat(&self) -> bool {
+        [self.offset, self.stribeck, self.load] == [0.0; 3]
+    }
+}
+
+setters!(FrictionCurve {
+    with_offset: offset: f64,
+    with_stribeck: stribeck: f64,
+    with_stribeck_speed: stribeck_speed: f64,
+    with_load: load: f64,
+});
+
 /// A joint between two links.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -117,6 +153,8 @@ pub struct JointDescription {
     pub damping: f64,
     /// Coulomb friction, N m or N (simulation only).
     pub friction: f64,
+    /// Further terms of dry friction (simulation only).
+    pub friction_curve: FrictionCurve,
     /// Spring (simulation and linearization only).
     pub spring: Spring,
     /// Limits.
@@ -135,6 +173,7 @@ setters!(JointDescription {
     with_armature: armature: f64,
     with_damping: damping: f64,
     with_friction: friction: f64,
+    with_friction_curve: friction_curve: FrictionCurve,
     with_spring: spring: Spring,
     with_limits: limits: Limits,
     with_mimic: mimic => Option<Mimic>,
@@ -184,6 +223,7 @@ impl JointDescription {
             armature: 0.0,
             damping: 0.0,
             friction: 0.0,
+            friction_curve: FrictionCurve::default(),
             spring: Spring::default(),
             limits: Limits::default(),
             mimic: None,

@@ -1,6 +1,6 @@
 //! Checks the values of a joint.
 
-use super::description::JointDescription;
+use super::description::{FrictionCurve, JointDescription};
 use super::spring::check_spring;
 use crate::error::{Error, number};
 use crate::joints::JointKind;
@@ -33,6 +33,7 @@ pub(super) fn check_joint(joint: &JointDescription) -> Result<(), Error> {
             return refuse(format!("{name} {}", number(value)), "a finite number, zero or positive");
         }
     }
+    check_friction_curve(joint, refuse)?;
     check_spring(&joint.name, joint.kind, &joint.spring)?;
     if let Some(mimic) = &joint.mimic
         && !(mimic.multiplier.is_finite() && mimic.offset.is_finite())
@@ -51,6 +52,28 @@ pub(super) fn check_joint(joint: &JointDescription) -> Result<(), Error> {
         if !(*value >= 0.0) {
             return refuse(format!("{name} limit {}", number(*value)), "a limit that is zero or positive");
         }
+    }
+    Ok(())
+}
+
+/// Checks that friction is never negative at rest and decreases with the load.
+fn check_friction_curve(
+    joint: &JointDescription,
+    refuse: impl Fn(String, &str) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let FrictionCurve { offset, stribeck, stribeck_speed, load } = joint.friction_curve;
+    if !offset.is_finite() {
+        return refuse(format!("friction_offset {}", number(offset)), "a finite number");
+    }
+    if !(stribeck.is_finite() && stribeck + joint.friction >= 0.0) {
+        let found = format!("stribeck {} with friction {}", number(stribeck), number(joint.friction));
+        return refuse(found, "a finite number, so that their sum is zero or positive");
+    }
+    if !(stribeck_speed.is_finite() && stribeck_speed * stribeck_speed > 0.0) {
+        return refuse(format!("stribeck_speed {}", number(stribeck_speed)), "a finite speed above zero");
+    }
+    if !(0.0..1.0).contains(&load) {
+        return refuse(format!("load_friction {}", number(load)), "a number from 0 to below 1");
     }
     Ok(())
 }

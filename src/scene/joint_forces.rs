@@ -2,6 +2,7 @@
 //! also in linearizations.
 
 use super::Scene;
+use super::description::FrictionCurve;
 use crate::error::Error;
 use crate::model::{Body, Model};
 use std::collections::HashMap;
@@ -15,6 +16,8 @@ pub(crate) struct JointForces {
     pub stiffness: Vec<f64>,
     pub rest: Vec<f64>,
     pub friction: Vec<f64>,
+    /// Terms of friction beside it; empty if no joint has any.
+    pub curves: Vec<FrictionCurve>,
 }
 
 impl Scene {
@@ -66,7 +69,8 @@ impl Scene {
 impl JointForces {
     fn of(tree: &Scene) -> Self {
         let zeros = || vec![0.0; tree.nv()];
-        let mut all = Self { damping: zeros(), stiffness: zeros(), rest: tree.neutral(), friction: zeros() };
+        let curves = vec![FrictionCurve::default(); tree.nv()];
+        let mut all = Self { damping: zeros(), stiffness: zeros(), rest: tree.neutral(), friction: zeros(), curves };
         let described: HashMap<&str, _> =
             tree.source().joints().iter().map(|joint| (joint.name.as_str(), joint)).collect();
         let root = tree.source().root_joint(String::new());
@@ -75,10 +79,14 @@ impl JointForces {
             let of = described.get(joint.name.as_str()).copied().unwrap_or(&root);
             all.damping[joint.v.clone()].fill(of.damping);
             all.friction[joint.v.clone()].fill(of.friction);
+            all.curves[joint.v.clone()].fill(of.friction_curve);
             all.stiffness[joint.v.clone()].fill(of.spring.stiffness);
             if !of.spring.rest.is_empty() {
                 all.rest[joint.q.clone()].copy_from_slice(&of.spring.rest);
             }
+        }
+        if all.curves.iter().all(FrictionCurve::is_flat) {
+            all.curves.clear();
         }
         all
     }

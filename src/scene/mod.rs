@@ -70,7 +70,9 @@ pub use collider::{Collider, ColliderPair};
 pub use connection::{Connection, ConnectionKind};
 pub use contact::{Contact, Surface};
 pub use coupling::Coupling;
-pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, MimicJoints, SceneWarning};
+pub use description::{
+    FrictionCurve, Inertial, JointDescription, Limits, LinkDescription, Mimic, MimicJoints, SceneWarning,
+};
 pub(crate) use joint_forces::JointForces;
 pub use properties::Property;
 pub use spring::Spring;

@@ -3,6 +3,7 @@
 use super::Scene;
 use super::description::JointDescription;
 use crate::error::Error;
+use crate::joints::JointKind;
 use std::collections::HashMap;
 
 /// A scalar property of a joint, which applies to each of its degrees of freedom.
@@ -17,11 +18,28 @@ pub enum Property {
     Friction,
     /// Stiffness of the spring, N m/rad or N/m (simulation and linearization only).
     Stiffness,
+    /// [`FrictionCurve::offset`](super::FrictionCurve::offset), of either sign.
+    FrictionOffset,
+    /// [`FrictionCurve::stribeck`](super::FrictionCurve::stribeck), of either sign.
+    Stribeck,
+    /// [`FrictionCurve::stribeck_speed`](super::FrictionCurve::stribeck_speed).
+    StribeckSpeed,
+    /// [`FrictionCurve::load`](super::FrictionCurve::load).
+    LoadFriction,
 }
 
 impl Property {
     /// All properties.
-    pub const ALL: &[Self] = &[Self::Armature, Self::Damping, Self::Friction, Self::Stiffness];
+    pub const ALL: &[Self] = &[
+        Self::Armature,
+        Self::Damping,
+        Self::Friction,
+        Self::Stiffness,
+        Self::FrictionOffset,
+        Self::Stribeck,
+        Self::StribeckSpeed,
+        Self::LoadFriction,
+    ];
 
     /// The name used in Python and in messages.
     #[must_use]
@@ -31,6 +49,10 @@ impl Property {
             Self::Damping => "damping",
             Self::Friction => "friction",
             Self::Stiffness => "stiffness",
+            Self::FrictionOffset => "friction_offset",
+            Self::Stribeck => "stribeck",
+            Self::StribeckSpeed => "stribeck_speed",
+            Self::LoadFriction => "load_friction",
         }
     }
 
@@ -40,13 +62,24 @@ impl Property {
             Self::Damping => &mut joint.damping,
             Self::Friction => &mut joint.friction,
             Self::Stiffness => &mut joint.spring.stiffness,
+            Self::FrictionOffset => &mut joint.friction_curve.offset,
+            Self::Stribeck => &mut joint.friction_curve.stribeck,
+            Self::StribeckSpeed => &mut joint.friction_curve.stribeck_speed,
+            Self::LoadFriction => &mut joint.friction_curve.load,
         }
     }
 }
 
 /// Properties of the free joint of a floating base, which has no description, in the order of [`Property::ALL`].
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Properties(pub [f64; 4]);
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Properties(pub [f64; 8]);
+
+impl Default for Properties {
+    fn default() -> Self {
+        let mut joint = JointDescription::new("", JointKind::Floating, "", "");
+        Self(std::array::from_fn(|at| *Property::ALL[at].of(&mut joint)))
+    }
+}
 
 impl Properties {
     /// Assigns them to a joint.
@@ -66,8 +99,8 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`], named after the property, for a joint that is unknown or fixed and for a value that is
-    /// negative or not finite.
+    /// [`Error::Argument`], named after the property, for a joint that is unknown or fixed and for a value that is not
+    /// finite, or negative where it must not be.
     pub fn with_properties<'a>(
         &self,
         changes: impl IntoIterator<Item = (&'a str, Property, f64)>,
@@ -77,9 +110,11 @@ impl Scene {
             source.joints.iter().enumerate().map(|(at, joint)| (joint.name.clone(), at)).collect();
         for (name, property, value) in changes {
             self.joint(name).map_err(|error| error.of_argument(property.name()))?;
-            if !(value.is_finite() && value >= 0.0) {
+            let is_signed = matches!(property, Property::FrictionOffset | Property::Stribeck);
+            if !(value.is_finite() && (is_signed || value >= 0.0)) {
                 let found = format!("{value} for joint {name:?}");
-                return Err(Error::argument(property.name(), found, "finite numbers, zero or positive"));
+                let expected = if is_signed { "finite numbers" } else { "finite numbers, zero or positive" };
+                return Err(Error::argument(property.name(), found, expected));
             }
             if let Some(&at) = index.get(name) {
                 *property.of(&mut source.joints[at]) = value;

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from .._arguments import names_of
+from .._friction import TERMS, opposing
 from ..errors import ArgumentError, ShapeError, of_argument
 from ._allowed import allowed_motions, on_connections
 from ._bodies import own_parameters
@@ -30,13 +31,23 @@ __all__ = ["KINDS", "PROPERTIES", "Columns", "Extra"]
 
 _Array = NDArray[np.float64]
 
-#: Motor parameters that are properties of a scene, and all motor parameters.
-PROPERTIES = ("armature", "damping", "friction")
-KINDS = (*PROPERTIES, "offset", "stribeck", "load")
+#: Motor parameters, each with the property of a scene.
+PROPERTIES = {
+    **{name: name for name in ("armature", "damping", "friction")},
+    "offset": "friction_offset",
+    "stribeck": "stribeck",
+    "load": "load_friction",
+}
+KINDS = tuple(PROPERTIES)
 #: Parameters of either sign.
 SIGNED = ("offset", "stribeck")
 #: Maximum condition number of a transmission.
 CONDITION = 1e8
+
+
+def per_joint(kind: str, ratio: float) -> float:
+    """Property of a joint per parameter of its motor, for the velocity of the motor per velocity of the joint."""
+    return {"offset": ratio, "friction": abs(ratio), "stribeck": abs(ratio), "load": 1.0}.get(kind, ratio**2)
 
 
 class Extra(NamedTuple):
@@ -88,6 +99,10 @@ class Columns:
         self.scene, self.fit, self.keep, self.load = scene, tuple(dict.fromkeys(fit)), tuple(keep), load
         self.slow, self.stribeck = float(friction_speed), float(stribeck_speed)
         self.own = own_parameters(scene)
+        is_kept = [[kind not in fit] for kind in ("offset", "stribeck", "stribeck", "load")]
+        #: Friction that is not fitted: Coulomb friction, and the other terms.
+        self._coulomb = np.where("friction" in fit, 0.0, scene.friction)
+        self._terms = np.where(is_kept, scene.friction_terms, [[0.0], [0.0], [1.0], [0.0]])
         self.free = [at for at, name in enumerate(scene.body_names) if name not in keep]
         self.kept = [at for at in range(len(scene.body_names)) if at not in self.free]
         self.transmission = None if transmission is None else _checked_transmission(scene, transmission)
@@ -121,7 +136,8 @@ class Columns:
         return ["+".join(name for name, entry in zip(joints, row, strict=True) if entry) for row in self.transmission]
 
     def _extras(self) -> Iterator[Extra]:
-        scene, values = self.scene, {name: getattr(self.scene, name) for name in PROPERTIES}
+        scene, terms = self.scene, dict(zip(TERMS, self.scene.friction_terms, strict=True))
+        values = {kind: terms[name] if name in terms else getattr(scene, name) for kind, name in PROPERTIES.items()}
         for kind in self.fit:
             if self.transmission is None:
                 for joint in scene.joint_names:
@@ -132,15 +148,14 @@ class Columns:
                             kind,
                             joint,
                             tuple(range(of.start, of.stop)),
-                            float(values[kind][of][0]) if kind in values else 0.0,
+                            float(values[kind][of][0]),
                         )
                 continue
             for at, row in enumerate(self.transmission):
                 (entries,) = np.nonzero(row)
                 model = 0.0
-                if kind in values and len(entries) == 1:
-                    ratio = abs(float(row[entries[0]]))
-                    model = float(values[kind][entries[0]]) / (ratio if kind == "friction" else ratio**2)
+                if len(entries) == 1:
+                    model = float(values[kind][entries[0]]) / per_joint(kind, float(row[entries[0]]))
                 yield Extra(kind, self.motor_names[at], (at,), model)
 
     def _used(self) -> list[NDArray[np.intp]]:
@@ -226,11 +241,12 @@ class Columns:
         motors)."""
         scene = self.scene
         found = scene.stiffness * scene.difference(np.broadcast_to(scene.rest, q.shape), q)
-        columns = {"armature": qdd, "damping": qd, "friction": qd / np.sqrt(qd**2 + self.slow**2)}
-        for name, column in columns.items():
+        for name, column in {"armature": qdd, "damping": qd}.items():
             if name not in self.fit:
                 found = found + getattr(scene, name) * column
-        return self.to_motors(found)
+        direction = qd / np.sqrt(qd**2 + self.slow**2)
+        load = scene.inverse_dynamics(q, qd, qdd) if self._terms[3].any() else None
+        return self.to_motors(found + opposing(scene, qd, direction, load, self._coulomb, self._terms))
 
     def regressor(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
         """Regressor W of all bodies, (k, motors, bodies, 10)."""

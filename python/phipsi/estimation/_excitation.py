@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from .._arguments import check_tree, names_of, numbers
+from .._friction import opposing
 from ..errors import ArgumentError, ShapeError, of_argument
 from ._base import combinations
 from ._columns import Columns
@@ -106,7 +107,7 @@ def excitation(
     tau = (
         scene.inverse_dynamics(q, qd, qdd)
         + scene.damping * qd
-        + scene.friction * qd / np.sqrt(qd**2 + columns.slow**2)
+        + opposing(scene, qd, qd / np.sqrt(qd**2 + columns.slow**2), scene.inverse_dynamics(q, qd, qdd))
         + springs
     )
     largest = np.max(np.abs(tau), axis=0)
@@ -212,7 +213,7 @@ class _Search:
         scene = self.scene
         losses = (
             scene.damping * qd
-            + scene.friction * np.sign(qd)
+            + opposing(scene, qd, np.sign(qd), scene.inverse_dynamics(q, qd, qdd))
             + scene.stiffness * scene.difference(np.broadcast_to(scene.rest, q.shape), q)
         )
         return np.asarray(scene.inverse_dynamics(q, qd, qdd) + losses)

@@ -30,7 +30,7 @@ from ..errors import ArgumentError, IdentificationWarning, ShapeError, of_argume
 from ._accumulator import Accumulator, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
 from ._bodies import with_parameters
-from ._columns import PROPERTIES, Columns
+from ._columns import PROPERTIES, Columns, per_joint
 from ._most_probable import most_probable
 from ._problem import UNKNOWN, Problem
 from ._student import student_quantile
@@ -473,19 +473,19 @@ def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, flo
     omitted = []
     for extra in columns.extras:
         value = joints.get(extra.kind, {}).get(extra.name)
-        if value is None or extra.kind not in PROPERTIES:
+        if value is None:
             continue
-        if columns.transmission is None:
-            properties.setdefault(extra.kind, {})[extra.name] = value
-            continue
-        row = columns.transmission[extra.rows[0]]
-        (entries,) = np.nonzero(row)
-        if len(entries) != 1:
-            omitted.append(f"{extra.kind} of {extra.name}")
-            continue
-        joint = scene.joint_names[int(entries[0])]
-        ratio = abs(float(row[entries[0]]))
-        properties.setdefault(extra.kind, {})[joint] = value * (ratio if extra.kind == "friction" else ratio**2)
+        joint, ratio, name = extra.name, 1.0, PROPERTIES[extra.kind]
+        if columns.transmission is not None:
+            row = columns.transmission[extra.rows[0]]
+            (entries,) = np.nonzero(row)
+            if len(entries) != 1:
+                omitted.append(f"{extra.kind} of {extra.name}")
+                continue
+            joint, ratio = scene.joint_names[int(entries[0])], float(row[entries[0]])
+        properties.setdefault(name, {})[joint] = value * per_joint(extra.kind, ratio)
+        if extra.kind == "stribeck":
+            properties.setdefault("stribeck_speed", {})[joint] = columns.stribeck / abs(ratio)
     if omitted:
         text = (
             f"transmission: a scene has no {', '.join(omitted)}, which acts on several joints; Identification.torques"

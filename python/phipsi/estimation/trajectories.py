@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers
+from .._friction import check_coulomb
 from ..errors import ArgumentError, InertiaWarning, ShapeError, UncertaintyWarning, of_argument, warn
 from ._allowed import Tangent, tangent_of_connections
 from ._manifold import lower_root
@@ -163,6 +164,7 @@ class _Propagation:
     def __init__(self, path: Trajectory, uncertainty: MotionUncertainty) -> None:
         self.path, self.scene, self.given, self.unsure = path, path.scene, path.given or {}, uncertainty
         nv = self.scene.nv
+        check_coulomb(self.scene, "uncertainty")
         self.parameters = ParameterCovariance(self.scene, uncertainty.parameters)
         self.noise = _per_joint(self.scene, "torque_noise", uncertainty.torque_noise)
         initial = np.zeros(2 * nv) if uncertainty.initial is None else numbers("initial", uncertainty.initial)

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from .._core import Scene
+from .._friction import TERMS
 from . import terminal
 from .commands import JSON, FLOATING, MIMIC, ROBOT, Mimic, _load, echo_json, group
 
@@ -67,6 +68,7 @@ def about(scene: Scene) -> dict[str, Any]:
                 "q": _ends(scene.q_index(joint.name)), "v": _ends(scene.v_index(joint.name)),
                 "lower": joint.lower, "upper": joint.upper, "velocity": joint.velocity, "effort": joint.effort,
                 "armature": joint.armature, "damping": joint.damping, "friction": joint.friction, "stiffness": joint.stiffness,
+                **{term: getattr(joint, term) for term in TERMS},
             }
             for joint in moving
         ],

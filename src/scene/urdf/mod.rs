@@ -16,7 +16,7 @@ mod rotor;
 mod survey;
 mod xml;
 
-use super::description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneWarning};
+use super::description::{FrictionCurve, Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneWarning};
 use super::{AT_A_TIME, SceneBuilder, Spring};
 use crate::error::{Error, number};
 use crate::joints::JointKind;
@@ -185,6 +185,7 @@ fn joint(element: &Element, invalid_limits: &mut Vec<String>) -> Result<JointDes
         joint.damping = dynamics.number("damping")?.unwrap_or(0.0);
         joint.friction = dynamics.number("friction")?.unwrap_or(0.0);
         joint.armature = dynamics.number("armature")?.unwrap_or(0.0);
+        joint.friction_curve = friction_curve(&dynamics)?;
         joint.spring = spring(&dynamics)?;
     }
     if let Some(mimic) = element.child("mimic") {
@@ -195,6 +196,17 @@ fn joint(element: &Element, invalid_limits: &mut Vec<String>) -> Result<JointDes
         });
     }
     Ok(joint)
+}
+
+/// Reads the terms of friction beside Coulomb friction.
+fn friction_curve(dynamics: &Element) -> Result<FrictionCurve, Error> {
+    let usual = FrictionCurve::default();
+    Ok(FrictionCurve {
+        offset: dynamics.number("friction_offset")?.unwrap_or(usual.offset),
+        stribeck: dynamics.number("stribeck")?.unwrap_or(usual.stribeck),
+        stribeck_speed: dynamics.number("stribeck_speed")?.unwrap_or(usual.stribeck_speed),
+        load: dynamics.number("load_friction")?.unwrap_or(usual.load),
+    })
 }
 
 /// Reads stiffness and rest position; the builder checks that the joint has one coordinate.
