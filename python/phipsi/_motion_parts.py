@@ -32,7 +32,7 @@ _Number = TypeVar("_Number", np.float64, np.int8)
 
 class PD(NamedTuple):
     """Proportional-derivative control law for Scene.simulate: tau = kp (target - q) + kd (target_rate - qd), up to the
-    limits of effort.
+    limits of effort and of motors.
 
     The difference target - q is taken on the manifold. Implicit methods treat the law implicitly, so that the
     gains can be arbitrarily stiff. Limits apply within the step: at a limit the torque is constant, and otherwise the
@@ -62,6 +62,12 @@ class PD(NamedTuple):
     """Largest torque of the law in both directions, (..., nv), or a scalar for all joints but free ones, N m or N.
     True: scene.limits.effort. None: no limits.
     """
+    stall: ArrayLike | None = None
+    """Torques at rest of motors whose largest torque declines with the speed, stall (1 - qd / no_load_speed), (..., nv);
+    None: the limits of effort. The torque is also within the limits of effort.
+    """
+    no_load_speed: ArrayLike | None = None
+    """Speeds at which the torque of these motors is zero, (..., nv), rad/s or m/s; None: it does not decline."""
 
 
 def of_motors(scene: Scene, given: ArrayLike, free: float = 0.0) -> ArrayLike:
@@ -103,14 +109,20 @@ def efforts(path: Any, given: dict[str, Any]) -> _Array:
         else:
             target = read("target", scene.neutral() if law.target is None else law.target, True)[..., None, :]
         control = kd * (rate - v) - kp * path._displacement(target, path.q)
-        if law.effort is not None and law.effort is not False:
-            limit = scene.limits.effort if law.effort is True else read("effort", of_motors(scene, law.effort, np.inf))
-            if given.get("effort") == "clip":
-                u = np.clip(u + control, -limit[..., None, :], limit[..., None, :])
-            else:
-                u = u + np.clip(control, -limit[..., None, :], limit[..., None, :])
-        else:
-            u = u + control
+
+        def bound(name: str, value: Any) -> _Array:
+            """Bounds in each row, infinite if they are not given."""
+            if value is None or value is False:
+                return np.full((1, 1), np.inf)
+            return np.asarray(scene.limits.effort if value is True else read(name, of_motors(scene, value, np.inf)))[..., None, :]
+
+        limit, speed = bound("effort", law.effort), bound("no_load_speed", law.no_load_speed)
+        stall = bound("stall", law.effort if law.stall is None else law.stall)
+        with np.errstate(invalid="ignore"):
+            decline = np.where(np.isinf(stall) | np.isinf(speed), 0.0, v * stall / speed)
+        lower, upper = np.maximum(-limit, -stall - decline), np.minimum(limit, stall - decline)
+        is_sum = given.get("effort") == "clip"
+        u = np.clip(u + control, lower, upper) if is_sum else u + np.clip(control, lower, upper)
     if given.get("effort") == "clip":
         u = np.clip(u, -scene.limits.effort, scene.limits.effort)
     return np.asarray(u)

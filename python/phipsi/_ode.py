@@ -120,7 +120,7 @@ class Ode:
         self._pd: tuple[_Array, _Array, _Array, _Array] | None = None
         if pd is not None:
             law = PD(*pd)
-            if law.effort is not None and law.effort is not False:
+            if law.no_load_speed is not None or (law.effort is not None and law.effort is not False):
                 raise errors.of_argument(errors.ArgumentError, "pd.effort", "found limits of effort; expected None: Scene.simulate has them")
             kp, kd = (rates(name, of_motors(scene, gain), 0.0) for name, gain in (("pd.kp", law.kp), ("pd.kd", law.kd)))
             if law.target is None and kp.any():

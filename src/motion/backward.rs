@@ -367,10 +367,14 @@ fn release<T: Real>(s: &Scratch<T>, rates: &mut [T]) {
 fn set_event_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scratch<T>, solutions: &[RowSolution]) {
     let hg = if settings.regularized { scheme.tableau.gamma[0][0] } else { 0.0 };
     for (of, solution) in settings.set_valued.iter().zip(solutions).filter(|(of, _)| of.drives) {
-        let (linear, held) = if solution.driven.is_limit { (0.0, solution.driven.torque) } else { (1.0, 0.0) };
-        let gains = [KP, KD].map(|i| s.gains[i][of.row] * T::from_f64(linear));
-        s.rows[of.row].side = T::from_f64(1.0 - linear);
-        s.drive(settings, scheme.implicit_step(), of.row, (gains, T::from_f64(held)));
+        let (is_limit, zero) = (solution.driven.is_limit, T::zero());
+        let decline = T::from_f64(solution.driven.slope);
+        s.rows[of.row].side = T::from_f64(f64::from(u8::from(is_limit)));
+        // The law has a target velocity at a limit that declines too.
+        let held = T::from_f64(solution.driven.torque).minus_product(decline, s.target_rate[of.row]);
+        let [kp, kd] = [KP, KD].map(|i| s.gains[i][of.row]);
+        let terms = if is_limit { ([zero, decline], held) } else { ([kp, kd], zero) };
+        s.drive(settings, scheme.implicit_step(), of.row, terms);
     }
     for (mode, row_solution) in s.modes.iter_mut().zip(solutions) {
         (mode.stuck, mode.target) = (T::from_f64(row_solution.stuck), T::from_f64(row_solution.target));
@@ -426,7 +430,8 @@ impl<T: Real> StepGradients<T> {
             let noise_bar = -(u_bar * s.m[i][row]);
             let v0 = settings.properties.friction_speed;
             acting[TORQUE][row] += u_bar;
-            acting[RATE][row] = of.derivative.mul_add(u_bar, acting[RATE][row]);
+            let is_linear = v.constant(1.0) - of.side.abs();
+            acting[RATE][row] = (of.derivative * is_linear).mul_add(u_bar, acting[RATE][row]);
             acting[ARMATURE][row] += noise_bar;
             acting[DAMPING][row] = acting[DAMPING][row].minus_product(v, u_bar);
             acting[STIFFNESS][row] = acting[STIFFNESS][row].minus_product(s.displaced[row], u_bar);

@@ -157,7 +157,7 @@ impl StopReverse<'_> {
             }
         }
         let mut of_displaced = vec![0.0; y.len()];
-        for of in stuck.iter().filter(|of| of.compliance > 0.0) {
+        for of in stuck.iter().filter(|of| of.compliance > 0.0 && !solution.at_limit.contains(&of.row)) {
             of_displaced[of.row] = -h * y[of.row] * s.gains[KP][of.row];
             self.by_rate[of.row] += h * y[of.row] * s.gains[KD][of.row];
         }

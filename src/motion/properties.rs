@@ -124,6 +124,11 @@ pub struct Gains {
     pub effort_lower: Vec<f64>,
     /// Largest torque, likewise, zero or positive.
     pub effort_upper: Vec<f64>,
+    /// Torque at rest of motors whose torque decreases with their speed, as `effort_upper`; empty if there are none.
+    pub stall: Vec<f64>,
+    /// The decrease of the torque of these motors per speed in its direction, N m s/rad or N s/m: the torque is at most
+    /// stall - decline v, and at least -stall - decline v. As long as `stall`.
+    pub decline: Vec<f64>,
     /// True if the limits are those of the sum of this torque and the applied one, also of rows without gains.
     pub limits_sum: bool,
 }
@@ -149,6 +154,8 @@ impl Gains {
             steps: 0,
             effort_lower: Vec::new(),
             effort_upper: Vec::new(),
+            stall: Vec::new(),
+            decline: Vec::new(),
             limits_sum: false,
         }
     }
@@ -164,12 +171,14 @@ setters!(Gains {
     with_steps: steps: usize,
     with_effort_lower: effort_lower => Vec<f64>,
     with_effort_upper: effort_upper => Vec<f64>,
+    with_stall: stall => Vec<f64>,
+    with_decline: decline => Vec<f64>,
     with_limits_sum: limits_sum: bool,
 });
 
 impl Gains {
     /// The names of gains, targets and limits in messages, in the order of the fields.
-    pub(super) fn names() -> [&'static str; 8] {
+    pub(super) fn names() -> [&'static str; 10] {
         in_language(
             [
                 "gains.proportional",
@@ -178,15 +187,29 @@ impl Gains {
                 "gains.target_rate",
                 "gains.targets",
                 "gains.target_rates",
+                "gains.stall",
+                "gains.decline",
                 "gains.effort_lower",
                 "gains.effort_upper",
             ],
-            ["pd.kp", "pd.kd", "pd.target", "pd.target_rate", "targets", "target_rates", "pd.effort", "pd.effort"],
+            [
+                "pd.kp",
+                "pd.kd",
+                "pd.target",
+                "pd.target_rate",
+                "targets",
+                "target_rates",
+                "pd.stall",
+                "pd.no_load_speed",
+                "pd.effort",
+                "pd.effort",
+            ],
         )
     }
 
     pub(super) fn check(&self, scene: &Scene, states: usize) -> Result<(), Error> {
-        let [proportional, derivative, target, target_rate, targets, target_rates, lower, upper] = Self::names();
+        let [proportional, derivative, target, target_rate, targets, target_rates, stall, decline, lower, upper] =
+            Self::names();
         let (nq, nv) = (scene.nq(), scene.nv());
         check_positive(scene, proportional, &self.proportional, states)?;
         check_positive(scene, derivative, &self.derivative, states)?;
@@ -199,6 +222,15 @@ impl Gains {
             if !(is_optional && values.is_empty()) {
                 check_width(name, values, (width, states))?;
                 check_finite(name, values)?;
+            }
+        }
+        if !(self.stall.is_empty() && self.decline.is_empty()) {
+            check_width(stall, &self.stall, (nv, states))?;
+            check_length(decline, self.decline.len(), self.stall.len())?;
+            check_positive(scene, decline, &self.decline, states)?;
+            if let Some(at) = self.stall.iter().position(|torque| !(*torque >= 0.0)) {
+                let found = format!("{} for joint {:?}", self.stall[at], joint_of_row(scene, at % nv));
+                return Err(Error::argument(stall, found, "torques that are zero or positive, infinite for no limit"));
             }
         }
         for (name, limits, sign) in [(lower, &self.effort_lower, -1.0), (upper, &self.effort_upper, 1.0)] {
@@ -234,23 +266,24 @@ impl Gains {
         })
     }
 
-    /// Gains and limits of effort of one state: kp, kd, and the least and the largest torque, (nv) each; empty without
-    /// limits.
-    pub(super) fn of_state(&self, nv: usize, state: usize) -> [&[f64]; 4] {
-        let Self { proportional, derivative, effort_lower, effort_upper, .. } = self;
-        [proportional, derivative, effort_lower, effort_upper]
+    /// Gains and limits of effort of one state: kp, kd, the least and the largest torque, and stall torque and decline,
+    /// (nv) each; empty without limits.
+    pub(super) fn of_state(&self, nv: usize, state: usize) -> [&[f64]; 6] {
+        let Self { proportional, derivative, effort_lower, effort_upper, stall, decline, .. } = self;
+        [proportional, derivative, effort_lower, effort_upper, stall, decline]
             .map(|values| if values.is_empty() { &values[..] } else { of_state(values, nv, state) })
     }
 
-    /// The largest gains of a row in any state.
+    /// The largest gains of a row in any state, also of its limits of effort.
     pub(super) fn largest(&self, nv: usize, row: usize) -> [f64; 2] {
-        [&self.proportional, &self.derivative]
-            .map(|gains| gains.iter().skip(row).step_by(nv).fold(0.0_f64, |most, &gain| most.max(gain)))
+        let [kp, kd, decline] = [&self.proportional, &self.derivative, &self.decline]
+            .map(|gains| gains.iter().skip(row).step_by(nv).fold(0.0_f64, |most, &gain| most.max(gain)));
+        [kp, kd.max(decline)]
     }
 
     /// True if the law acts on a row, with a limit of effort in some state.
     pub(super) fn is_limited(&self, nv: usize, row: usize) -> bool {
-        let mut limits = [&self.effort_lower, &self.effort_upper].into_iter();
+        let mut limits = [&self.effort_lower, &self.effort_upper, &self.stall].into_iter();
         (self.limits_sum || self.largest(nv, row).iter().any(|&gain| gain > 0.0))
             && limits.any(|limits| limits.iter().skip(row).step_by(nv).any(|limit| limit.is_finite()))
     }

@@ -1,6 +1,6 @@
 //! The arrays of a step, for one state or for one state per lane.
 
-use super::drives::{LOWER, UPPER};
+use super::drives::{LOWER, STALL, UPPER};
 use super::friction::{CurvedRow, curved_rows};
 use super::method::{STAGES, Scheme};
 use super::properties::Gains;
@@ -29,8 +29,10 @@ pub(super) struct RowTerms<T> {
     pub held: T,
     /// The part of the gains in the noise.
     pub slope: T,
-    /// 1 if the control law is at its upper limit, -1 at its lower one, else 0.
+    /// 1 if the control law is at its upper limit, -1 at its lower one, else 0; and 1 if the limit there is that which
+    /// declines with speed, else 0.
     pub side: T,
+    pub declines: T,
     /// True if the kernels have noise in this row.
     pub has_noise: bool,
 }
@@ -63,7 +65,7 @@ pub(super) struct Scratch<T: Real> {
     pub target: Vec<T>,
     pub target_rate: Vec<T>,
     /// Gains and limits of effort of the state: see [`drives`](super::drives); empty without a control law.
-    pub gains: [Vec<T>; 4],
+    pub gains: [Vec<T>; 6],
     /// True if the caller gives the pieces of the control law.
     pub are_sides_given: bool,
     /// Noise in place of zero, in rows in which the kernels have noise.
@@ -157,6 +159,7 @@ impl<T: Real> Scratch<T> {
                 held: T::zero(),
                 slope: T::zero(),
                 side: T::zero(),
+                declines: T::zero(),
                 has_noise: noise != 0.0,
             }
         };
@@ -172,7 +175,11 @@ impl<T: Real> Scratch<T> {
             at_upper: T::zero(),
         };
         let width = if settings.gains.is_some() { nv } else { 0 };
-        let limit = |i: usize| [f64::NEG_INFINITY, f64::INFINITY][usize::from(i == UPPER)];
+        let usual = |i: usize| match i {
+            LOWER => f64::NEG_INFINITY,
+            UPPER | STALL => f64::INFINITY,
+            _ => 0.0,
+        };
         let coordinates = || vec![T::zero(); nq];
         let rates = || vec![T::zero(); nv];
         Self {
@@ -182,7 +189,7 @@ impl<T: Real> Scratch<T> {
             rest: settings.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),
             target: coordinates(),
             target_rate: rates(),
-            gains: std::array::from_fn(|i| vec![T::from_f64(if i < LOWER { 0.0 } else { limit(i) }); width]),
+            gains: std::array::from_fn(|i| vec![T::from_f64(usual(i)); width]),
             are_sides_given: false,
             vanishing: FREE,
             torque: rates(),

@@ -113,42 +113,57 @@ pub(super) enum Hold {
     Upper,
 }
 
-/// The torque of a control law over the velocity at the end of a step: offset - slope v' between its limits.
+/// The torque of a control law over the velocity at the end of a step: offset - slope v' between its lower and upper
+/// limits, which are constant, or torques at rest that decline with v'.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Drive {
     pub offset: f64,
     pub slope: f64,
-    pub lower: f64,
-    pub upper: f64,
+    pub constant: [f64; 2],
+    pub at_rest: [f64; 2],
+    pub decline: f64,
 }
 
 impl Drive {
     /// The torque at velocity v.
     pub fn torque(&self, v: f64) -> f64 {
-        (self.offset - self.slope * v).max(self.lower).min(self.upper)
+        self.line(v).at(v)
     }
 
-    /// The velocities at which the torque leaves its upper limit and reaches its lower one.
-    fn kinks(&self) -> [f64; 2] {
-        [self.upper, self.lower].map(|limit| (self.offset - limit) / self.slope)
+    /// The velocities at which the torque can change its piece, in any order; not finite if there are fewer.
+    fn kinks(&self) -> [f64; 6] {
+        let Self { offset, slope, constant: [lower, upper], at_rest: [low, high], decline } = *self;
+        let meets = |limit: f64, decline: f64| (offset - limit) / (slope - decline);
+        [
+            meets(upper, 0.0),
+            meets(lower, 0.0),
+            meets(high, decline),
+            meets(low, decline),
+            (high - upper) / decline,
+            (low - lower) / decline,
+        ]
     }
 
     /// Its torque around velocity v.
     fn line(&self, v: f64) -> Line {
-        let [first, last] = self.kinks();
-        let limit = |torque: f64| Line { torque, slope: 0.0, is_limit: true };
-        if v <= first {
-            limit(self.upper)
-        } else if v >= last {
-            limit(self.lower)
-        } else {
-            Line { torque: self.offset, slope: self.slope, is_limit: false }
+        let limit = |i: usize| {
+            let [constant, declining] = [(self.constant[i], 0.0), (self.at_rest[i], self.decline)]
+                .map(|(torque, slope)| Line { torque, slope, is_limit: true });
+            let is_nearer = [1.0, -1.0][i] * (constant.torque - declining.at(v)) >= 0.0;
+            if is_nearer { constant } else { declining }
+        };
+        let law = Line { torque: self.offset, slope: self.slope, is_limit: false };
+        let ([lower, upper], torque) = ([0, 1].map(limit), law.at(v));
+        match () {
+            () if torque >= upper.at(v) => upper,
+            () if torque <= lower.at(v) => lower,
+            () => law,
         }
     }
 }
 
-/// The torque of a control law on one of its pieces, torque - slope v'; constant at a limit of effort.
-#[derive(Debug, Clone, Copy, Default)]
+/// The torque of a control law on one of its pieces, torque - slope v'.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Line {
     pub torque: f64,
     pub slope: f64,
@@ -162,7 +177,7 @@ impl Line {
 }
 
 /// Largest number of velocities at which a graph changes its piece.
-const KNOTS: usize = 5;
+const KNOTS: usize = 9;
 
 /// The graph of one row in one step: the velocities of its vertical pieces and kinks, in increasing order, and the
 /// torques of friction and stops between them, which decrease.
@@ -248,7 +263,19 @@ impl Graph {
             v.is_finite() && inside && !own.contains(v)
         };
         let mut knots: Vec<(f64, Option<Hold>)> = drive.kinks().into_iter().filter(within).map(|v| (v, None)).collect();
+        knots.sort_by(|a, b| a.0.total_cmp(&b.0));
         knots.dedup();
+        // Where the law is not the nearest piece, kinks of its limits are none.
+        let middle = |k: usize| match k {
+            0 => knots.first().map_or(0.0, |(v, _)| v - 1.0 - v.abs()),
+            k => knots.get(k).map_or(knots[k - 1].0 + 1.0 + knots[k - 1].0.abs(), |(v, _)| 0.5 * (v + knots[k - 1].0)),
+        };
+        let lines: Vec<Line> = (0..=knots.len()).map(|k| drive.line(middle(k))).collect();
+        let mut k = 0;
+        knots.retain(|_| {
+            k += 1;
+            lines[k - 1] != lines[k]
+        });
         knots.extend(own.iter().copied().zip(self.holds));
         knots.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut graph = Self { count: 0, drive: Some(drive), ..*self };

@@ -108,6 +108,8 @@ pub(super) struct Pd<'py> {
     target: Option<Input<'py>>,
     rate: Input<'py>,
     effort: Option<Input<'py>>,
+    /// Stall torques and no-load speeds.
+    motors: [Option<Input<'py>>; 2],
     limits_sum: bool,
     /// Targets and target velocities of each step, and the number of steps.
     changing: [Option<Input<'py>>; 2],
@@ -117,12 +119,12 @@ pub(super) struct Pd<'py> {
 
 impl<'py> Pd<'py> {
     pub fn read(pd: &Object<'py>, scene: &PyScene) -> PyResult<Self> {
-        let expected = "PD(kp, kd, target, target_rate=None, effort=None)";
+        let expected = "PD(kp, kd, target, target_rate=None, effort=None, stall=None, no_load_speed=None)";
         let refuse = |found: String| PyErr::from(Error::argument("pd", found, expected));
         let Ok(parts) = pd.cast::<PyTuple>() else {
             return Err(refuse(format!("an object of type {}", pd.get_type().name()?)));
         };
-        if !(2..=5).contains(&parts.len()) {
+        if !(2..=7).contains(&parts.len()) {
             return Err(refuse(format!("{} parts", parts.len())));
         }
         let py = pd.py();
@@ -138,8 +140,15 @@ impl<'py> Pd<'py> {
             Some(effort) if effort.is_instance_of::<PyBool>() && !effort.is_truthy()? => None,
             effort => effort,
         };
+        let motor = |name: &'static str, at: usize| part(at).map(|given| bounds(scene, name, &given)).transpose();
+        let motors = [motor("pd.stall", 5)?, motor("pd.no_load_speed", 6)?];
+        if motors[0].is_some() && motors[1].is_none() {
+            let error = Error::argument("pd.no_load_speed", "None", "a speed at which the torque from stall is zero");
+            return Err(error.into());
+        }
         Ok(Self {
             gains: [kp?, kd?],
+            motors,
             target: target.transpose()?,
             rate: scene.on_tree(py, rate, Coupling::rates)?,
             effort: effort.map(|effort| limits(scene, &effort)).transpose()?,
@@ -158,6 +167,7 @@ impl<'py> Pd<'py> {
             target: None,
             rate: zero("pd.target_rate")?,
             effort: None,
+            motors: [None, None],
             limits_sum: true,
             changing: [None, None],
             steps: 0,
@@ -212,8 +222,9 @@ impl<'py> Pd<'py> {
     /// Leading axes of the argument, to which the batch must broadcast.
     pub fn leading(&self) -> Vec<(&'static str, &[usize])> {
         let [kp, kd] = &self.gains;
-        let whole = [Some(kp), Some(kd), self.target.as_ref(), Some(&self.rate), self.effort.as_ref()];
-        let names = ["pd.kp", "pd.kd", "pd.target", "pd.target_rate", "pd.effort"];
+        let [stall, speed] = self.motors.each_ref().map(Option::as_ref);
+        let whole = [Some(kp), Some(kd), self.target.as_ref(), Some(&self.rate), self.effort.as_ref(), stall, speed];
+        let names = ["pd.kp", "pd.kd", "pd.target", "pd.target_rate", "pd.effort", "pd.stall", "pd.no_load_speed"];
         let whole = names.into_iter().zip(whole).filter_map(|(name, input)| Some((name, input?.leading())));
         let steps = ["targets", "target_rates"].into_iter().zip(&self.changing);
         let steps = steps.filter_map(|(name, input)| {
@@ -250,6 +261,7 @@ impl<'py> Pd<'py> {
             None => return Err(Error::argument("pd.target", "None", "a target configuration, or targets").into()),
         };
         let effort_upper = self.effort.as_ref().map(each).transpose()?.unwrap_or_default();
+        let (stall, decline) = self.motors_over(each, &effort_upper)?;
         Ok(Gains {
             proportional,
             derivative,
@@ -260,8 +272,44 @@ impl<'py> Pd<'py> {
             steps: self.steps,
             effort_lower: effort_upper.iter().map(|limit| -limit).collect(),
             effort_upper,
+            stall,
+            decline,
             limits_sum: self.limits_sum,
         })
+    }
+}
+
+impl Pd<'_> {
+    /// Stall torques and the declines of torque with speed. Without stall torques, those are the limits of effort.
+    fn motors_over(
+        &self,
+        each: impl Fn(&Input<'_>) -> PyResult<Vec<f64>>,
+        effort: &[f64],
+    ) -> PyResult<(Vec<f64>, Vec<f64>)> {
+        let [stall, Some(speed)] = &self.motors else { return Ok((Vec::new(), Vec::new())) };
+        let (speed, stall) = (each(speed)?, stall.as_ref().map(&each).transpose()?);
+        let stall = match stall {
+            Some(stall) => stall,
+            None if effort.is_empty() => {
+                let expected = "stall torques, or limits of effort, which are those at rest too";
+                return Err(Error::argument("pd.stall", "None without pd.effort", expected).into());
+            }
+            None => memory::copied("pd.effort", effort)?,
+        };
+        // One for all states, or one per state.
+        let count = speed.len().max(stall.len());
+        let of = |values: &[f64], at: usize| values[at % values.len().max(1)];
+        // Joints that follow others have neither.
+        if (0..count).any(|at| of(&speed, at) == 0.0 && of(&stall, at) > 0.0) {
+            let expected = "speeds that are positive, infinite for none";
+            return Err(Error::argument("pd.no_load_speed", "0", expected).into());
+        }
+        let decline = |at: usize| {
+            let (stall, speed) = (of(&stall, at), of(&speed, at));
+            if stall.is_finite() && stall > 0.0 { stall / speed } else { 0.0 }
+        };
+        let all = (0..count).map(|at| of(&stall, at)).collect();
+        Ok((all, (0..count).map(decline).collect()))
     }
 }
 
@@ -293,10 +341,16 @@ fn limits<'py>(scene: &PyScene, given: &Object<'py>) -> PyResult<Input<'py>> {
         }
         return scene.on_tree(py, Input::new("pd.effort", &from_numbers(py, &numbers, &[nv])?, nv)?, Coupling::torques);
     }
-    let limits = of_joints(scene, "pd.effort", given, f64::INFINITY)?;
-    if let Some(limit) = limits.data()?.iter().find(|limit| !(**limit >= 0.0)) {
-        let expected = "True, or limits that are zero or positive, infinite for none";
-        return Err(Error::argument("pd.effort", limit.to_string(), expected).into());
+    bounds(scene, "pd.effort", given)
+}
+
+/// Bounds of torques or speeds, zero or positive, infinite for none.
+fn bounds<'py>(scene: &PyScene, name: &'static str, given: &Object<'py>) -> PyResult<Input<'py>> {
+    let bounds = of_joints(scene, name, given, f64::INFINITY)?;
+    if let Some(bound) = bounds.data()?.iter().find(|bound| !(**bound >= 0.0)) {
+        let flag = if name == "pd.effort" { "True, or " } else { "" };
+        let expected = format!("{flag}limits that are zero or positive, infinite for none");
+        return Err(Error::argument(name, bound.to_string(), expected).into());
     }
-    Ok(limits)
+    Ok(bounds)
 }

@@ -71,15 +71,21 @@ impl PySimulator {
         for (name, numbers) in of_joints.into_iter().filter(|_| is_given) {
             keywords.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
         }
-        if let Some(Gains { proportional, derivative, target, target_rate, effort_upper, limits_sum, .. }) = gains {
+        if let Some(gains) = gains {
+            let Gains {
+                proportional, derivative, target, target_rate, effort_upper, stall, decline, limits_sum, ..
+            } = gains;
             let each = |numbers: &[f64], is_rate: bool| {
                 let width = if is_rate { own.scene.tree().nv() } else { own.scene.tree().nq() };
                 let shape = if numbers.len() == width { vec![width] } else { [&self.batch[..], &[width]].concat() };
                 own.of_scene(from_numbers(py, numbers, &shape)?, is_rate)
             };
             let gains = (each(&proportional, true)?, each(&derivative, true)?);
-            let effort = if effort_upper.is_empty() { None } else { Some(each(&effort_upper, true)?) };
-            let pd = (gains.0, gains.1, each(&target, false)?, each(&target_rate, true)?, effort);
+            let if_any = |numbers: &[f64]| (!numbers.is_empty()).then(|| each(numbers, true)).transpose();
+            let speed: Vec<f64> = stall.iter().zip(&decline).map(|(stall, decline)| stall / decline).collect();
+            let limits = (if_any(&effort_upper)?, if_any(&stall)?, if_any(&speed)?);
+            let (target, rate) = (each(&target, false)?, each(&target_rate, true)?);
+            let pd = (gains.0, gains.1, target, rate, limits.0, limits.1, limits.2);
             keywords.set_item("effort", limits_sum.then_some("clip"))?;
             keywords.set_item("pd", pd)?;
         }

@@ -439,3 +439,84 @@ def test_the_work_of_a_stiff_law_is_that_of_its_torque_within_the_step(method: A
     path = cart().simulate([0.0], [0.5], dt=2e-3, steps=400, pd=phipsi.PD(1e4, 500.0, [1.0], effort=effort), method=method)
     audit = path.energy_audit()
     assert_near(audit.control, audit.change, product(400, float(np.abs(path.energy().kinetic).max())))
+
+
+MOTOR: dict[str, Any] = {"effort": 8.0, "stall": 12.0, "no_load_speed": 3.0}
+
+
+@pytest.mark.parametrize("method", ["auto", "implicit-euler", "semi-implicit-euler", "rosenbrock-3"])
+def test_the_torque_of_a_motor_declines_with_its_speed(method: Any) -> None:
+    """A cart of 2 kg that drives against a law far from its target: 8 N, then 12 N (1 - v/3), then the brake."""
+    scene, goal = cart(), 4.0
+
+    def rates(_: float, y: np.ndarray) -> list[float]:
+        low, high = max(-8.0, -12.0 - 4.0 * y[1]), min(8.0, 12.0 - 4.0 * y[1])
+        return [y[1], min(max(200.0 * (goal - y[0]) - 40.0 * y[1], low), high) / 2.0]
+
+    path = scene.simulate([0.0], [-4.0], dt=1e-3, steps=3000, pd=phipsi.PD(200.0, 40.0, [goal], **MOTOR), method=method)
+    found = solve_ivp(rates, (0.0, 3.0), [0.0, -4.0], t_eval=path.t, rtol=1e-9, atol=1e-11, max_step=2e-3)
+    assert np.abs(path.q[:, 0] - found.y[0]).max() < 5e-3 and 2.7 < path.qd.max() < 3.0
+    assert_near(path.torques()[0, 0], 8.0, 1e-12)
+
+
+def test_motors_stay_stable_and_within_their_limits() -> None:
+    random, scene = np.random.default_rng(12), arm()
+    for _ in range(40):
+        kp, dt = 10.0 ** random.uniform(2, 6), 10.0 ** random.uniform(-4, np.log10(4e-3))
+        kd, stall, speed = kp * 10.0 ** random.uniform(-3, 0), 10.0 ** random.uniform(-1, 2), 10.0 ** random.uniform(-1, 1.5)
+        pd = phipsi.PD(kp, kd, random.uniform(-1.5, 1.5, 4), effort=stall * random.uniform(0.5, 1.5), stall=stall, no_load_speed=speed)
+        path = scene.simulate(random.uniform(-1.5, 1.5, 4), random.uniform(-3, 3, 4), dt=dt, steps=150, pd=pd)
+        energy = path.energy()
+        way = np.abs(np.diff(path.q, axis=0)).sum()
+        assert (energy.total - energy.total[0]).max() <= 1.5 * stall * way + 0.05 * energy.kinetic.max() + 1e-9, (pd, dt)
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("clip", [None, "clip"])
+def test_gradients_go_through_limits_that_decline(name: str, clip: Any) -> None:
+    scene, q, target = kind(name)
+    on, limit = gains_of(name, scene)
+    kp, kd = {"tree": (60.0, 4.0), "mimic": (12.0, 1.5), "loop": (10.0, 1.0)}[name]
+    speed = {"tree": 2.0, "mimic": 5.0, "loop": 3.0}[name]
+    pd = phipsi.PD(kp * on, kd * on, target, 0.1 * on, effort=0.6 * limit, stall=0.65 * limit, no_load_speed=speed)
+    given = {"dt": 2e-3, "steps": 60, "pd": pd, "tau": 0.1 * on, "limits": "report", "effort": clip}
+    path = compared(scene, q, np.zeros(scene.nv), given, along=on if name == "loop" else None)
+    plain = scene.simulate(q, np.zeros(scene.nv), **{**given, "pd": pd._replace(no_load_speed=None, stall=None)})
+    assert np.abs(path.qd - plain.qd).max() > 1e-2
+
+
+def test_motors_beside_contacts_in_lanes_and_in_files(tmp_path: Path) -> None:
+    scene, target = arm(), np.array([0.5, 1.6, 0.4, 0.8])
+    pd = phipsi.PD(60.0, 4.0, target, effort=True, stall=12.0, no_load_speed=np.array([2.0, 3.0, 1.0, 2.0]))
+    path = scene.simulate(np.zeros(4), np.zeros(4), dt=1e-3, steps=300, pd=pd)
+    far = scene.to_builder().contact("far", "link3", friction=0.5, offset=-90.0).build()
+    assert_same_bits(far.simulate(np.zeros(4), np.zeros(4), dt=1e-3, steps=300, pd=pd).q, path.q)
+    near = far.simulate(np.zeros(4), np.zeros(4), dt=1e-4, steps=3000, record_every=10, pd=pd, method="contact")
+    assert np.abs(near.q - path.q).max() < 3e-3
+    how: Any = {"dt": 1e-3, "steps": 300, "method": "rosenbrock-2"}
+    speeds = np.stack([np.array([2.0, 3.0, 1.0, 2.0]), np.full(4, np.inf), np.full(4, 0.5)])
+    many = scene.simulate(np.zeros((3, 4)), np.zeros(4), pd=pd._replace(no_load_speed=speeds), **how)
+    assert_same_bits(many.q[0], scene.simulate(np.zeros(4), np.zeros(4), pd=pd, **how).q)
+    plain = pd._replace(stall=None, no_load_speed=None, effort=np.minimum(scene.limits.effort, 12.0))
+    assert_near(many.q[1], scene.simulate(np.zeros(4), np.zeros(4), pd=plain, **how).q, 1e-12)
+    simulator = scene.simulator(np.zeros(4), np.zeros(4), dt=1e-3, pd=pd)
+    simulator.step(100)
+    copied = pickle.loads(pickle.dumps(simulator))
+    for one in (simulator, copied):
+        one.step(200)
+        assert_near(one.q, path.q[-1], 1e-13)
+    path.save(tmp_path / "path.npz")
+    assert_same_bits(phipsi.Trajectory.load(tmp_path / "path.npz", scene).torques(), path.torques())
+
+
+def test_motors_that_do_not_exist_are_refused() -> None:
+    scene = cart()
+    scene.simulate([0.0], [0.0], dt=1e-3, steps=1, pd=phipsi.PD(1.0, 1.0, [1.0], **MOTOR))
+    for change, message in (
+        ({"effort": None, "stall": None}, "pd.stall: found None without pd.effort"),
+        ({"no_load_speed": None}, "pd.no_load_speed: found None"),
+        ({"no_load_speed": 0.0}, "pd.no_load_speed: found 0; expected speeds that are positive"),
+        ({"stall": -1.0}, "pd.stall: found -1; expected limits that are zero or positive"),
+    ):
+        with pytest.raises(phipsi.errors.ArgumentError, match=message):
+            scene.simulate([0.0], [0.0], dt=1e-3, steps=1, pd=phipsi.PD(1.0, 1.0, [1.0], **(MOTOR | change)))

@@ -10,7 +10,10 @@ fn drive(random: &mut Draw) -> Option<Drive> {
         |random: &mut Draw| if random.uniform(0.0, 1.0) < 0.8 { random.uniform(0.0, 2.0) } else { f64::INFINITY };
     (random.uniform(0.0, 1.0) < 0.6).then(|| {
         let (offset, slope) = (10.0 * random.uniform(-1.0, 1.0), 10.0_f64.powf(random.uniform(-3.0, 6.0)));
-        Drive { offset, slope, lower: -limit(random), upper: limit(random) }
+        let (constant, stall) = ([-limit(random), limit(random)], random.uniform(0.0, 3.0));
+        let decline = if random.uniform(0.0, 1.0) < 0.5 { 10.0_f64.powf(random.uniform(-2.0, 3.0)) } else { 0.0 };
+        let stall = if decline > 0.0 { stall } else { f64::INFINITY };
+        Drive { offset, slope, constant, at_rest: [-stall, stall], decline }
     })
 }
 
