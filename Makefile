@@ -22,6 +22,7 @@
 #   make robustness  after make test: completed simulations, their errors, energy and times, compared with MuJoCo: writes docs/measured/motion-robustness.md (ten minutes)
 #   make inverse-kinematics   inverse kinematics, compared with pink, mink and dynibo, in .venv-ik: writes docs/measured/inverse-kinematics-times.md (ten minutes)
 #   make loops-and-contacts  steps of closed loops compared with the tree, of a standing robot with MuJoCo: writes docs/measured/loops-and-contacts.md (a minute)
+#   make servos         steps of servos at their limits, environments, and random servos: writes docs/measured/servos.md (two minutes)
 #   make closed-loops   forward dynamics with connections, compared with Pinocchio: writes docs/measured/closed-loops-times.md (a minute)
 #   make contact-suites   after make test: contacts in SimBenchmark and ContactBench, compared with MuJoCo: writes docs/measured/contact-suites.md (ten minutes)
 #   make compiled  after make peers: compiled robots, compared with the methods of the scene and with CasADi's code: writes docs/measured/compiled-times.md (some minutes)
@@ -52,7 +53,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts servos contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
 
 # A separate environment; the packages of the system are not changed.
 $(BIN)/python:
@@ -243,6 +244,9 @@ contact-suites: $(VENV)/test
 
 loops-and-contacts: $(VENV)/test
 	$(BIN)/python benches/loops_and_contacts.py --markdown docs/measured/loops-and-contacts.md
+
+servos: $(VENV)/test
+	$(BIN)/python benches/servos.py --markdown docs/measured/servos.md
 
 compiled: peers-phipsi
 	$(PEERS) benches/compiled.py --markdown docs/measured/compiled-times.md

@@ -5505,6 +5505,7 @@ def _rebuild_simulator(
     numbers: ArrayLike,
     begun: list[int],
     steps: int,
+    method: str,
     /,
 ) -> Simulator: ...
 def _function_table() -> list[dict[str, Any]]: ...

@@ -150,7 +150,7 @@ class Joint(NamedTuple):
     friction_offset: float = 0.0
     """Half of the difference between friction in the positive and in the negative direction, N m or N."""
     stribeck: float = 0.0
-    """What friction at rest exceeds Coulomb friction by, N m or N."""
+    """Excess of friction at rest over Coulomb friction, N m or N."""
     stribeck_speed: float = 0.1
     """Speed at which that part has decreased to 1/e, rad/s or m/s."""
     load_friction: float = 0.0

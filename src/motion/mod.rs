@@ -63,6 +63,7 @@ mod drives;
 mod events;
 mod faults;
 mod friction;
+mod friction_curve;
 mod gradient;
 mod gradient_layout;
 mod job;

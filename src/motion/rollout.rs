@@ -3,7 +3,7 @@
 use super::choice::{check_connections_of_contacts, check_method, step_settings};
 use super::contact::{self, ContactReport, RECORD};
 use super::events::StopImpact;
-use super::friction::check_curves;
+use super::friction_curve::check_curves;
 use super::job::{Impacts, Job, Records, Rows, States};
 use super::method::Method;
 use super::properties::Gains;
@@ -312,12 +312,20 @@ impl<S: Borrow<Scene>> Rollout<S> {
         self.done = done;
     }
 
-    /// Resumes from the values of another rollout. Returns false if they do not match this rollout.
+    /// Resumes from the values of another rollout, with the method that it chose from its initial states. Returns false
+    /// if they do not match this rollout.
     #[cfg(feature = "python")]
-    pub(super) fn resume(&mut self, numbers: &[f64], begun: &[usize], done: usize) -> bool {
+    pub(super) fn resume(&mut self, chosen: Method, (numbers, begun): (&[f64], &[usize]), done: usize) -> bool {
         let fits = numbers.len() == self.current.len() && begun.len() == self.begun.len();
         let fits = fits && begun.iter().all(|&begun| begun <= done);
         if fits {
+            let settings = &mut self.settings;
+            let of = match &mut settings.free {
+                Some(free) => free,
+                None => settings,
+            };
+            of.method = chosen;
+            of.adopt(of.step);
             self.restore(numbers, done);
             self.begun.copy_from_slice(begun);
         }

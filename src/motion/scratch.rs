@@ -1,7 +1,7 @@
 //! The arrays of a step, for one state or for one state per lane.
 
 use super::drives::{LOWER, STALL, UPPER};
-use super::friction::{CurvedRow, curved_rows};
+use super::friction_curve::{CurvedRow, curved_rows};
 use super::method::{STAGES, Scheme};
 use super::properties::Gains;
 use super::step_settings::StepSettings;

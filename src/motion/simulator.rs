@@ -228,10 +228,10 @@ impl<S: Borrow<Scene>> Simulator<S> {
         (numbers, begun, self.steps())
     }
 
-    /// Resumes from the values of another simulator with the same settings and number of states. Returns false if they
-    /// do not match.
+    /// Resumes from the values of another simulator with the same settings and number of states, with the method that
+    /// it chose. Returns false if they do not match.
     #[cfg(feature = "python")]
-    pub(crate) fn resume(&mut self, numbers: &[f64], begun: &[usize], done: usize) -> bool {
-        self.rollout.resume(numbers, begun, done)
+    pub(crate) fn resume(&mut self, chosen: Method, values: (&[f64], &[usize]), done: usize) -> bool {
+        self.rollout.resume(chosen, values, done)
     }
 }

@@ -8,7 +8,7 @@ use super::scene::PyScene;
 use super::simulator::PySimulator;
 use crate::error::Error;
 use crate::memory;
-use crate::motion::{Gains, Limits, Properties, Settings};
+use crate::motion::{Gains, Limits, Method, Properties, Settings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -31,7 +31,8 @@ impl PySimulator {
         let (numbers, begun, done) = moving.numbers();
         let numbers = from_numbers(py, numbers, &[numbers.len()])?;
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_simulator")?;
-        let made_of = (self.scene.clone_ref(py), q, qd, keywords, numbers, memory::copied("simulator", begun)?, done);
+        let (begun, chosen) = (memory::copied("simulator", begun)?, moving.chosen_method().name());
+        let made_of = (self.scene.clone_ref(py), q, qd, keywords, numbers, begun, done, chosen);
         Ok((rebuild, made_of.into_pyobject(py)?.into_any()))
     }
 }
@@ -95,7 +96,7 @@ impl PySimulator {
 
 /// Rebuilds a simulator from the result of Simulator.__reduce__.
 #[pyfunction]
-#[pyo3(name = "_rebuild_simulator", signature = (scene, q, qd, keywords, numbers, begun, steps, /))]
+#[pyo3(name = "_rebuild_simulator", signature = (scene, q, qd, keywords, numbers, begun, steps, method, /))]
 pub(super) fn rebuild_simulator<'py>(
     scene: &Bound<'py, PyScene>,
     q: &Object<'py>,
@@ -104,10 +105,11 @@ pub(super) fn rebuild_simulator<'py>(
     numbers: &Object<'py>,
     begun: Vec<usize>,
     steps: usize,
+    method: &str,
 ) -> PyResult<Bound<'py, PySimulator>> {
     let made = scene.call_method("simulator", (q, qd), Some(keywords))?.cast_into::<PySimulator>()?;
     let (_, numbers) = shaped("pickled simulator", numbers, 0)?;
-    if !made.get().moving()?.resume(&numbers, &begun, steps) {
+    if !made.get().moving()?.resume(Method::named(method)?, (&numbers, &begun), steps) {
         return Err(Error::argument("pickled simulator", "data of another size", "the data that pickle wrote").into());
     }
     Ok(made)

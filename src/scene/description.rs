@@ -102,7 +102,7 @@ impl Mimic {
 pub struct FrictionCurve {
     /// o, N m or N, of either sign: friction is f + o in the positive direction and f - o in the negative one.
     pub offset: f64,
-    /// g, N m or N: what friction at rest exceeds f by.
+    /// g, N m or N: the excess of friction at rest over f.
     pub stribeck: f64,
     /// v0, rad/s or m/s.
     pub stribeck_speed: f64,

@@ -500,10 +500,10 @@ def test_motors_beside_contacts_in_lanes_and_in_files(tmp_path: Path) -> None:
     plain = pd._replace(stall=None, no_load_speed=None, effort=np.minimum(scene.limits.effort, 12.0))
     assert_near(many.q[1], scene.simulate(np.zeros(4), np.zeros(4), pd=plain, **how).q, 1e-12)
     simulator = scene.simulator(np.zeros(4), np.zeros(4), dt=1e-3, pd=pd)
-    simulator.step(100)
+    simulator.step(steps=100)
     copied = pickle.loads(pickle.dumps(simulator))
     for one in (simulator, copied):
-        one.step(200)
+        one.step(steps=200)
         assert_near(one.q, path.q[-1], 1e-13)
     path.save(tmp_path / "path.npz")
     assert_same_bits(phipsi.Trajectory.load(tmp_path / "path.npz", scene).torques(), path.torques())
