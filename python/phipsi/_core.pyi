@@ -745,6 +745,8 @@ class Scene:
         targets: ArrayLike | None = None,
         target_rates: ArrayLike | None = None,
         effort: Literal["report", "clip"] | None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        frame: Literal["link", "world"] | None = "link",
     ) -> RolloutGradients:
         """Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
 
@@ -843,6 +845,8 @@ class Scene:
         effort: Literal["report", "clip"] | None = None,
         control: Mapping[str, ArrayLike] | ArrayLike | None = None,
         activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        frame: Literal["link", "world"] | None = "link",
     ) -> Trajectory:
         """Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
 
@@ -5542,6 +5546,8 @@ class Simulator:
         target: ArrayLike | None = None,
         target_rate: ArrayLike | None = None,
         control: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        frame: Literal["link", "world"] | None = "link",
     ) -> None:
         """Advance all states by steps of dt, with constant joint torques.
 

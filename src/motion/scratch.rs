@@ -6,6 +6,7 @@ use super::properties::Gains;
 use super::step_settings::StepSettings;
 use super::stops::SetValued;
 use super::totals::TOTALS;
+use super::wrenches::WrenchScratch;
 use crate::batch::instruction_set::{Vectorized, take_states};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::model::Model;
@@ -69,6 +70,8 @@ pub(super) struct Scratch<T: Real> {
     pub vanishing: f64,
     /// The applied torque, constant during the step.
     pub torque: Vec<T>,
+    /// The wrenches on links in the step.
+    pub wrenches: WrenchScratch<T>,
     pub q: Vec<T>,
     pub v: Vec<T>,
     pub q_next: Vec<T>,
@@ -99,7 +102,7 @@ pub(super) struct Scratch<T: Real> {
     pub displaced_target: Vec<T>,
 }
 
-/// Copies state, torque, targets and totals of one lane before a step.
+/// Copies state, torque, wrenches, targets and totals of one lane before a step.
 pub(super) fn take_lane<T: Vectorized>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
     for (to, from) in [
         (&mut one.q, &s.q),
@@ -112,6 +115,10 @@ pub(super) fn take_lane<T: Vectorized>(one: &mut Scratch<f64>, s: &Scratch<T>, l
     }
     for (to, from) in one.gains.iter_mut().zip(&s.gains) {
         scatter(from, lane, to);
+    }
+    if !s.wrenches.given.is_empty() {
+        one.wrenches.prepare(&one.model, s.wrenches.given.len() / 6);
+        scatter(&s.wrenches.given, lane, &mut one.wrenches.given);
     }
     scatter(&s.totals, lane, &mut one.totals);
 }
@@ -183,6 +190,7 @@ impl<T: Real> Scratch<T> {
             are_sides_given: false,
             vanishing: FREE,
             torque: rates(),
+            wrenches: WrenchScratch::default(),
             q: coordinates(),
             v: rates(),
             q_next: coordinates(),

@@ -166,4 +166,10 @@ pub(super) fn forces<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scr
     for mode in &s.modes {
         s.u[mode.row] += s.dry[mode.row];
     }
+    if let Some(wrenches) = &settings.wrenches {
+        if i == 0 {
+            clear(&mut s.wrenches.impulse);
+        }
+        s.wrenches.add_torques(&s.model, wrenches, &s.q_stage, (&mut s.u, t.weights[i]));
+    }
 }

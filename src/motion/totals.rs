@@ -42,7 +42,7 @@ pub(super) fn note_dropped(totals: &mut [f64], row: Option<usize>) {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
 pub struct Totals {
-    /// Work of the applied torques, J.
+    /// Work of the applied torques and of the wrenches on links, J.
     pub torque: f64,
     /// Work of damping, J; zero or negative.
     pub damping: f64,

@@ -77,7 +77,7 @@ impl<'py> Given<'py> {
     }
 
     /// Leading axes of the argument, to which the batch must broadcast.
-    pub fn leading(&self) -> Option<(&'static str, &[usize])> {
+    pub fn leading(&self) -> Option<(&str, &[usize])> {
         match self {
             Self::Nothing | Self::Function(_) => None,
             Self::Constant(tau) => Some(("tau", tau.leading())),
@@ -210,7 +210,7 @@ impl<'py> Pd<'py> {
     }
 
     /// Leading axes of the argument, to which the batch must broadcast.
-    pub fn leading(&self) -> Vec<(&'static str, &[usize])> {
+    pub fn leading(&self) -> Vec<(&str, &[usize])> {
         let [kp, kd] = &self.gains;
         let whole = [Some(kp), Some(kd), self.target.as_ref(), Some(&self.rate), self.effort.as_ref()];
         let names = ["pd.kp", "pd.kd", "pd.target", "pd.target_rate", "pd.effort"];
