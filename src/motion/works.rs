@@ -14,9 +14,6 @@ pub(super) fn add_work<T: Real>(settings: &StepSettings, s: &mut Scratch<T>) {
         let (v, next, x) = (s.v[row], s.v_next[row], s.x[row]);
         let mean = (v + next) * v.constant(0.5);
         s.totals[TORQUE] = s.torque[row].mul_add(x, s.totals[TORQUE]);
-        if settings.wrenches.is_some() {
-            s.totals[TORQUE] = s.wrenches.impulse[row].mul_add(mean, s.totals[TORQUE]);
-        }
         s.totals[DAMPING] = s.totals[DAMPING].minus_product(s.rows[row].damping * x, mean);
         if settings.gains.is_some() {
             s.totals[CONTROL] = s.control_impulse(row).mul_add(mean, s.totals[CONTROL]);
@@ -24,6 +21,9 @@ pub(super) fn add_work<T: Real>(settings: &StepSettings, s: &mut Scratch<T>) {
         if settings.regularized {
             s.totals[FRICTION] = s.totals[FRICTION].minus_product(s.chord[row] * x, mean);
         }
+    }
+    if settings.wrenches.is_some() {
+        s.totals[TORQUE] += s.work_of_wrenches();
     }
     for mode in &s.modes {
         s.totals[FRICTION] = s.dry[mode.row].mul_add(s.x[mode.row], s.totals[FRICTION]);

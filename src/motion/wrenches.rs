@@ -18,8 +18,9 @@
 //! with V = (w, v) of the link, and t only for wrenches on the axes of the base.
 
 use super::backward::StepGradients;
+use super::method::Scheme;
 use super::properties::of_state;
-use super::scratch::Scratch;
+use super::scratch::{Scratch, clear};
 use crate::batch::instruction_set::{Vectorized, take_states};
 use crate::error::{Error, by_name, check_finite, check_length, in_language, named};
 use crate::kinematics::{Frame, ReferenceFrame, joint_motion, joint_shift};
@@ -146,9 +147,11 @@ impl LinkWrenches {
 pub(super) struct WrenchScratch<T> {
     /// (moment, force) of each link, one after another.
     pub given: Vec<T>,
-    /// The joint torques of a stage, and their impulse in the step without that of its noise, N m s or N s.
+    /// Their joint torques in a stage, and the mean of those of all stages.
     torque: Vec<T>,
-    pub impulse: Vec<T>,
+    mean: Vec<T>,
+    /// Their work in the step, J, less that of the mean for the displacement by the stages.
+    surplus: T,
     /// Per body: phi, the rotation to the base, the force of the wrenches at and beyond it, its couple, the velocity of
     /// its parent and its own, in its frame.
     shift: Vec<RigidShift<T>>,
@@ -159,12 +162,13 @@ pub(super) struct WrenchScratch<T> {
     velocity: Vec<Vector6<T>>,
 }
 
-impl<T> Default for WrenchScratch<T> {
+impl<T: Real> Default for WrenchScratch<T> {
     fn default() -> Self {
         Self {
             given: Vec::new(),
             torque: Vec::new(),
-            impulse: Vec::new(),
+            mean: Vec::new(),
+            surplus: T::zero(),
             shift: Vec::new(),
             rotation: Vec::new(),
             force: Vec::new(),
@@ -181,7 +185,7 @@ impl<T: Real> WrenchScratch<T> {
         let (bodies, nan) = (model.bodies.len(), T::from_f64(f64::NAN));
         self.given.resize(6 * links, nan);
         self.torque.resize(model.nv(), T::zero());
-        self.impulse.resize(model.nv(), T::zero());
+        self.mean.resize(model.nv(), T::zero());
         self.shift.resize(bodies, RigidShift::filled(nan));
         self.rotation.resize(bodies, Matrix3::from_element(nan));
         self.couple.resize(bodies, Vector3::from_element(nan));
@@ -229,7 +233,15 @@ impl<T: Real> WrenchScratch<T> {
         }
     }
 
-    /// Tip to base: adds the torques J(q)^T F to `u`, and to their impulse with the `weight` of the stage.
+    /// Before the first stage of a step.
+    #[inline(always)]
+    pub fn begin(&mut self) {
+        clear(&mut self.torque);
+        clear(&mut self.mean);
+        self.surplus = self.surplus.constant(0.0);
+    }
+
+    /// Tip to base: adds the torques J(q)^T F to `u`, and to their mean with the `weight` of the stage.
     #[inline(always)]
     pub fn add_torques(&mut self, model: &Model<T>, of: &LinkWrenches, q: &[T], (u, weight): (&mut [T], f64)) {
         self.place(model, of, q);
@@ -238,7 +250,8 @@ impl<T: Real> WrenchScratch<T> {
             for i in 0..stage.rows.count() {
                 let (row, torque) = (stage.first_row + i, stage.rows.row(i).project(&self.force[k]));
                 u[row] += torque;
-                self.impulse[row] = torque.mul_add(torque.constant(weight), self.impulse[row]);
+                self.torque[row] = torque;
+                self.mean[row] = torque.mul_add(torque.constant(weight), self.mean[row]);
             }
             if let Some(parent) = stage.parent {
                 self.force[parent] = sum(&self.force[parent], &self.shift[k].force_to_parent(&self.force[k]));
@@ -294,6 +307,38 @@ impl<T: Real> WrenchScratch<T> {
                 self.couple[parent] += shift.rotate(&couple);
             }
         }
+    }
+}
+
+impl<T: Real> Scratch<T> {
+    /// Adds the work of the wrenches in stage `i`: that of its torques at the joint velocities with which it moves.
+    #[inline(always)]
+    pub fn add_work_of_stage(&mut self, scheme: &Scheme, i: usize) {
+        let (t, wrenches) = (&scheme.tableau, &mut self.wrenches);
+        for (row, &torque) in wrenches.torque.iter().enumerate() {
+            let mut v = self.v_stage[row];
+            for (m, &gamma) in self.m.iter().zip(&t.gamma[i][..=i]) {
+                v = m[row].mul_add(v.constant(gamma), v);
+            }
+            wrenches.surplus = (torque * v).mul_add(v.constant(t.weights[i]), wrenches.surplus);
+        }
+    }
+
+    /// Subtracts the work of the mean torques for the displacement `x` of all stages. That for the displacement of the
+    /// step, in which contacts, connections and stops act too, is part of [`Scratch::work_of_wrenches`].
+    #[inline(always)]
+    pub fn end_work_of_stages(&mut self) {
+        let wrenches = &mut self.wrenches;
+        for (&mean, &x) in wrenches.mean.iter().zip(&self.x) {
+            wrenches.surplus = wrenches.surplus.minus_product(mean, x);
+        }
+    }
+
+    /// The work of the wrenches in a step with displacement `x`, J.
+    #[inline(always)]
+    pub fn work_of_wrenches(&self) -> T {
+        let each = self.wrenches.mean.iter().zip(&self.x);
+        each.fold(self.wrenches.surplus, |sum, (&mean, &x)| mean.mul_add(x, sum))
     }
 }
 
