@@ -25,6 +25,7 @@ use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::{Checked, Solver};
 use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage};
 use super::step_settings::{StepArguments, StepSettings};
+use super::wrenches::LinkWrenches;
 use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::{Target, Vectorized};
 use crate::batch::{factor::with_factor, products};
@@ -61,7 +62,7 @@ pub(super) struct StepGradients<T> {
     /// Of one stage: by its increment and its transported velocity, and by (q, v, u) of forward dynamics.
     x: Vec<T>,
     c: Vec<T>,
-    pub(super) of_dynamics: Vec<T>,
+    of_dynamics: Vec<T>,
     /// By the secant coefficient of regularized friction, which is evaluated at the start of the step.
     chord: Vec<T>,
     /// The increment of the whole step.
@@ -498,6 +499,14 @@ impl<T: Real> StepGradients<T> {
                 }
             }
         }
+    }
+
+    /// Gradients through the wrenches of a stage, from `of_dynamics`.
+    #[inline(always)]
+    fn of_wrenches(&mut self, wrenches: &LinkWrenches, s: &mut Scratch<T>) {
+        let (by_q, rest) = self.of_dynamics.split_at_mut(s.v.len());
+        let (by_u, results) = (&rest[s.v.len()..], (by_q, &mut self.wrenches[..]));
+        s.wrenches.add_gradients(&s.model, wrenches, &s.q_stage, by_u, results);
     }
 
     /// Gradients through the state of stage `i` to the stages before it and to the start of the step.

@@ -245,7 +245,7 @@ impl<T: Vectorized> Scratch<T> {
         self.drive_all(settings, settings.scheme.implicit_step());
     }
 
-    /// Takes the targets of step `n` if they change.
+    /// Takes the wrenches of step `n`, and its targets if they change.
     #[inline(always)]
     pub fn take_targets(
         &mut self,
@@ -255,6 +255,9 @@ impl<T: Vectorized> Scratch<T> {
     ) {
         if let Some(gains) = settings.gains.as_ref().filter(|gains| gains.changes()) {
             self.aim(gains, (n, count), &state);
+        }
+        if let Some(wrenches) = &settings.wrenches {
+            self.wrenches.take(&self.model, wrenches, (n, count), &state);
         }
     }
 

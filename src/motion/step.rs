@@ -52,7 +52,7 @@ pub(super) fn finish_step<T: Real>(by @ (settings, scheme): StepArguments<'_>, s
         add_scaled(&mut s.v_next, t.weights[i], &s.m[i]);
     }
     if settings.wrenches.is_some() {
-        s.end_work_of_stages();
+        s.wrenches.end_work_of_stages(&s.x);
     }
     advance(&s.model, &s.q, &s.x, &mut s.q_next);
     observe_end(by, s);
@@ -88,7 +88,7 @@ pub(super) fn finish_stage<T: Real>((settings, scheme): StepArguments<'_>, s: &m
     s.l[i].copy_from_slice(&s.c);
     add_scaled(&mut s.l[i], scheme.tableau.gamma[i][i], &s.m[i]);
     if settings.wrenches.is_some() {
-        s.add_work_of_stage(scheme, i);
+        s.wrenches.add_work_of_stage(scheme, i, (&s.v_stage, &s.m));
     }
 }
 

@@ -240,7 +240,6 @@ impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
                 take_states(&mut s.torque, count, |lane| &torque.state(states.at(lane))[at..at + nv]);
             }
             s.take_targets(settings, (n, count), |lane| states.at(lane));
-            s.take_wrenches(settings.wrenches.as_deref(), (n, count), |lane| states.at(lane));
             let by = (settings, &settings.scheme);
             // Steps that are not vectorized run one state after another.
             let mut fallback = if settings.is_vectorized() { step(by, s, &mut kernels) } else { u64::MAX };

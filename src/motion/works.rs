@@ -23,7 +23,7 @@ pub(super) fn add_work<T: Real>(settings: &StepSettings, s: &mut Scratch<T>) {
         }
     }
     if settings.wrenches.is_some() {
-        s.totals[TORQUE] += s.work_of_wrenches();
+        s.totals[TORQUE] += s.wrenches.work(&s.x);
     }
     for mode in &s.modes {
         s.totals[FRICTION] = s.dry[mode.row].mul_add(s.x[mode.row], s.totals[FRICTION]);

@@ -17,10 +17,8 @@
 //!
 //! with V = (w, v) of the link, and t only for wrenches on the axes of the base.
 
-use super::backward::StepGradients;
 use super::method::Scheme;
 use super::properties::of_state;
-use super::scratch::{Scratch, clear};
 use crate::batch::instruction_set::{Vectorized, take_states};
 use crate::error::{Error, by_name, check_finite, check_length, in_language, named};
 use crate::kinematics::{Frame, ReferenceFrame, joint_motion, joint_shift};
@@ -236,9 +234,9 @@ impl<T: Real> WrenchScratch<T> {
     /// Before the first stage of a step.
     #[inline(always)]
     pub fn begin(&mut self) {
-        clear(&mut self.torque);
-        clear(&mut self.mean);
-        self.surplus = self.surplus.constant(0.0);
+        self.torque.fill(T::zero());
+        self.mean.fill(T::zero());
+        self.surplus = T::zero();
     }
 
     /// Tip to base: adds the torques J(q)^T F to `u`, and to their mean with the `weight` of the stage.
@@ -261,7 +259,7 @@ impl<T: Real> WrenchScratch<T> {
 
     /// Adds the gradients by q, in its tangent space, and by the wrenches of by_u . J(q)^T F.
     #[inline(always)]
-    fn add_gradients(
+    pub fn add_gradients(
         &mut self,
         model: &Model<T>,
         of: &LinkWrenches,
@@ -308,62 +306,47 @@ impl<T: Real> WrenchScratch<T> {
             }
         }
     }
-}
 
-impl<T: Real> Scratch<T> {
     /// Adds the work of the wrenches in stage `i`: that of its torques at the joint velocities with which it moves.
     #[inline(always)]
-    pub fn add_work_of_stage(&mut self, scheme: &Scheme, i: usize) {
-        let (t, wrenches) = (&scheme.tableau, &mut self.wrenches);
-        for (row, &torque) in wrenches.torque.iter().enumerate() {
-            let mut v = self.v_stage[row];
-            for (m, &gamma) in self.m.iter().zip(&t.gamma[i][..=i]) {
+    pub fn add_work_of_stage(&mut self, scheme: &Scheme, i: usize, (v_stage, m): (&[T], &[Vec<T>])) {
+        let t = &scheme.tableau;
+        for (row, &torque) in self.torque.iter().enumerate() {
+            let mut v = v_stage[row];
+            for (m, &gamma) in m.iter().zip(&t.gamma[i][..=i]) {
                 v = m[row].mul_add(v.constant(gamma), v);
             }
-            wrenches.surplus = (torque * v).mul_add(v.constant(t.weights[i]), wrenches.surplus);
+            self.surplus = (torque * v).mul_add(v.constant(t.weights[i]), self.surplus);
         }
     }
 
     /// Subtracts the work of the mean torques for the displacement `x` of all stages. That for the displacement of the
-    /// step, in which contacts, connections and stops act too, is part of [`Scratch::work_of_wrenches`].
+    /// step, in which contacts, connections and stops act too, is part of [`WrenchScratch::work`].
     #[inline(always)]
-    pub fn end_work_of_stages(&mut self) {
-        let wrenches = &mut self.wrenches;
-        for (&mean, &x) in wrenches.mean.iter().zip(&self.x) {
-            wrenches.surplus = wrenches.surplus.minus_product(mean, x);
+    pub fn end_work_of_stages(&mut self, x: &[T]) {
+        for (&mean, &x) in self.mean.iter().zip(x) {
+            self.surplus = self.surplus.minus_product(mean, x);
         }
     }
 
     /// The work of the wrenches in a step with displacement `x`, J.
     #[inline(always)]
-    pub fn work_of_wrenches(&self) -> T {
-        let each = self.wrenches.mean.iter().zip(&self.x);
-        each.fold(self.wrenches.surplus, |sum, (&mean, &x)| mean.mul_add(x, sum))
+    pub fn work(&self, x: &[T]) -> T {
+        self.mean.iter().zip(x).fold(self.surplus, |sum, (&mean, &x)| mean.mul_add(x, sum))
     }
 }
 
-impl<T: Vectorized> Scratch<T> {
-    /// Takes the wrenches of the state of each lane in step `n`, if there are any.
+impl<T: Vectorized> WrenchScratch<T> {
+    /// Takes the wrenches of the state of each lane in step `n`.
     #[inline(always)]
-    pub fn take_wrenches(
+    pub fn take(
         &mut self,
-        wrenches: Option<&LinkWrenches>,
+        model: &Model<T>,
+        of: &LinkWrenches,
         (n, count): (usize, usize),
         state: impl Fn(usize) -> usize,
     ) {
-        if let Some(of) = wrenches {
-            self.wrenches.prepare(&self.model, of.links());
-            take_states(&mut self.wrenches.given, count, |lane| of.of_step(state(lane), n));
-        }
-    }
-}
-
-impl<T: Real> StepGradients<T> {
-    /// Gradients through the wrenches of a stage, from the gradients of dynamics by (q, v, u).
-    #[inline(always)]
-    pub fn of_wrenches(&mut self, of: &LinkWrenches, s: &mut Scratch<T>) {
-        let (by_q, rest) = self.of_dynamics.split_at_mut(s.v.len());
-        let by_u = &rest[s.v.len()..];
-        s.wrenches.add_gradients(&s.model, of, &s.q_stage, by_u, (by_q, &mut self.wrenches));
+        self.prepare(model, of.links());
+        take_states(&mut self.given, count, |lane| of.of_step(state(lane), n));
     }
 }

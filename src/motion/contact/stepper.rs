@@ -81,7 +81,6 @@ impl ContactStepper {
                 s.torque.copy_from_slice(&torque.state(state)[at..at + nv]);
             }
             s.take_targets(settings, (n, 1), |_| state);
-            s.take_wrenches(settings.wrenches.as_deref(), (n, 1), |_| state);
             if let Err((joint, error)) = step(shaped.as_deref_mut(), touching, (scene, settings), s, kept) {
                 outcome = Err(StepFault { step: n, state, joint, error });
                 break;

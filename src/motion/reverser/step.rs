@@ -27,7 +27,6 @@ impl<T: Vectorized, I: Target> Step<'_, T, I> {
             take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
         }
         s.take_targets(job.settings, (*n, count), |lane| job.states.start + lane);
-        s.take_wrenches(job.settings.wrenches.as_deref(), (*n, count), |lane| job.states.start + lane);
     }
 
     /// The lanes whose gradients are not finite.
