@@ -115,11 +115,9 @@ impl LinkWrenches {
         let stages = &scene.model().system.stages;
         let mut is_loaded = vec![false; stages.len()];
         frames.iter().filter_map(|frame| frame.body).for_each(|body| is_loaded[body] = true);
-        for k in (0..stages.len()).rev().filter(|&k| is_loaded[k]).collect::<Vec<_>>() {
-            let mut at = stages[k].parent;
-            while let Some(parent) = at.filter(|&parent| !is_loaded[parent]) {
-                is_loaded[parent] = true;
-                at = stages[parent].parent;
+        for (k, stage) in stages.iter().enumerate().rev() {
+            if let Some(parent) = stage.parent {
+                is_loaded[parent] |= is_loaded[k];
             }
         }
         let bodies = (0..stages.len()).filter(|&k| is_loaded[k]).collect();
@@ -192,15 +190,18 @@ impl<T: Real> WrenchScratch<T> {
         }
     }
 
-    /// Base to tip: phi and the rotation of every body at `q`; and the forces of the wrenches on it.
+    /// Base to tip: phi of every body at `q`, and its rotation for wrenches on the axes of the base; and the forces of
+    /// the wrenches on it.
     #[inline(always)]
     fn place(&mut self, model: &Model<T>, of: &LinkWrenches, q: &[T]) {
         for &k in &of.bodies {
             let shift = joint_shift(&model.bodies[k], q);
-            self.rotation[k] = match model.system.stages[k].parent {
-                Some(parent) => product(&self.rotation[parent], &shift.rotation),
-                None => shift.rotation,
-            };
+            if of.given.frame == WrenchFrame::World {
+                self.rotation[k] = match model.system.stages[k].parent {
+                    Some(parent) => product(&self.rotation[parent], &shift.rotation),
+                    None => shift.rotation,
+                };
+            }
             self.shift[k] = shift;
             self.force[k] = zero();
         }
@@ -257,7 +258,7 @@ impl<T: Real> WrenchScratch<T> {
         }
     }
 
-    /// Adds the gradients by q, in its tangent space, and by the wrenches of by_u . J(q)^T F.
+    /// Adds the gradients by q, in its tangent space, and by the wrenches of `by_u` . J(q)^T F.
     #[inline(always)]
     pub fn add_gradients(
         &mut self,

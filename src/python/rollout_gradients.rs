@@ -155,7 +155,7 @@ impl PyScene {
         let inputs = [of_steps, targets.then_some(steps), rates.then_some(steps)];
         let wrenches = wrenches.map_or_else(Vec::new, |wrenches| wrenches.shapes());
         let outputs = Output { py, batch: &batch, nv: scene.nv(), scene };
-        outputs.tuple(&found, (inputs, &wrenches), parameters.then_some(&links[..]))
+        outputs.tuple(&found, inputs, &wrenches, parameters.then_some(&links[..]))
     }
 }
 
@@ -192,7 +192,8 @@ impl<'py> Output<'_, 'py> {
     fn tuple(
         &self,
         found: &RolloutGradients,
-        (inputs, wrenches): ([Option<usize>; 3], &[(String, Vec<usize>)]),
+        inputs: [Option<usize>; 3],
+        wrenches: &[(String, Vec<usize>)],
         links: Option<&[Place]>,
     ) -> PyResult<Object<'py>> {
         let [torque, target, rate] =

@@ -158,6 +158,8 @@ def test_a_box_slides_beyond_its_friction_cone(push: float) -> None:
     audit = path.energy_audit()
     assert_near(audit.torque, push * path.q[-1, 0], 1e-4 * size(push))
     assert audit.relative_error <= 1e-2
+    accurate = scene.simulate(path.q[0], np.zeros(6), dt=1e-2, steps=10, accuracy=1e-6, wrenches={"box": wrench}, frame="world")
+    assert_near(accurate.qd[-1, 0], path.qd[-1, 0], 1e-5)
     back = scene.simulator(path.q[0], dt=1e-3)
     back.step(steps=100, wrenches={"box": wrench}, frame="world")
     assert_same_bits(back.qd, path.qd[-1])
@@ -212,6 +214,31 @@ def test_steps_of_a_simulator_are_those_of_simulate() -> None:
     with pytest.raises(ShapeError, match=r"wrenches\['link2'\]|wrenches\[\"link2\"\]"):
         simulator.step(wrenches={"link2": np.zeros((2, 6))})
     assert_same_bits(simulator.qd, before)
+
+
+def test_they_act_beside_actuators() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("block", 2.0).joint("slide", "prismatic", "base", "block", axis=(1, 0, 0))
+    scene = builder.actuator("motor", "slide").build()
+    given: dict[str, Any] = {"wrenches": {"block": [0, 0, 0, 3.0, 0, 0]}}
+    path = scene.simulate([0.0], [0.0], dt=1e-2, steps=10, control=[1.0], **given)
+    assert_near(path.qd[-1], [0.1 * (1.0 + 3.0) / 2.0], recursion(10, 1.0))
+    simulator = scene.simulator([0.0], dt=1e-2, control=[1.0])
+    simulator.step(steps=10, **given)
+    assert_same_bits(simulator.qd, path.qd[-1])
+    simulator.step(steps=10)
+    assert_near(simulator.qd, [0.2 + 0.1 * 1.0 / 2.0], recursion(20, 1.0))
+
+
+def test_a_contact_out_of_reach_changes_nothing() -> None:
+    near, far = build("tree", False), build("tree", True)
+    q, qd = static("tree")[1], np.array([0.3, -0.2, 0.4, 0.1])
+    given: dict[str, Any] = {"dt": 1e-2, "steps": 5, "wrenches": {"pendulum": np.arange(6.0)}, "frame": "world"}
+    one, other = (scene.simulate(q, qd, **given) for scene in (near, far))
+    assert_same_bits(one.qd, other.qd)
+    by_one, by_other = (path.vjp(one.q).wrenches for path in (one, other))
+    assert by_one is not None
+    assert by_other is not None
+    assert_near(by_other["pendulum"], by_one["pendulum"], 1e-12 * size(by_one["pendulum"]))
 
 
 def test_a_link_that_is_welded_to_a_body_or_to_the_base() -> None:
@@ -418,7 +445,7 @@ def test_constraint_forces_are_those_with_the_wrenches() -> None:
     [
         ({"wrenches": {"hand": np.zeros(6)}}, ArgumentError, "hand"),
         ({"wrenches": {"rod": np.zeros(5)}}, ShapeError, "rod"),
-        ({"wrenches": {"rod": np.zeros((4, 6))}}, ShapeError, r"\(6,\) or \(\.\.\., 3, 6\)"),
+        ({"wrenches": {"rod": np.zeros((4, 6))}}, ShapeError, r"\(6,\), \(\.\.\., 3, 6\), or \(\.\.\., 1, 6\)"),
         ({"wrenches": {"rod": [np.nan, 0, 0, 0, 0, 0]}}, NotFiniteError, "rod"),
         ({"wrenches": np.zeros(6)}, ArgumentError, "wrenches"),
         ({"frame": "base"}, ArgumentError, "frame.*link.*world"),
