@@ -464,7 +464,7 @@ OF_STEPS = {"tau_steps", "targets", "target_rates"}
 
 def with_steps(given: dict[str, Any], change: Callable[[_Array], _Array]) -> dict[str, Any]:
     """Arguments of Scene.simulate with `change` of those that have an axis of steps, (..., steps, n)."""
-    changed = {name: change(np.asarray(given[name])) for name in OF_STEPS & set(given)}
+    changed: dict[str, Any] = {name: change(np.asarray(given[name])) for name in OF_STEPS & set(given)}
     if given.get("wrenches") is not None:
         changed["wrenches"] = {link: change(np.asarray(wrench)) if has_steps(wrench) else wrench for link, wrench in given["wrenches"].items()}
     return given | changed

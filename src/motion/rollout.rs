@@ -516,7 +516,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
             && last > given
         {
             let name = in_language("wrenches.steps", "wrenches");
-            let error = Error::argument(name, format!("wrenches of {given} steps"), format!("wrenches of all {last} steps"));
+            let error =
+                Error::argument(name, format!("wrenches of {given} steps"), format!("wrenches of all {last} steps"));
             return Err(Fault { state: 0, error });
         }
         let (given, steps) = match torque {

@@ -115,7 +115,11 @@ impl<'py> LinkWrenches<'py> {
                 && axis != 1
             {
                 let found = [input.leading(), &[6]].concat();
-                return Err(wrong_shape(&input.name, &found, format!("(6,), (..., {steps}, 6), or (..., 1, 6) for all steps")));
+                return Err(wrong_shape(
+                    &input.name,
+                    &found,
+                    format!("(6,), (..., {steps}, 6), or (..., 1, 6) for all steps"),
+                ));
             }
         }
         Ok(if given.is_empty() { None } else { Some(Self { given, steps, frame }) })

@@ -421,7 +421,7 @@ def test_error_estimate_covariance_and_files(tmp_path: Path) -> None:
     assert bands is not None
     flow = np.empty((6, 6))
     for i, e in enumerate(np.eye(6)):
-        end = lambda h: scene.simulate(scene.integrate(q, h * e[:3]), qd + h * e[3:], **({"dt": 5e-3, "steps": 10, "frame": "world", "limits": "report", "wrenches": wrenches}))  # noqa: B023, E731
+        end = lambda h: scene.simulate(scene.integrate(q, h * e[:3]), qd + h * e[3:], dt=5e-3, steps=10, frame="world", limits="report", wrenches=wrenches)  # noqa: B023, E731
         flow[:, i] = slope_of_order_4(lambda h: np.concatenate([scene.difference(path.q[-1], end(h).q[-1]), end(h).qd[-1]]), 1e-3)  # noqa: B023
     assert_near(bands.covariance[-1], flow * initial @ flow.T, 1e-8 * size(flow) * 1e-6)
 
