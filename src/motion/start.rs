@@ -1,5 +1,5 @@
-//! Changes of targets and wrenches, and checks of initial states: joints beyond their limits, which the stops move back, contacts
-//! below their surface, and violated connections.
+//! Changes of targets and wrenches, and checks of initial states: joints beyond their limits, which the stops move
+//! back, contacts below their surface, and violated connections.
 
 use super::contact;
 use super::properties::Gains;

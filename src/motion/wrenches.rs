@@ -8,8 +8,8 @@
 //! The adjoint, for the cotangent l of the joint torques, differentiates p = l^T J(q)^T F = sum F(b) . V(b), with the
 //! velocities V of the bodies at joint velocities l. The gradient by F is V of the link. Perturb joint k by the twist s
 //! in its body frame. Relative to the bodies at and beyond k the base moves by -s, so that their V changes by
-//! -s x `V_p`, with the velocity `V_p` of the parent; the twist also rotates the link beneath a wrench F = (n, f) on the
-//! axes of the base, whose components change by -s x n and -s x f. With all in the body frame,
+//! -s x `V_p`, with the velocity `V_p` of the parent; the twist also rotates the link beneath a wrench F = (n, f) on
+//! the axes of the base, whose components change by -s x n and -s x f. With all in the body frame,
 //!
 //! ```text
 //! dp/ds = -V_p x* f(k) + t(k),    t(k) = sum over the links at and beyond k of the couple -(n x w + f x v)

@@ -330,8 +330,8 @@ impl PySimulator {
     ///     New controls of scene.actuators, from this step on, of a simulator that was created with controls. None: the
     ///     last ones.
     /// wrenches : dict of str to (..., 6) array_like, optional
-    ///     External forces in the steps of this call by link name: (moment, force) at the origin of the link, N m and N,
-    ///     which broadcast to the batch. None: none.
+    ///     External forces in the steps of this call by link name: (moment, force) at the origin of the link, N m and
+    ///     N, which broadcast to the batch. None: none.
     /// frame : {"link", "world"}, default "link"
     ///     Axes of the wrenches: those of the link, with which they rotate, or those of the base.
     #[doc = section!(Raises)]
