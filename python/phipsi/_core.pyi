@@ -751,6 +751,8 @@ class Scene:
         targets: ArrayLike | None = None,
         target_rates: ArrayLike | None = None,
         effort: Literal["report", "clip"] | None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        frame: Literal["link", "world"] | None = "link",
     ) -> RolloutGradients:
         """Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
 
@@ -774,15 +776,17 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution, compliance, smoothing, targets, target_rates, effort
+        limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame
             As given to simulate.
 
         Returns
         -------
         gradients : RolloutGradients
             Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes, target,
-            target_rate): (..., nv) each; tau is (..., steps, nv) with tau_steps, target with targets and target_rate
-            with target_rates; parameters is (..., bodies, 10) or None; contacts has the gradients by each contact.
+            target_rate, control, wrenches): (..., nv) each; tau is (..., steps, nv) with tau_steps, target with targets
+            and target_rate with target_rates; parameters is (..., bodies, 10) or None; contacts has the gradients by
+            each contact, wrenches those by the wrench on each link, in the shape in which it was given, or None; control
+            is None.
 
         Raises
         ------
@@ -849,6 +853,8 @@ class Scene:
         effort: Literal["report", "clip"] | None = None,
         control: Mapping[str, ArrayLike] | ArrayLike | None = None,
         activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        frame: Literal["link", "world"] | None = "link",
     ) -> Trajectory:
         """Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
 
@@ -927,6 +933,11 @@ class Scene:
             lists. Servos act within the step, like pd, which cannot be given too; torques of tau are added.
         activation : (..., n) array_like or dict, optional
             Activations of the actuators at the start, as Trajectory.activation; None: zero.
+        wrenches : dict of str to (6,) or (..., steps, 6) array_like, optional
+            External forces by link name (links on fixed joints too): (moment, force) at the origin of the link, N m and
+            N, constant or for each step (an axis of one step: for all steps). They act in all stages of a step.
+        frame : {"link", "world"}, default "link"
+            Axes of the wrenches: those of the link, with which they rotate, or those of the base.
 
         Returns
         -------
@@ -5567,6 +5578,8 @@ class Simulator:
         target: ArrayLike | None = None,
         target_rate: ArrayLike | None = None,
         control: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        frame: Literal["link", "world"] | None = "link",
     ) -> None:
         """Advance all states by steps of dt, with constant joint torques.
 
@@ -5583,6 +5596,11 @@ class Simulator:
         control : (..., n) array_like or dict of str to float, optional
             New controls of scene.actuators, from this step on, of a simulator that was created with controls. None: the
             last ones.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces in the steps of this call by link name: (moment, force) at the origin of the link, N m and
+            N, which broadcast to the batch. None: none.
+        frame : {"link", "world"}, default "link"
+            Axes of the wrenches: those of the link, with which they rotate, or those of the base.
 
         Raises
         ------

@@ -24,10 +24,12 @@ from ._motion_parts import (
     ShapeContacts,
     StopImpact,
     Violation,
+    applied_wrenches,
     contact_wrenches,
     efforts,
     first_rows,
     shape_contacts,
+    with_steps,
 )
 from ._recorded import Recorded
 from ._signals import by_handler
@@ -178,7 +180,7 @@ class Trajectory(TrajectoryFiles):
         return MotionEnergy(np.asarray(energy.kinetic + rotors), np.asarray(energy.potential), self._springs())
 
     def energy_audit(self) -> EnergyAudit:
-        """Energy balance from the start to the last step: works of torques, damping, friction, control, stops and
+        """Energy balance from the start to the last step: works of torques and wrenches, damping, friction, control, stops and
         contacts, and the remainder.
 
         Works are accumulated in every step, recorded or not. The energy of a passive scene increases by at most the
@@ -265,8 +267,7 @@ class Trajectory(TrajectoryFiles):
                 accurate = scene.simulate(*start, dt=self.dt, steps=self.steps, record_every=self.record_every, accuracy=1e-7, **given)
             except ArgumentError:
                 # This method or scene does not support error control.
-                for name in _OF_STEPS & set(given):
-                    given[name] = np.repeat(np.asarray(given[name])[..., : self.steps, :], 3, axis=-2)
+                given = with_steps(given, lambda values: np.repeat(values[..., : self.steps, :], 3, axis=-2))
                 accurate = scene.simulate(*start, dt=self.dt / 3, steps=3 * self.steps, record_every=3 * self.record_every, **given)
         difference: _Array = 2.0 * np.abs(scene.difference(self.q, accurate.q)).max(axis=-1, initial=0.0)
         return difference
@@ -276,7 +277,7 @@ class Trajectory(TrajectoryFiles):
         damping, friction and pd.
 
         The torques of stops, and of exact friction on a joint at rest, are results of the motion and are not
-        included.
+        included. Wrenches on links are not joint torques and are not included either.
 
         Returns
         -------
@@ -348,9 +349,11 @@ class Trajectory(TrajectoryFiles):
         if not np.array_equal(self.armature, scene.armature):
             scene = scene.with_properties(armature=self.armature)
         given = {} if self.given is None or "compliance" not in self.given else {"compliance": self.given["compliance"]}
+        wrenches = applied_wrenches(self)
         if self.contacts is not None:
-            given["wrenches"] = contact_wrenches(self.scene, self.q, self.contacts)
-        return dict(scene.constrained_dynamics(self.q, self.qd, self.torques(), errors="nan", **given).forces)
+            for link, wrench in contact_wrenches(self.scene, self.q, self.contacts).items():
+                wrenches[link] = wrenches.get(link, 0.0) + wrench
+        return dict(scene.constrained_dynamics(self.q, self.qd, self.torques(), wrenches=wrenches, errors="nan", **given).forces)
 
     def _displacement(self, rest: _Array, q: _Array) -> _Array:
         """Displacement from rest to q, (..., nv), as springs measure it: for a free joint the distance in the child
@@ -444,8 +447,7 @@ class Trajectory(TrajectoryFiles):
         given = self._known()
         if given.pop("accuracy") is not None:
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps, which have gradients")
-        for name in _OF_STEPS & set(given):
-            given[name] = np.asarray(given[name])[..., : self.steps, :]
+        given = with_steps(given, lambda values: values[..., : self.steps, :])
         own = {"dt": self.dt, "steps": self.steps, "method": self.method, "record_every": self.record_every}
         return {**given, **own, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
 
@@ -518,8 +520,6 @@ class Trajectory(TrajectoryFiles):
         return [Violation(joint, limit, bound, float(worst), float(self.t[first]), int(rows.sum()))]
 
 
-#: Arguments with a value for each step.
-_OF_STEPS = {"tau_steps", "targets", "target_rates"}
 #: Placeholder for a torque that was a function: its gradients are unknown, and few functions can be pickled.
 _FUNCTION = "a function"
 

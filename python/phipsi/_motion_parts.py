@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
@@ -310,7 +310,7 @@ class EnergyAudit(NamedTuple):
     """
 
     torque: _Array
-    """Work of tau."""
+    """Work of tau, and of the wrenches on links."""
     damping: _Array
     """Work of damping; zero or negative."""
     friction: _Array
@@ -468,6 +468,40 @@ def shape_contacts(names: tuple[str, ...], values: _Array) -> ShapeContacts:
     state, row, pair = values[:, 0].astype(np.int_), values[:, 1].astype(np.int_), values[:, 2:4].astype(np.int_)
     point, normal, force, impulse = (values[:, first : first + 3] for first in (5, 8, 11, 14))
     return ShapeContacts(names, state, row, pair, point, normal, values[:, 4], force, impulse)
+
+
+#: Arguments of Scene.simulate with a value for each step.
+OF_STEPS = {"tau_steps", "targets", "target_rates"}
+
+
+def with_steps(given: dict[str, Any], change: Callable[[_Array], _Array]) -> dict[str, Any]:
+    """Arguments of Scene.simulate with `change` of those that have an axis of steps, (..., steps, n)."""
+    changed: dict[str, Any] = {name: change(np.asarray(given[name])) for name in OF_STEPS & set(given)}
+    if given.get("wrenches") is not None:
+        changed["wrenches"] = {link: change(np.asarray(wrench)) if has_steps(wrench) else wrench for link, wrench in given["wrenches"].items()}
+    return given | changed
+
+
+def has_steps(wrench: ArrayLike) -> bool:
+    """True for a wrench of Scene.simulate that changes from step to step."""
+    shape = np.shape(wrench)
+    return len(shape) > 1 and shape[-2] != 1
+
+
+def applied_wrenches(path: Any) -> dict[str, _Array]:
+    """The given wrenches in every row, those of the step that begins there, on links in their frames, by name of the link:
+    arrays that broadcast to (..., rows, 6).
+    """
+    given, wrenches = path.given or {}, dict[str, _Array]()
+    begun = np.minimum(np.arange(len(path)) * path.record_every, max(path.steps - 1, 0))
+    for link, value in (given.get("wrenches") or {}).items():
+        wrench = np.asarray(value, np.float64)
+        wrench = wrench[..., begun, :] if has_steps(wrench) else wrench
+        if given.get("frame") == "world":
+            turn = path.scene.placement(path.q, link)[..., :3, :3]
+            wrench = np.concatenate([np.einsum("...ji,...j->...i", turn, part) for part in np.split(wrench, 2, axis=-1)], axis=-1)
+        wrenches[link] = wrench
+    return wrenches
 
 
 def contact_wrenches(scene: Scene, q: _Array, contacts: ContactMotion) -> dict[str, _Array]:

@@ -432,6 +432,10 @@ class RolloutGradients(NamedTuple):
     """With respect to the controls, of the shape in which they were given, after the axes of the batch; NaN for
     actuators whose gains depend on the control. None without control.
     """
+    wrenches: dict[str, NDArray[np.float64]] | None = None
+    """With respect to the wrench on each link, of the shape in which it was given, after the axes of the batch: (..., 6),
+    summed over all steps, or (..., steps, 6); in the axes of the wrenches. None without wrenches.
+    """
 
 
 class LinearSystem(NamedTuple):

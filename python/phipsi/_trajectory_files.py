@@ -216,6 +216,8 @@ class TrajectoryFiles:
                         arrays[f"given/pd/{part}"] = np.array(gain)
                     elif gain is not None:
                         arrays[f"given/pd/{part}"] = _core._numbers(part, gain, self.scene, part == "target")
+            elif name == "wrenches" and value is not None:
+                arrays |= {f"given/wrenches/{link}": np.asarray(wrench, np.float64) for link, wrench in value.items()}
             elif name in GIVEN and value is not None and not isinstance(value, str):
                 arrays[f"given/{name}"] = _core._numbers(name, value, *(() if name == "compliance" else (self.scene, name == "targets")))
             else:
@@ -286,6 +288,9 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
     given = about["given"]
     if given is not None:
         given |= {name: arrays[f"given/{name}"] for name in GIVEN if f"given/{name}" in arrays}
+        start = "given/wrenches/"
+        wrenches = {name.removeprefix(start): values for name, values in arrays.items() if name.startswith(start)}
+        given |= {"wrenches": wrenches} if wrenches else {}
         if "given/pd/kp" in arrays:
             law = PD(*(arrays.get(f"given/pd/{part}") for part in PD._fields))  # type: ignore[arg-type]
             is_flag = law.effort is not None and np.asarray(law.effort).dtype == bool

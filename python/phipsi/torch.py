@@ -424,7 +424,7 @@ def simulate(
     >>> rows, _ = phipsi.torch.simulate(scene, torch.zeros(6), torch.zeros(6), torch.zeros((10, 6)), dt=1e-3)  # doctest: +SKIP
     """
     for name, value in (("dt", dt), *given.items()):
-        for part in value if isinstance(value, tuple) else (value,):
+        for part in value if isinstance(value, tuple) else value.values() if isinstance(value, dict) else (value,):
             if isinstance(part, Tensor) and part.requires_grad:
                 raise of_argument(ArgumentError, name, "found a tensor that requires gradients; expected a constant: gradients are by q, qd and tau")
     rollout = _calls.Rollout(scene, record_every, errors, dt=dt, **given)

@@ -24,7 +24,8 @@ use super::modes::{STUCK_NOISE, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::{Checked, Solver};
 use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage};
-use super::step_settings::StepArguments;
+use super::step_settings::{StepArguments, StepSettings};
+use super::wrenches::LinkWrenches;
 use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::{Target, Vectorized};
 use crate::batch::{factor::with_factor, products};
@@ -49,6 +50,8 @@ pub(super) struct StepGradients<T> {
     pub start: [Vec<T>; 2],
     /// By torque, target, target velocity, armature, damping, stiffness and friction, (nv) each.
     pub acting: [Vec<T>; ACTING],
+    /// By the wrenches on links, 6 each.
+    pub wrenches: Vec<T>,
     /// By the inertial parameters of each body; empty if they are not requested.
     pub parameters: Vec<Parameters<T>>,
     /// By the inertial parameters, of one stage.
@@ -80,14 +83,16 @@ const STIFFNESS: usize = 5;
 pub(super) const FRICTION: usize = 6;
 
 impl<T: Real> StepGradients<T> {
-    pub fn new(model: &Model<T>, parameters: bool) -> Self {
+    pub fn new(model: &Model<T>, settings: &StepSettings, parameters: bool) -> Self {
         let nan = T::from_f64(f64::NAN);
         let rates = || vec![nan; model.nv()];
         let bodies = if parameters { model.bodies.len() } else { 0 };
+        let links = settings.wrenches.as_ref().map_or(0, |wrenches| wrenches.links());
         Self {
             end: [rates(), rates()],
             start: [rates(), rates()],
             acting: std::array::from_fn(|_| rates()),
+            wrenches: vec![nan; 6 * links],
             parameters: vec![[nan; 10]; bodies],
             stage_parameters: vec![[nan; 10]; bodies],
             l: std::array::from_fn(|_| rates()),
@@ -103,8 +108,8 @@ impl<T: Real> StepGradients<T> {
 
     /// All results that [`backward`] writes for its caller.
     pub fn results(&mut self) -> impl Iterator<Item = &mut [T]> {
-        let Self { start, acting, parameters, .. } = self;
-        let rates = start.iter_mut().chain(acting).map(Vec::as_mut_slice);
+        let Self { start, acting, wrenches, parameters, .. } = self;
+        let rates = start.iter_mut().chain(acting).chain([wrenches]).map(Vec::as_mut_slice);
         rates.chain(std::iter::once(parameters.as_flattened_mut()))
     }
 }
@@ -340,6 +345,9 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
         let StepGradients { m, stage_parameters, of_dynamics, .. } = to;
         fallback |= solver.gradients(at_stage(s, i), &m[i], stage_parameters, of_dynamics);
         to.of_torques(by, s, i);
+        if let Some(wrenches) = &settings.wrenches {
+            to.of_wrenches(wrenches, s);
+        }
         to.of_stage(by, s, i);
     }
     to.of_friction(by, s);
@@ -390,8 +398,8 @@ impl<T: Real> StepGradients<T> {
     #[inline(always)]
     fn of_end(&mut self, (_, scheme): StepArguments<'_>, s: &Scratch<T>) {
         let t = &scheme.tableau;
-        let Self { end, start, acting, parameters, l, m, x, chord, increment, .. } = self;
-        for numbers in acting {
+        let Self { end, start, acting, wrenches, parameters, l, m, x, chord, increment, .. } = self;
+        for numbers in acting.iter_mut().chain([wrenches]) {
             clear(numbers);
         }
         clear(parameters.as_flattened_mut());
@@ -496,6 +504,14 @@ impl<T: Real> StepGradients<T> {
                 }
             }
         }
+    }
+
+    /// Gradients through the wrenches of a stage, from `of_dynamics`.
+    #[inline(always)]
+    fn of_wrenches(&mut self, wrenches: &LinkWrenches, s: &mut Scratch<T>) {
+        let (by_q, rest) = self.of_dynamics.split_at_mut(s.v.len());
+        let (by_u, results) = (&rest[s.v.len()..], (by_q, &mut self.wrenches[..]));
+        s.wrenches.add_gradients(&s.model, wrenches, &s.q_stage, by_u, results);
     }
 
     /// Gradients through the state of stage `i` to the stages before it and to the start of the step.

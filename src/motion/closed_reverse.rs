@@ -97,7 +97,7 @@ impl ClosedReverse {
     pub fn new(scene: &Scene, settings: &StepSettings, form: Form, parameters: bool) -> Self {
         let scratch = Scratch::new(scene.model(), settings);
         Self {
-            gradients: StepGradients::new(&scratch.model, parameters),
+            gradients: StepGradients::new(&scratch.model, settings, parameters),
             closed: ClosedScratch::new(scene, settings, form),
             adjoint: ConstraintAdjoint::new(scene.model(), scene.constraints(), parameters),
             divided: Substeps::new(&scratch),

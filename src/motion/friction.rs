@@ -8,9 +8,10 @@ use crate::scalar::Real;
 
 impl<T: Real> Scratch<T> {
     /// Friction against motion in the negative and in the positive direction at the start of a step, beside the torques
-    /// u.
+    /// u, of which those of wrenches do not pass the transmission.
     pub fn friction_of(&self, row: usize, usual: [f64; 2], u: f64) -> [f64; 2] {
         let curved = self.curved.iter().find(|of| of.row == row);
+        let u = u - self.wrenches.torque.get(row).map_or(0.0, |torque| torque.lane(0));
         curved.map_or(usual, |of| of.curve.both(of.coulomb, (self.v[row].lane(0), u)))
     }
 

@@ -15,6 +15,7 @@ use super::properties::joint_of_row;
 use super::reverser::{Job, Reverser};
 use super::rollout::{GRAIN, Rollout};
 use super::torque::{StepFault, Torque};
+use super::wrenches::LinkWrenches;
 use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::derivatives::Parameters;
@@ -39,6 +40,9 @@ pub struct RolloutGradients {
     pub target: Vec<f64>,
     /// By its target velocities, likewise.
     pub target_rate: Vec<f64>,
+    /// By the wrenches on links, (links, 6) in their order in [`Wrenches`](super::Wrenches), or (steps, links, 6) if
+    /// they change; empty without wrenches.
+    pub wrenches: Vec<f64>,
     /// By the armature, (nv).
     pub armature: Vec<f64>,
     /// By the damping, (nv).
@@ -147,7 +151,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
             gains.map_or(0, |gains| each(!gains.target_rates.is_empty())),
         ];
         let contacts = if touches { scene.contacts().len() } else { 0 };
-        let layout = Layout { nv, inputs, bodies, contacts };
+        let wrenches = self.settings.wrenches.as_deref();
+        let links = wrenches.map_or(0, LinkWrenches::links);
+        let wrenches = wrenches.map_or(0, |wrenches| each(wrenches.given.steps.is_some()));
+        let layout = Layout { nv, inputs, links, wrenches, bodies, contacts };
         let width = layout.width();
         let mut all = memory::filled("q", states.saturating_mul(width), 0.0).map_err(refuse)?;
         let settings = &self.settings.backward();
@@ -289,6 +296,7 @@ impl RolloutGradients {
             torque: gathered(layout.all(TORQUE))?,
             target: gathered(layout.all(TARGET))?,
             target_rate: gathered(layout.all(RATE))?,
+            wrenches: gathered(layout.all_wrenches())?,
             parameters: gathered(layout.parameters())?.as_chunks().0.to_vec(),
             contacts: ContactGradients::of(&gathered(layout.contacts())?),
             shapes: Vec::new(),

@@ -20,13 +20,16 @@ pub struct RecordedRows<'a> {
 }
 
 /// Layout of the gradients of one state: by q, qd, armature, damping, stiffness and friction, then torques, targets and
-/// target velocities, then contacts, then parameters.
+/// target velocities, then wrenches, then contacts, then parameters.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layout {
     pub nv: usize,
     /// Number of vectors of torques, of targets and of target velocities: one, or one per step; none without a control
     /// law.
     pub inputs: [usize; INPUTS],
+    /// Number of links with wrenches, and number of wrenches of each: one, or one per step.
+    pub links: usize,
+    pub wrenches: usize,
     /// Zero if parameters are not requested.
     pub bodies: usize,
     pub contacts: usize,
@@ -41,13 +44,27 @@ impl Layout {
         inputs.saturating_mul(self.nv).saturating_add(self.beyond())
     }
 
-    /// Number of gradients by contacts and parameters.
+    /// Number of gradients by wrenches, contacts and parameters.
     fn beyond(&self) -> usize {
-        ContactReverse::WIDTH * self.contacts + 10 * self.bodies
+        let wrenches = self.wrenches.saturating_mul(6 * self.links);
+        wrenches.saturating_add(ContactReverse::WIDTH * self.contacts + 10 * self.bodies)
+    }
+
+    /// The wrenches on all links in one step, or in all.
+    pub fn wrench(&self, index: usize) -> Range<usize> {
+        let width = 6 * self.links;
+        let first = self.width() - self.beyond() + index * width;
+        first..first + width
+    }
+
+    /// The wrenches in all steps.
+    pub fn all_wrenches(&self) -> Range<usize> {
+        let first = self.wrench(0).start;
+        first..first + self.wrenches * 6 * self.links
     }
 
     pub fn contacts(&self) -> Range<usize> {
-        let first = self.width() - self.beyond();
+        let first = self.all_wrenches().end;
         first..first + ContactReverse::WIDTH * self.contacts
     }
 

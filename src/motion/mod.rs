@@ -29,6 +29,8 @@
 //! A step of a scene with contacts in which no contact can act is that of the scene without contacts, with the same
 //! bits. In the others contacts act by [`Method::Contact`].
 //!
+//! Wrenches on links ([`Wrenches`]) are joint torques J(q)^T F, evaluated in every stage (`wrenches`).
+//!
 //! A [`Rollout`] advances a batch of states by many steps; a [`Simulator`] advances it call by call. Both take
 //! [`Settings`]: joint properties ([`Properties`]), a control law ([`Gains`]) and a [`Method`]. [`Rollout::gradients`]
 //! differentiates a rollout by backpropagation.
@@ -88,6 +90,7 @@ mod torque;
 mod totals;
 mod touches;
 mod works;
+mod wrenches;
 
 pub use contact::{ContactId, ContactReport, ContactState, ModeChange, ShapeGradients};
 pub use events::StopImpact;
@@ -102,3 +105,4 @@ pub use simulator::Simulator;
 pub use torque::{StepFault, Torque};
 pub use totals::Totals;
 pub use touches::ShapeContact;
+pub use wrenches::{WRENCH_FRAMES, WrenchFrame, Wrenches};

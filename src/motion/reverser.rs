@@ -217,8 +217,9 @@ struct Compiled<T: Vectorized, I> {
     scratch: Scratch<T>,
     gradients: StepGradients<T>,
     solver: VectorizedBackward<T, I>,
-    /// Sums over all steps of [`StepGradients::acting`] and of the gradients by parameters.
+    /// Sums over all steps of [`StepGradients::acting`] and of the gradients by wrenches and parameters.
     sums: [Vec<T>; ACTING],
+    wrenches: Vec<T>,
     parameters: Vec<Parameters<T>>,
     form: Form,
     target: I,
@@ -280,7 +281,7 @@ impl Checked {
     #[cold]
     fn new(job: &Job<'_>, form: Form) -> Self {
         let scratch = Scratch::new(job.scene.model(), job.settings);
-        let gradients = StepGradients::new(&scratch.model, job.layout.bodies > 0);
+        let gradients = StepGradients::new(&scratch.model, job.settings, job.layout.bodies > 0);
         let (coupling, tolerance) = (&job.settings.coupling, job.settings.tolerance);
         let solver = CheckedBackward::new(&scratch.model, coupling.clone(), form, tolerance);
         let forward =
@@ -413,9 +414,10 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
             .then(|| Box::new(ConnectedReverse::new(job.scene, job.settings, &scratch, (limits(), parameters))));
         Self {
             connected,
-            gradients: StepGradients::new(&scratch.model, parameters),
+            gradients: StepGradients::new(&scratch.model, job.settings, parameters),
             solver: VectorizedBackward::new(target, form, (&scratch.model, &scratch.constants)),
             sums: std::array::from_fn(|_| vec![zero; job.layout.nv]),
+            wrenches: vec![zero; 6 * job.layout.links],
             parameters: vec![[zero; 10]; job.layout.bodies],
             scratch,
             form,
@@ -434,8 +436,8 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
 
 impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
     fn begin(&mut self, job: &Job<'_>) {
-        let Self { scratch: s, gradients, sums, parameters, .. } = self;
-        for numbers in sums.iter_mut().chain(&mut gradients.end) {
+        let Self { scratch: s, gradients, sums, wrenches, parameters, .. } = self;
+        for numbers in sums.iter_mut().chain([wrenches]).chain(&mut gradients.end) {
             clear(numbers);
         }
         clear(parameters.as_flattened_mut());
@@ -480,10 +482,10 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
                 self.recompute(job, n, fallback)?;
             }
         }
-        let Self { gradients, sums, parameters, .. } = self;
-        let StepGradients { start, end, acting, parameters: of_step, .. } = gradients;
+        let Self { gradients, sums, wrenches, parameters, .. } = self;
+        let StepGradients { start, end, acting, wrenches: by_wrenches, parameters: of_step, .. } = gradients;
         std::mem::swap(start, end);
-        for (sums, acting) in sums.iter_mut().zip(&*acting) {
+        for (sums, acting) in sums.iter_mut().chain([wrenches]).zip(acting.iter().chain([&*by_wrenches])) {
             sums.iter_mut().zip(acting).for_each(|(sum, &more)| *sum += more);
         }
         for (sum, &more) in parameters.as_flattened_mut().iter_mut().zip(of_step.as_flattened()) {
@@ -494,11 +496,16 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
                 scatter(&acting[which], lane, &mut out[job.layout.input(which, n)]);
             }
         }
+        if job.layout.wrenches > 1 {
+            for (lane, out) in out.chunks_exact_mut(job.layout.width()).enumerate() {
+                scatter(by_wrenches, lane, &mut out[job.layout.wrench(n)]);
+            }
+        }
         Ok(())
     }
 
     fn finish(&mut self, job: &Job<'_>, out: &mut [f64]) {
-        let Self { gradients, sums, parameters, .. } = self;
+        let Self { gradients, sums, wrenches, parameters, .. } = self;
         let (nv, layout) = (job.layout.nv, job.layout);
         for (lane, out) in out.chunks_exact_mut(layout.width().max(1)).enumerate() {
             let of_rows = gradients.end.iter().chain(&sums[INPUTS..]);
@@ -507,6 +514,9 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
             }
             for which in (0..INPUTS).filter(|&which| layout.inputs[which] == 1) {
                 scatter(&sums[which], lane, &mut out[layout.all(which)]);
+            }
+            if layout.wrenches == 1 {
+                scatter(wrenches, lane, &mut out[layout.wrench(0)]);
             }
             scatter(parameters.as_flattened(), lane, &mut out[layout.parameters()]);
             if let Some(touching) = &self.touching {

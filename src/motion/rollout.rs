@@ -13,17 +13,18 @@ use super::stepper::Stepper;
 use super::torque::{StepFault, Torque};
 use super::totals::{TOTALS, Totals};
 use super::touches::{ShapeContact, Touches};
+use super::wrenches::LinkWrenches;
 use crate::algorithm::Algorithm;
 use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use crate::filter::Form;
 use crate::joints::JointKind;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`. A clone continues
 /// independently.
@@ -143,6 +144,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 "infinite limits for its degrees of freedom, which have no motor",
             ));
         }
+        let wrenches = settings.wrenches.clone().map(|given| LinkWrenches::new(given, holds, states).map(Arc::new));
+        let wrenches = wrenches.transpose()?;
         let stops = settings.limits == Limits::Stop;
         let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
         let of_steps = |touches: bool| step_settings(holds, &settings, coupling.clone(), (q, touches));
@@ -151,6 +154,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             step_settings.free = Some(Box::new(of_steps(false)));
         }
         step_settings.smoothing = smoothing;
+        step_settings.push(wrenches);
         let current = memory::filled("q, qd", states.saturating_mul(step_settings.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
         let pool = Pool::default();
@@ -222,6 +226,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             tolerance: self.settings.tolerance,
             properties: properties.clone(),
             gains: gains.as_deref().cloned(),
+            wrenches: self.settings.wrenches.as_ref().map(|wrenches| wrenches.given.clone()),
             arm: self.arm,
             compliance: self.settings.compliance.clone(),
             limits: self.limits,
@@ -515,6 +520,14 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let [.., name, _, _, _] = Gains::names();
             let found = format!("targets of {} steps", gains.steps);
             let error = Error::argument(name, found, format!("targets of all {last} steps"));
+            return Err(Fault { state: 0, error });
+        }
+        if let Some(given) = self.settings.wrenches.as_ref().and_then(|wrenches| wrenches.given.steps)
+            && last > given
+        {
+            let name = in_language("wrenches.steps", "wrenches");
+            let error =
+                Error::argument(name, format!("wrenches of {given} steps"), format!("wrenches of all {last} steps"));
             return Err(Fault { state: 0, error });
         }
         let (given, steps) = match torque {

@@ -7,6 +7,7 @@ use super::properties::Gains;
 use super::step_settings::StepSettings;
 use super::stops::SetValued;
 use super::totals::TOTALS;
+use super::wrenches::WrenchScratch;
 use crate::batch::instruction_set::{Vectorized, take_states};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::model::Model;
@@ -72,6 +73,8 @@ pub(super) struct Scratch<T: Real> {
     pub vanishing: f64,
     /// The applied torque, constant during the step.
     pub torque: Vec<T>,
+    /// The wrenches on links in the step.
+    pub wrenches: WrenchScratch<T>,
     pub q: Vec<T>,
     pub v: Vec<T>,
     pub q_next: Vec<T>,
@@ -104,7 +107,7 @@ pub(super) struct Scratch<T: Real> {
     pub displaced_target: Vec<T>,
 }
 
-/// Copies state, torque, targets and totals of one lane before a step.
+/// Copies state, torque, wrenches, targets and totals of one lane before a step.
 pub(super) fn take_lane<T: Vectorized>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
     for (to, from) in [
         (&mut one.q, &s.q),
@@ -117,6 +120,10 @@ pub(super) fn take_lane<T: Vectorized>(one: &mut Scratch<f64>, s: &Scratch<T>, l
     }
     for (to, from) in one.gains.iter_mut().zip(&s.gains) {
         scatter(from, lane, to);
+    }
+    if !s.wrenches.given.is_empty() {
+        one.wrenches.prepare(&one.model, s.wrenches.given.len() / 6);
+        scatter(&s.wrenches.given, lane, &mut one.wrenches.given);
     }
     scatter(&s.totals, lane, &mut one.totals);
 }
@@ -193,6 +200,7 @@ impl<T: Real> Scratch<T> {
             are_sides_given: false,
             vanishing: FREE,
             torque: rates(),
+            wrenches: WrenchScratch::default(),
             q: coordinates(),
             v: rates(),
             q_next: coordinates(),
@@ -248,7 +256,7 @@ impl<T: Vectorized> Scratch<T> {
         self.drive_all(settings, settings.scheme.implicit_step());
     }
 
-    /// Takes the targets of step `n` if they change.
+    /// Takes the wrenches of step `n`, and its targets if they change.
     #[inline(always)]
     pub fn take_targets(
         &mut self,
@@ -258,6 +266,9 @@ impl<T: Vectorized> Scratch<T> {
     ) {
         if let Some(gains) = settings.gains.as_ref().filter(|gains| gains.changes()) {
             self.aim(gains, (n, count), &state);
+        }
+        if let Some(wrenches) = &settings.wrenches {
+            self.wrenches.take(&self.model, wrenches, (n, count), &state);
         }
     }
 

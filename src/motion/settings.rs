@@ -2,6 +2,7 @@
 
 use super::method::Method;
 use super::properties::{Gains, Properties};
+use super::wrenches::Wrenches;
 use crate::batch::instruction_set::InstructionSet;
 use crate::filter::Form;
 use crate::scene::Scene;
@@ -36,6 +37,8 @@ pub struct Settings {
     pub properties: Properties,
     /// The control law, if any.
     pub gains: Option<Gains>,
+    /// Wrenches on links, if any.
+    pub wrenches: Option<Wrenches>,
     /// Instruction set; the baseline if the processor does not support it.
     pub arm: InstructionSet,
     /// Compliance of each row of the connections, (m/s^2)/N or (rad/s^2)/(N m), zero or positive; empty if all are
@@ -76,6 +79,7 @@ impl Settings {
             tolerance: None,
             properties,
             gains: None,
+            wrenches: None,
             arm: InstructionSet::of_process(),
             compliance: Vec::new(),
             limits: Limits::default(),
@@ -93,6 +97,7 @@ setters!(Settings {
     with_tolerance: tolerance => Option<f64>,
     with_properties: properties: Properties,
     with_gains: gains => Option<Gains>,
+    with_wrenches: wrenches => Option<Wrenches>,
     with_arm: arm: InstructionSet,
     with_compliance: compliance => Vec<f64>,
     with_limits: limits: Limits,

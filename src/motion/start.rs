@@ -1,5 +1,5 @@
-//! Changes of targets, and checks of initial states: joints beyond their limits, which the stops move back, contacts
-//! below their surface, and violated connections.
+//! Changes of targets and wrenches, and checks of initial states: joints beyond their limits, which the stops move
+//! back, contacts below their surface, and violated connections.
 
 use super::contact;
 use super::properties::Gains;
@@ -7,6 +7,7 @@ use super::properties::Gains;
 use super::properties::joint_of_row;
 use super::rollout::Rollout;
 use super::simulator::Simulator;
+use super::wrenches::{LinkWrenches, Wrenches};
 use crate::error::{Error, in_language};
 use crate::scene::Scene;
 use std::borrow::Borrow;
@@ -179,6 +180,41 @@ impl<S: Borrow<Scene>> Rollout<S> {
         }
         self.settings.gains = Some(gains);
         Ok(())
+    }
+}
+
+impl<S: Borrow<Scene>> Rollout<S> {
+    /// Changes the wrenches on links from the next step on; `None` removes them.
+    ///
+    /// # Errors
+    ///
+    /// An unknown link, a wrong number of values, and values that are not finite. The wrenches are then unchanged.
+    pub fn push(&mut self, wrenches: Option<Wrenches>) -> Result<(), Error> {
+        let given = wrenches.map(|given| LinkWrenches::new(given, self.scene(), self.states()));
+        self.settings.push(given.transpose()?.map(Arc::new));
+        Ok(())
+    }
+
+    /// True if wrenches act on links.
+    #[cfg(feature = "python")]
+    pub(crate) fn is_pushed(&self) -> bool {
+        self.settings.wrenches.is_some()
+    }
+}
+
+impl<S: Borrow<Scene>> Simulator<S> {
+    /// As [`Rollout::push`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Rollout::push`].
+    pub fn push(&mut self, wrenches: Option<Wrenches>) -> Result<(), Error> {
+        self.rollout.push(wrenches)
+    }
+
+    #[cfg(feature = "python")]
+    pub(crate) fn is_pushed(&self) -> bool {
+        self.rollout.is_pushed()
     }
 }
 

@@ -43,13 +43,16 @@ pub(super) fn step<T: Real, S: Solver<T>>(
 
 /// Computes the end of a step from its stages, and whether the step is consistent and short enough.
 #[inline(always)]
-pub(super) fn finish_step<T: Real>(by @ (_, scheme): StepArguments<'_>, s: &mut Scratch<T>) {
+pub(super) fn finish_step<T: Real>(by @ (settings, scheme): StepArguments<'_>, s: &mut Scratch<T>) {
     let t = &scheme.tableau;
     clear(&mut s.x);
     s.v_next.copy_from_slice(&s.v);
     for i in 0..t.stages {
         add_scaled(&mut s.x, t.weights[i], &s.l[i]);
         add_scaled(&mut s.v_next, t.weights[i], &s.m[i]);
+    }
+    if settings.wrenches.is_some() {
+        s.wrenches.end_work_of_stages(&s.x);
     }
     advance(&s.model, &s.q, &s.x, &mut s.q_next);
     observe_end(by, s);
@@ -81,12 +84,15 @@ pub(super) fn stage<T: Real>(by @ (_, scheme): StepArguments<'_>, s: &mut Scratc
 
 /// The velocity of the increment in stage `i`, from its accelerations.
 #[inline(always)]
-pub(super) fn finish_stage<T: Real>(by @ (_, scheme): StepArguments<'_>, s: &mut Scratch<T>, i: usize) {
+pub(super) fn finish_stage<T: Real>(by @ (settings, scheme): StepArguments<'_>, s: &mut Scratch<T>, i: usize) {
     if !s.curved.is_empty() {
         s.rub_by_noise(by, i);
     }
     s.l[i].copy_from_slice(&s.c);
     add_scaled(&mut s.l[i], scheme.tableau.gamma[i][i], &s.m[i]);
+    if settings.wrenches.is_some() {
+        s.wrenches.add_work_of_stage(scheme, i, (&s.v_stage, &s.m));
+    }
 }
 
 /// Secant coefficient of friction, f / sqrt(v^2 + v0^2) at the start of the step. It is nonzero if f is, so that a row
@@ -171,5 +177,11 @@ pub(super) fn forces<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scr
     }
     for mode in &s.modes {
         s.u[mode.row] += s.dry[mode.row];
+    }
+    if let Some(wrenches) = &settings.wrenches {
+        if i == 0 {
+            s.wrenches.begin();
+        }
+        s.wrenches.add_torques(&s.model, wrenches, &s.q_stage, (&mut s.u, t.weights[i] / scheme.step));
     }
 }

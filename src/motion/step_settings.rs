@@ -6,6 +6,7 @@ use super::method::{Method, Scheme};
 use super::properties::{Gains, Properties};
 use super::stops::SetValued;
 use super::totals::TOTALS;
+use super::wrenches::LinkWrenches;
 use crate::filter::{HingeMap, Rows};
 use crate::model::Model;
 use crate::scene::{Coupling, Scene};
@@ -30,6 +31,8 @@ pub(super) struct StepSettings {
     pub scheme: Scheme,
     pub properties: Properties,
     pub gains: Option<Arc<Gains>>,
+    /// Wrenches on links, if there are any.
+    pub wrenches: Option<Arc<LinkWrenches>>,
     /// Coupling of the joints, if there is one; all values are then those of the tree.
     pub coupling: Option<Arc<Coupling>>,
     /// True if some joint has regularized friction.
@@ -98,6 +101,7 @@ impl StepSettings {
             largest,
             properties,
             gains: gains.map(Arc::new),
+            wrenches: None,
             connected: false,
             compliance: Vec::new(),
             smoothing: None,
@@ -110,6 +114,14 @@ impl StepSettings {
         if let Some(free) = &mut self.free {
             free.adopt(h);
         }
+    }
+
+    /// Sets the wrenches on links, in steps with contacts and without.
+    pub fn push(&mut self, wrenches: Option<Arc<LinkWrenches>>) {
+        if let Some(free) = &mut self.free {
+            free.push(wrenches.clone());
+        }
+        self.wrenches = wrenches;
     }
 
     /// The same settings for coupled joints.

@@ -1,8 +1,9 @@
 //! Values that a rollout accumulates per state: the works of all joint torques, and the numbers of substeps.
 //!
 //! Let x be the displacement in a step and w = h (v + v')/2 the step times the mean velocity. A torque with the impulse
-//! p does the work p w/h, which for constant M is the kinetic energy that it adds; a constant torque does tau x. The
-//! difference between the change of energy and the sum of the works is the error of the method.
+//! p does the work p w/h, which for constant M is the kinetic energy that it adds; a constant torque does tau x.
+//! Wrenches on links do the sum of the works of the stages, F . V times their weights. The difference between the
+//! change of energy and the sum of the works is the error of the method.
 
 /// The number of values.
 pub(super) const TOTALS: usize = 13;
@@ -42,7 +43,7 @@ pub(super) fn note_dropped(totals: &mut [f64], row: Option<usize>) {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
 pub struct Totals {
-    /// Work of the applied torques, J.
+    /// Work of the applied torques and of the wrenches on links, J.
     pub torque: f64,
     /// Work of damping, J; zero or negative.
     pub damping: f64,

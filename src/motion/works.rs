@@ -27,6 +27,9 @@ pub(super) fn add_work<T: Real>(settings: &StepSettings, s: &mut Scratch<T>) {
         let mean = (s.v[of.row] + s.v_next[of.row]) * T::from_f64(0.5);
         s.totals[FRICTION] = mean.mul_add(T::from_f64(of.impulse), s.totals[FRICTION]);
     }
+    if settings.wrenches.is_some() {
+        s.totals[TORQUE] += s.wrenches.work(&s.x);
+    }
     for mode in &s.modes {
         s.totals[FRICTION] = s.dry[mode.row].mul_add(s.x[mode.row], s.totals[FRICTION]);
     }

@@ -77,7 +77,7 @@ impl<'py> Given<'py> {
     }
 
     /// Leading axes of the argument, to which the batch must broadcast.
-    pub fn leading(&self) -> Option<(&'static str, &[usize])> {
+    pub fn leading(&self) -> Option<(&str, &[usize])> {
         match self {
             Self::Nothing | Self::Function(_) => None,
             Self::Constant(tau) => Some(("tau", tau.leading())),
@@ -220,7 +220,7 @@ impl<'py> Pd<'py> {
     }
 
     /// Leading axes of the argument, to which the batch must broadcast.
-    pub fn leading(&self) -> Vec<(&'static str, &[usize])> {
+    pub fn leading(&self) -> Vec<(&str, &[usize])> {
         let [kp, kd] = &self.gains;
         let [stall, speed] = self.motors.each_ref().map(Option::as_ref);
         let whole = [Some(kp), Some(kd), self.target.as_ref(), Some(&self.rate), self.effort.as_ref(), stall, speed];

@@ -12,6 +12,7 @@ use super::output::{Output, from_numbers, property};
 use super::scene::PyScene;
 use super::simulator::without_control;
 use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits, warn_of_start};
+use super::wrenches::LinkWrenches;
 use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
 use crate::memory;
@@ -125,6 +126,11 @@ impl PyScene {
     ///     lists. Servos act within the step, like pd, which cannot be given too; torques of tau are added.
     /// activation : (..., n) array_like or dict, optional
     ///     Activations of the actuators at the start, as Trajectory.activation; None: zero.
+    /// wrenches : dict of str to (6,) or (..., steps, 6) array_like, optional
+    ///     External forces by link name (links on fixed joints too): (moment, force) at the origin of the link, N m and
+    ///     N, constant or for each step (an axis of one step: for all steps). They act in all stages of a step.
+    /// frame : {"link", "world"}, default "link"
+    ///     Axes of the wrenches: those of the link, with which they rotate, or those of the base.
     #[doc = section!(Returns)]
     /// trajectory : Trajectory
     ///     Rows t (rows,), q (..., rows, nq) and qd (..., rows, nv), the first at the start, with the integrator,
@@ -165,7 +171,7 @@ impl PyScene {
                              friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
                              compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
                              duration=None, covariance=None, targets=None, target_rates=None, effort=None, \
-                             control=None, activation=None)")]
+                             control=None, activation=None, wrenches=None, frame='link')")]
     #[allow(clippy::too_many_lines)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
@@ -216,8 +222,10 @@ impl PyScene {
         };
         let tau = recorder.as_ref().or(tau);
         let given = Given::read(tau, tau_steps, steps, own)?;
+        let wrenches = keywords.wrenches(own, steps)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(pd.iter().flat_map(Pd::leading));
+        axes.extend(wrenches.iter().flat_map(LinkWrenches::leading));
         given.check_not_steps(steps, axes.iter().all(|(_, leading)| leading.is_empty()))?;
         axes.extend(given.leading());
         let batch = broadcast_axes(axes)?;
@@ -230,6 +238,7 @@ impl PyScene {
         let states = room.states;
         own.check_scratch(states)?;
         settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
+        settings.wrenches = wrenches.map(|wrenches| wrenches.over(&batch, states)).transpose()?;
         let of_contacts = OF_CONTACT * scene.contacts().len();
         let outputs = [nq, nv, of_contacts].map(|width| room.output(py, &batch, width));
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];

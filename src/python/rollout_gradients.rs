@@ -12,6 +12,7 @@ use super::output::from_numbers;
 use super::products::{Place, parameters_of, places_of_links};
 use super::scene::PyScene;
 use super::stepping::Keywords;
+use super::wrenches::LinkWrenches;
 use crate::batch::{Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
@@ -43,13 +44,15 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution, compliance, smoothing, targets, target_rates, effort
+    /// limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
     ///     Named tuple (q, qd, tau, armature, damping, stiffness, friction, parameters, contacts, mode_changes, target,
-    ///     target_rate): (..., nv) each; tau is (..., steps, nv) with tau_steps, target with targets and target_rate
-    ///     with target_rates; parameters is (..., bodies, 10) or None; contacts has the gradients by each contact.
+    ///     target_rate, control, wrenches): (..., nv) each; tau is (..., steps, nv) with tau_steps, target with targets
+    ///     and target_rate with target_rates; parameters is (..., bodies, 10) or None; contacts has the gradients by
+    ///     each contact, wrenches those by the wrench on each link, in the shape in which it was given, or None; control
+    ///     is None.
     #[doc = raises!(singular memory arguments)]
     #[doc = section!(Notes)]
     /// O(N) per stage. Steps between rows, and steps with contacts, are recomputed. The memory of a thread grows with
@@ -75,7 +78,8 @@ impl PyScene {
                              method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
                              parameters=False, limits=None, restitution=0.0, compliance=None, \
-                             smoothing=0.0, targets=None, target_rates=None, effort=None)")]
+                             smoothing=0.0, targets=None, target_rates=None, effort=None, \
+                             wrenches=None, frame='link')")]
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
@@ -99,6 +103,7 @@ impl PyScene {
         let rows = steps / every + 1;
         let (mut settings, pd) = keywords.read(py, own, (dt, steps))?;
         let given = Given::read(tau, tau_steps, steps, own)?;
+        let wrenches = keywords.wrenches(own, steps)?;
         if matches!(given, Given::Function(_)) {
             let expected = "an array; the torques of a function can be given as tau_steps";
             return Err(Error::argument("tau", "a function, which has no known gradients", expected).into());
@@ -117,10 +122,12 @@ impl PyScene {
         for of_pd in pd.iter().flat_map(Pd::leading) {
             axes.push(of_pd);
         }
+        axes.extend(wrenches.iter().flat_map(LinkWrenches::leading));
         let batch = broadcast_axes(axes)?;
         let states = states_of(&batch)?;
         memory::room("q", memory::bytes_of::<f64>(&[states, rows, nq + 3 * nv]))?;
         settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
+        settings.wrenches = wrenches.as_ref().map(|wrenches| wrenches.over(&batch, states)).transpose()?;
         let changes = |of: fn(&Gains) -> &[f64]| settings.gains.as_ref().is_some_and(|gains| !of(gains).is_empty());
         let (targets, rates) = (changes(|gains| &gains.targets), changes(|gains| &gains.target_rates));
         let every_row = |i: usize, expand: Expand| -> PyResult<Vec<f64>> {
@@ -146,7 +153,9 @@ impl PyScene {
         let links = if parameters { places_of_links(scene)? } else { Vec::new() };
         let of_steps = matches!(given, Given::Steps(_)).then_some(steps);
         let inputs = [of_steps, targets.then_some(steps), rates.then_some(steps)];
-        Output { py, batch: &batch, nv: scene.nv(), scene }.tuple(&found, inputs, parameters.then_some(&links[..]))
+        let wrenches = wrenches.map_or_else(Vec::new, |wrenches| wrenches.shapes());
+        let outputs = Output { py, batch: &batch, nv: scene.nv(), scene };
+        outputs.tuple(&found, inputs, &wrenches, parameters.then_some(&links[..]))
     }
 }
 
@@ -184,6 +193,7 @@ impl<'py> Output<'_, 'py> {
         &self,
         found: &RolloutGradients,
         inputs: [Option<usize>; 3],
+        wrenches: &[(String, Vec<usize>)],
         links: Option<&[Place]>,
     ) -> PyResult<Object<'py>> {
         let [torque, target, rate] =
@@ -214,7 +224,32 @@ impl<'py> Output<'_, 'py> {
                 self.array(&self.of_scene(numbers, true), shape)?
             });
         }
+        parts.push(self.py.None().into_bound(self.py));
+        parts.push(self.wrenches(&found.wrenches, wrenches)?);
         imported!(self.py, "phipsi._results", "RolloutGradients")?.call1(PyTuple::new(self.py, parts)?)
+    }
+
+    /// The gradients by the wrenches on links, by name, in the shapes in which they were given; None without wrenches.
+    fn wrenches(&self, numbers: &[f64], given: &[(String, Vec<usize>)]) -> PyResult<Object<'py>> {
+        if given.is_empty() {
+            return Ok(self.py.None().into_bound(self.py));
+        }
+        let by_name = PyDict::new(self.py);
+        let (states, width) = (self.batch.iter().product::<usize>(), 6 * given.len());
+        let of_state = numbers.len().checked_div(states).unwrap_or(0);
+        for (at, (link, shape)) in given.iter().enumerate() {
+            let own = shape.iter().product::<usize>();
+            let mut all = vec![0.0; states * own];
+            // Of a wrench that is constant beside others that change, the gradient is the sum over the steps.
+            for (of, to) in numbers.chunks_exact(of_state.max(1)).zip(all.chunks_exact_mut(own.max(1))) {
+                for (step, row) in of.chunks_exact(width).enumerate() {
+                    let first = (6 * step).min(own - 6);
+                    to[first..first + 6].iter_mut().zip(&row[6 * at..]).for_each(|(sum, more)| *sum += more);
+                }
+            }
+            by_name.set_item(link, self.array(&all, shape)?)?;
+        }
+        Ok(by_name.into_any())
     }
 
     /// The gradients by each contact, by name.

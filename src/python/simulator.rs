@@ -14,6 +14,7 @@ use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use super::stepping::{Blocks, Keywords, Stopped, about, set_outcome, stop_impacts, warn_of_limits, warn_of_start};
 use super::threads::free;
+use super::wrenches::LinkWrenches;
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
@@ -249,6 +250,17 @@ impl PySimulator {
         self.moving()?.aim(target.as_deref(), rate.as_deref()).map_err(|error| of_batch(py, &error, &self.batch))
     }
 
+    /// Sets the wrenches on links for the steps of this call; None removes those of the last one.
+    fn push(&self, py: Python<'_>, wrenches: Option<&Object<'_>>, frame: Option<&str>) -> PyResult<()> {
+        let given = LinkWrenches::read(&self.scene.get().scene, wrenches, frame, None)?;
+        let mut moving = self.moving()?;
+        if given.is_none() && !moving.is_pushed() {
+            return Ok(());
+        }
+        let given = given.map(|given| given.over(&self.batch, moving.states())).transpose()?;
+        moving.push(given).map_err(|error| of_batch(py, &error, &self.batch))
+    }
+
     /// Current contacts of all states, with the given axes after the batch; None without contacts.
     fn contacts_now<'py>(
         &self,
@@ -317,6 +329,11 @@ impl PySimulator {
     /// control : (..., n) array_like or dict of str to float, optional
     ///     New controls of scene.actuators, from this step on, of a simulator that was created with controls. None: the
     ///     last ones.
+    /// wrenches : dict of str to (..., 6) array_like, optional
+    ///     External forces in the steps of this call by link name: (moment, force) at the origin of the link, N m and
+    ///     N, which broadcast to the batch. None: none.
+    /// frame : {"link", "world"}, default "link"
+    ///     Axes of the wrenches: those of the link, with which they rotate, or those of the base.
     #[doc = section!(Raises)]
     /// SimulationError
     ///     The motion diverges or a pivot is lost. .step, .joint, .state and .trajectory (one row) describe it. All
@@ -331,8 +348,11 @@ impl PySimulator {
     /// >>> simulator.step([0.5, 0.0, 0.0], steps=100)
     /// >>> bool(simulator.qd[0] > 0.0)
     /// True
-    #[pyo3(signature = (tau=None, steps=Steps(1), *, target=None, target_rate=None, control=None),
-           text_signature = "($self, tau=None, steps=1, *, target=None, target_rate=None, control=None)")]
+    #[pyo3(signature = (tau=None, steps=Steps(1), *, target=None, target_rate=None, control=None, wrenches=None,
+                        frame=None),
+           text_signature = "($self, tau=None, steps=1, *, target=None, target_rate=None, control=None, \
+                             wrenches=None, frame='link')")]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn step<'py>(
         slf: &Bound<'py, Self>,
         tau: Option<&Object<'py>>,
@@ -340,6 +360,8 @@ impl PySimulator {
         target: Option<&Object<'py>>,
         target_rate: Option<&Object<'py>>,
         control: Option<&Object<'py>>,
+        wrenches: Option<&Object<'py>>,
+        frame: Option<&str>,
     ) -> PyResult<()> {
         let (py, own) = (slf.py(), slf.get());
         if let Some(drive) = &own.drive {
@@ -347,6 +369,7 @@ impl PySimulator {
                 let expected = "one of them: the targets of servos are their controls";
                 return Err(Error::argument("target", "a target and control", expected).into());
             }
+            own.push(py, wrenches, frame)?;
             drive.call_method1(py, "step", (slf, tau, steps.0, control))?;
             return Ok(());
         }
@@ -354,6 +377,7 @@ impl PySimulator {
             let expected = "Scene.simulator(..., control=...) with the first controls";
             return Err(Error::argument("control", "controls for a simulator without", expected).into());
         }
+        own.push(py, wrenches, frame)?;
         own.advance_by(py, tau, steps, target, target_rate)
     }
 

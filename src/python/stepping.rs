@@ -7,6 +7,7 @@ use super::input;
 use super::object::{Object, imported};
 use super::output::from_numbers;
 use super::scene::PyScene;
+use super::wrenches::LinkWrenches;
 use crate::batch::Fault;
 use crate::error::Error;
 use crate::motion::properties::joint_of_row;
@@ -43,6 +44,8 @@ pub(super) struct Keywords<'py> {
     targets: Option<Object<'py>>,
     target_rates: Option<Object<'py>>,
     effort: Option<String>,
+    wrenches: Option<Object<'py>>,
+    frame: Option<String>,
 }
 
 /// Removes a keyword from those given; without it, `usual`.
@@ -59,7 +62,7 @@ fn taken<'py, T: FromPyObjectOwned<'py>>(given: &Bound<'py, PyDict>, name: &str,
 
 impl<'py> Keywords<'py> {
     /// The keywords of a call of this method, which are removed from those given; others are refused, `accuracy` too if
-    /// the method does not control the error, and the targets of steps if their number is not known.
+    /// the method does not control the error, and wrenches and the targets of steps if their number is not known.
     pub fn take(
         py: Python<'py>,
         method: &str,
@@ -87,6 +90,8 @@ impl<'py> Keywords<'py> {
             targets: if has_steps { taken(given, "targets", None)? } else { None },
             target_rates: if has_steps { taken(given, "target_rates", None)? } else { None },
             effort: taken(given, "effort", None)?,
+            wrenches: if has_steps { taken(given, "wrenches", None)? } else { None },
+            frame: if has_steps { taken(given, "frame", None)? } else { None },
         };
         refuse_unknown(py, method, Some(given))?;
         Ok(keywords)
@@ -150,6 +155,11 @@ impl<'py> Keywords<'py> {
         Ok((settings, pd))
     }
 
+    /// Reads the wrenches on links, whose values can be those of a batch.
+    pub fn wrenches(&self, own: &PyScene, steps: usize) -> PyResult<Option<LinkWrenches<'py>>> {
+        LinkWrenches::read(&own.scene, self.wrenches.as_ref(), self.frame.as_deref(), Some(steps))
+    }
+
     /// Warns about a step that does not resolve the motion of any robot, for instance one in milliseconds.
     pub fn warn_of_units(&self, py: Python<'py>, dt: f64) -> PyResult<()> {
         if self.accuracy.is_some() || dt.is_nan() || dt < LONG_STEP {
@@ -193,11 +203,13 @@ impl<'py> Keywords<'py> {
             ("damping", self.damping.as_ref()),
             ("friction", self.friction.as_ref()),
             ("compliance", self.compliance.as_ref()),
+            ("wrenches", self.wrenches.as_ref()),
         ] {
             if let Some(value) = value {
                 given.set_item(name, value)?;
             }
         }
+        given.set_item("frame", self.frame.as_deref())?;
         given.set_item("friction_speed", self.friction_speed)?;
         given.set_item("limits", self.limits.as_deref())?;
         given.set_item("effort", self.effort.as_deref())?;

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers
 from .._friction import check_coulomb
+from .._motion_parts import has_steps, with_steps
 from ..errors import ArgumentError, InertiaWarning, ShapeError, UncertaintyWarning, of_argument, warn
 from ._allowed import Tangent, tangent_of_connections
 from ._manifold import lower_root
@@ -328,9 +329,18 @@ class _Propagation:
         if given.get("pd") is not None:
             # The targets are those of a state, not of a row.
             given["pd"] = tuple(part if np.ndim(part) < 2 else np.asarray(part)[..., None, :] for part in given["pd"])
-        for name in {"targets", "target_rates"} & set(given):
-            each = np.asarray(given[name])[..., :rows, :]
-            given[name] = each.reshape(*each.shape[:-2], -1, every, each.shape[-1])[..., at, :, :]
+        if given.get("wrenches") is not None:
+            # Likewise the wrenches that are the same in all steps.
+            given["wrenches"] = {
+                link: np.asarray(wrench)[..., None, :, :] if np.ndim(wrench) > 1 and not has_steps(wrench) else wrench
+                for link, wrench in given["wrenches"].items()
+            }
+
+        def of_rows(values: _Array) -> _Array:
+            each = values[..., :rows, :]
+            return np.asarray(each.reshape(*each.shape[:-2], -1, every, each.shape[-1])[..., at, :, :])
+
+        given = with_steps(given, of_rows)
         tau = self._torques()[..., :rows, :]
         tau = tau.reshape(*tau.shape[:-2], -1, every, nv)
         # The derivative of function i is state i of the leading axis.

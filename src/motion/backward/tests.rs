@@ -127,7 +127,7 @@ impl Case {
     /// Gradients from the kernels, and from the checked solver.
     fn backward(&self) -> [StepGradients<f64>; 2] {
         let mut s = self.scratch::<f64>();
-        let mut both = [StepGradients::new(&s.model, true), StepGradients::new(&s.model, true)];
+        let mut both = [(); 2].map(|()| StepGradients::new(&s.model, &self.settings, true));
         for to in &mut both {
             to.end.clone_from(&self.end);
         }

@@ -40,7 +40,8 @@ pub(super) fn move_along<T: Real>(h: f64, s: &mut Scratch<T>) {
     for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
         let (x, q) = (&mut s.x[stage.first_row..], &s.q[body.q..]);
         if body.motion.is_free() {
-            let along = quaternion::rotation(&q[3..7]).rotate(&triple(x));
+            let own = triple(x);
+            let along = quaternion::rotation(&q[3..7]).rotate(&own);
             for x in &mut x[..3] {
                 *x = x.constant(0.0);
             }
@@ -48,6 +49,8 @@ pub(super) fn move_along<T: Real>(h: f64, s: &mut Scratch<T>) {
             for i in 0..3 {
                 s.q_next[body.q + i] = q[i] + along[i];
             }
+            // The works of the step are those for the whole displacement, in the axes at its start.
+            write(x, &own);
         } else {
             body.motion.advance(q, x, &mut s.q_next[body.q..]);
         }

@@ -109,7 +109,7 @@ impl ContactReverse {
         let switching = Switching::new(scene, (form, InstructionSet::Baseline), 1);
         Self {
             switching,
-            gradients: StepGradients::new(&scratch.model, parameters),
+            gradients: StepGradients::new(&scratch.model, settings, parameters),
             adjoint: ContactAdjoint::new(&scratch.model),
             connections: Connections::new(scene, settings, &scratch.model, parameters),
             step,

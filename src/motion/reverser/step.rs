@@ -1,6 +1,6 @@
 //! One step of all lanes, compiled for one instruction set.
 
-use super::super::backward::backward;
+use super::super::backward::{StepGradients, backward};
 use super::super::torque::Torque;
 use super::{Compiled, Job};
 use crate::batch::instruction_set::{Target, Vectorized, Work, take_states};
@@ -34,7 +34,8 @@ impl<T: Vectorized, I: Target> Step<'_, T, I> {
     #[inline(always)]
     fn not_finite(&self) -> u64 {
         let mut worst = T::one();
-        for numbers in self.compiled.gradients.start.iter().chain(&self.compiled.gradients.acting) {
+        let StepGradients { start, acting, wrenches, .. } = &self.compiled.gradients;
+        for numbers in start.iter().chain(acting).chain([wrenches]) {
             for &x in numbers {
                 worst += x - x;
             }
