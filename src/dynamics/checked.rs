@@ -231,7 +231,6 @@ impl Scene {
             may_lack_seed: matches!(algorithm, Algorithm::ConstrainedDynamics(_)),
             bodies: self.model().bodies.len(),
             supported: !self.goes_through_connections(algorithm),
-            coupled: algorithm.goes_through_connections() && !self.constraints().is_empty(),
         }
     }
 
@@ -244,7 +243,6 @@ impl Scene {
         [state.q.len(), state.qd.len(), state.u.len()] == required.widths
             && (unseeded || state.seed.map(<[f64]>::len) == required.seeds)
             && required.supported
-            && (!required.coupled || self.couplings_hold(state.q))
             && (forces == 0 || forces == required.bodies)
     }
 
@@ -296,6 +294,4 @@ pub(crate) struct Requirements {
     may_lack_seed: bool,
     bodies: usize,
     supported: bool,
-    /// True if couplings of the connections must hold at q.
-    coupled: bool,
 }

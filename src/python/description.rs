@@ -24,7 +24,7 @@ pub(super) fn body_names(scene: &Scene) -> impl ExactSizeIterator<Item = &str> {
 }
 
 /// Version of the tuples.
-const VERSION: u32 = 13;
+const VERSION: u32 = 14;
 
 /// Name, then mass, center of mass and inertia about it (xx, xy, xz, yy, yz, zz), if any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
