@@ -5360,7 +5360,14 @@ class SceneBuilder:
         """
 
     def couple(
-        self, name: str, joint: str, other: str | None = None, *, multiplier: float = 1.0, offset: float = 0.0
+        self,
+        name: str,
+        joint: str,
+        other: str | None = None,
+        *,
+        multiplier: float = 1.0,
+        offset: float = 0.0,
+        polynomial: ArrayLike | None = None,
     ) -> SceneBuilder:
         """Couple two joints by a constraint force (1 row): coordinate = multiplier * other coordinate + offset.
 

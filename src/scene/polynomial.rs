@@ -68,17 +68,51 @@ impl Polynomial {
         sum
     }
 
-    /// A root of P(x) = value by Newton's method from `start`: the iterate of least residual, with that residual.
+    /// A root of P(x) = value by Newton's method from `start`, with the absolute residual, which decreases in each step:
+    /// a step that would increase it is halved.
     pub(crate) fn solve(&self, value: f64, start: f64) -> (f64, f64) {
-        let (mut best, mut x) = ((start, f64::INFINITY), start);
+        let residual = |x: f64| self.value(x) - value;
+        let newton = |x: f64| residual(x) / self.derivative(1, x);
+        let (mut x, mut left, mut step) = (start, residual(start).abs(), newton(start));
         for _ in 0..STEPS {
-            let residual = self.value(x) - value;
-            if !(residual.abs() < best.1) {
-                break;
+            let next = residual(x - step).abs();
+            if next < left {
+                (x, left) = (x - step, next);
+                step = newton(x);
+            } else {
+                step *= 0.5;
             }
-            best = (x, residual.abs());
-            x -= residual / self.derivative(1, x);
         }
-        best
+        (x, left)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Polynomial;
+
+    #[test]
+    fn derivatives_are_those_of_the_powers() {
+        let (p, x) = (Polynomial::new([0.3, -0.7, 0.5, 0.9, -0.2]), 1.5_f64);
+        let expected = [
+            0.3 - 0.7 * x + 0.5 * x.powi(2) + 0.9 * x.powi(3) - 0.2 * x.powi(4),
+            -0.7 + x + 2.7 * x.powi(2) - 0.8 * x.powi(3),
+            1.0 + 5.4 * x - 2.4 * x.powi(2),
+            5.4 - 4.8 * x,
+        ];
+        for (order, expected) in expected.into_iter().enumerate() {
+            assert!((p.derivative(order, x) - expected).abs() <= 1e-14, "{order}");
+        }
+        let line = Polynomial::linear(2.0, 0.5);
+        assert_eq!([0, 1, 2, 3].map(|order| line.derivative(order, x)), [3.5, 2.0, 0.0, 0.0]);
+        assert_eq!([0, 1, 2, 5].map(|degree| line.is_below_degree(degree)), [false, false, true, true]);
+    }
+
+    #[test]
+    fn roots_are_found_from_nearby() {
+        let p = Polynomial::new([0.0, 1.0, 0.0, 1.0, 0.0]);
+        let (root, left) = p.solve(2.0, 0.3);
+        assert!((root - 1.0).abs() <= 1e-14 && left <= 1e-14);
+        assert!(Polynomial::new([1.0, 0.0, 1.0, 0.0, 0.0]).solve(0.0, 0.5).1 > 0.1);
     }
 }
