@@ -83,8 +83,9 @@ impl PySceneBuilder {
         Ok(slf)
     }
 
-    /// Couple two joints by a constraint force (1 row): coordinate = multiplier * other coordinate + offset, or a
-    /// polynomial of the other coordinate.
+    /// Couple two joints by a constraint force (1 row): a coordinate is a polynomial of the other, linear by default.
+    ///
+    /// Linear: coordinate = multiplier * other coordinate + offset.
     #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the connection.
@@ -112,7 +113,7 @@ impl PySceneBuilder {
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1", multiplier=-2.0).build()
     /// >>> scene.constraint_error([0.0, 0.1, 0.0]).round(3)
     /// array([0.2])
-    /// >>> cam = phipsi.scenes.chain(3).to_builder().couple("cam", "j3", "j1", polynomial=(0.1, 0.0, 2.0)).build()
+    /// >>> cam = phipsi.scenes.chain(3).to_builder().couple("cam", "j2", "j0", polynomial=(0.1, 0.0, 2.0)).build()
     /// >>> cam.constraint_jacobian([0.5, 0.0, 0.6])
     /// array([[-2.,  0.,  1.]])
     #[pyo3(signature = (name, joint, other=None, *, multiplier=None, offset=None, polynomial=None),

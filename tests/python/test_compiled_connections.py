@@ -38,8 +38,8 @@ def rods() -> phipsi.Scene:
 def cams() -> phipsi.Scene:
     """A chain whose joints follow polynomials of others: a joint of a joint, inward and outward."""
     builder = phipsi.scenes.chain(5).to_builder()
-    builder.couple("inward", "j2", "j4", polynomial=(0.1, 0.5, -0.8, 0.4, 0.3))
-    return builder.couple("outward", "j5", "j2", polynomial=(0.0, 1.0, 2.0)).build()
+    builder.couple("inward", "j1", "j3", polynomial=(0.1, 0.5, -0.8, 0.4, 0.3))
+    return builder.couple("outward", "j4", "j1", polynomial=(0.0, 1.0, 2.0)).build()
 
 
 #: Scenes whose rows are independent but for rows that move no joint.
