@@ -3,8 +3,8 @@
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::connection_tuple::kind_of;
 use super::cost::WORTH_DETACHING;
-use super::interrupts::detached_checked;
 use super::input;
+use super::interrupts::detached_checked;
 use super::object::Object;
 use super::scene::{PyScene, slice};
 use crate::error::Error;

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numpy.polynomial import polynomial
-from tolerances import STEP, assert_near, assert_same_bits, central_difference, inverse, size, slope_of_order_4
+from tolerances import STEP, assert_near, assert_same_bits, central_difference, size, slope_of_order_4
 
 import phipsi
 from phipsi import tasks
@@ -315,7 +315,7 @@ def test_gradients_of_motion_are_differences(method: Any) -> None:
 
 def test_errors_of_the_start_propagate_along_the_coupling() -> None:
     scene, (y0, v0) = masses(), (0.4, 0.7)
-    given = {"dt": 0.01, "steps": 20, "method": "rk4"}
+    given: dict[str, Any] = {"dt": 0.01, "steps": 20, "method": "rk4"}
 
     def end(h: float, k: float) -> np.ndarray:
         path = scene.simulate(*state_at(y0 + h, v0 + k), **given)

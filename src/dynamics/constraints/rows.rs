@@ -338,7 +338,9 @@ impl<T: Real> ConnectionRows<T> {
 
     /// The torques of a unit force along the row of a connection.
     pub fn on_joints(&self, at: usize) -> impl Iterator<Item = (usize, T)> + '_ {
-        let RowTie::Joints(_, JointRow { torques, .. }) = &self.connections[at].tie else { return [None; 2].into_iter().flatten() };
+        let RowTie::Joints(_, JointRow { torques, .. }) = &self.connections[at].tie else {
+            return [None; 2].into_iter().flatten();
+        };
         (*torques).into_iter().flatten()
     }
 
