@@ -234,18 +234,6 @@ impl Scene {
         }
     }
 
-    /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads, and it has no
-    /// connections that they do not support.
-    #[inline]
-    pub(crate) fn fits(&self, required: &Requirements, state: &Arguments<'_>) -> bool {
-        let forces = state.wrenches.len();
-        let unseeded = required.may_lack_seed && state.seed[0].is_empty();
-        [state.q.len(), state.qd.len(), state.u.len()] == required.widths
-            && (unseeded || state.seed.map(<[f64]>::len) == required.seeds)
-            && required.supported
-            && (forces == 0 || forces == required.bodies)
-    }
-
     /// Checks that a workspace was made for this scene.
     pub(crate) fn check_workspace(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
         self.check_scratch("workspace", workspace.identity, "scene.workspace()")
@@ -294,4 +282,18 @@ pub(crate) struct Requirements {
     may_lack_seed: bool,
     bodies: usize,
     supported: bool,
+}
+
+impl Requirements {
+    /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads, and it has no
+    /// connections that they do not support.
+    #[inline]
+    pub(crate) fn met_by(&self, state: &Arguments<'_>) -> bool {
+        let forces = state.wrenches.len();
+        let unseeded = self.may_lack_seed && state.seed[0].is_empty();
+        [state.q.len(), state.qd.len(), state.u.len()] == self.widths
+            && (unseeded || state.seed.map(<[f64]>::len) == self.seeds)
+            && self.supported
+            && (forces == 0 || forces == self.bodies)
+    }
 }

@@ -94,8 +94,8 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// Computes the rows, w, G and its factor at q, which is that of the scratch, and at qd. Returns a value that is negative or
-    /// NaN in lanes whose rows are dependent or need the general form of the rows.
+    /// Computes the rows, w, G and its factor at q, which is that of the scratch, and at qd. Returns a value that is
+    /// negative or NaN in lanes whose rows are dependent, need the general form or violate the connections.
     #[inline(always)]
     pub fn factor(
         &mut self,

@@ -117,8 +117,8 @@ impl<T: Real> ConnectionRows<T> {
         }
     }
 
-    /// Computes the rows, W and G at q, which is that of the scratch, and at qd. Returns a value that is positive where the usual
-    /// form of the rows applies and no error and no rate exceeds its bound.
+    /// Computes the rows, W and G at q, which is that of the scratch, and at qd. Returns a value that is positive where
+    /// the usual form of the rows applies and no error and no rate exceeds its bound.
     #[inline(always)]
     pub fn whiten(
         &mut self,
