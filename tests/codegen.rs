@@ -6,7 +6,9 @@ use crate::common::lanes::{State, states};
 use crate::common::{Random, random_inertial, tolerance};
 use phipsi::codegen::{Function, Program, WATCHED, Width, sources};
 use phipsi::kinematics::{REFERENCE_FRAMES, ReferenceFrame};
-use phipsi::scene::{Connection, ConnectionKind, JointDescription, JointKind, LinkDescription, Mimic, MimicJoints};
+use phipsi::scene::{
+    Connection, ConnectionKind, JointDescription, JointKind, LinkDescription, Mimic, MimicJoints, Polynomial,
+};
 use phipsi::spatial::RigidShift;
 use phipsi::{Scene, SceneBuilder, scenes};
 use std::process::Command;
@@ -297,7 +299,7 @@ fn held_chain() -> Scene {
     let place = scenes::chain(6).unwrap().placement(&BENT, "link5").unwrap();
     let lever = place.rotate(&tip.frame.lever) + place.lever;
     tip.other_frame = Some(RigidShift { lever, ..RigidShift::identity() });
-    let coupling = ConnectionKind::Joint { multiplier: -0.5, offset: 0.0 };
+    let coupling = ConnectionKind::Joint(Polynomial::linear(-0.5, 0.0));
     let gear = Connection::new("gear", coupling, "j2", Some("j1"));
     scenes::chain(6).unwrap().source().clone().connect(tip).connect(gear).build().unwrap()
 }

@@ -9,7 +9,7 @@ use phipsi::batch::Evaluator;
 use phipsi::filter::Form;
 use phipsi::motion::{METHODS, Method, Rollout, Settings, Torque};
 use phipsi::report::operations::{Task, count};
-use phipsi::scene::{Connection, ConnectionKind, Property};
+use phipsi::scene::{Connection, ConnectionKind, Polynomial, Property};
 use phipsi::spatial::RigidShift;
 use phipsi::{Algorithm, Arguments, Error, Scene};
 
@@ -601,7 +601,7 @@ fn changed_scenes_keep_their_connections() {
 
 #[test]
 fn couplings_of_locked_joints_go_on_with_what_these_are_held_at() {
-    let kind = ConnectionKind::Joint { multiplier: 2.0, offset: 0.1 };
+    let kind = ConnectionKind::Joint(Polynomial::linear(2.0, 0.1));
     let names: Vec<String> =
         phipsi::scenes::chain(3).unwrap().joints().iter().map(|joint| joint.name.clone()).collect();
     let gear = Connection::new("gear", kind, &names[0], Some(&names[2]));
@@ -676,7 +676,7 @@ fn frames_that_are_none_are_refused() {
 
 #[test]
 fn couplings_that_are_none_are_refused() {
-    let gear = |multiplier: f64| ConnectionKind::Joint { multiplier, offset: 0.0 };
+    let gear = |multiplier: f64| ConnectionKind::Joint(Polynomial::linear(multiplier, 0.0));
     assert!(refused(|c| (c.kind, c.link) = (gear(1.0), "nobody".into())).contains("\"nobody\""));
     assert!(refused(|c| (c.kind, c.other) = (gear(1.0), Some("coupler".into()))).contains("itself"));
     assert!(refused(|c| c.kind = gear(f64::NAN)).contains("multiplier"));

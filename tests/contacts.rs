@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use phipsi::batch::InstructionSet;
 use phipsi::motion::{ContactState, Method, RecordedRows, Records, Rollout, Settings, Simulator, Torque};
 use phipsi::scene::{
-    Connection, ConnectionKind, Contact, Inertial, JointDescription, JointKind, LinkDescription, Surface,
+    Connection, ConnectionKind, Contact, Inertial, JointDescription, JointKind, LinkDescription, Polynomial, Surface,
 };
 use phipsi::spatial::Symmetric3;
 use phipsi::{Error, Scene, SceneBuilder};
@@ -698,7 +698,7 @@ fn two_balls_on_one_rail_collide() {
 /// The tip of a chain on the ground, with two joints coupled by a connection: the coupling holds in every step.
 #[test]
 fn a_coupled_chain_slides_on_the_ground() {
-    let gear = ConnectionKind::Joint { multiplier: -0.5, offset: 0.0 };
+    let gear = ConnectionKind::Joint(Polynomial::linear(-0.5, 0.0));
     let builder = phipsi::scenes::chain(4).unwrap().source().clone();
     let tip = Contact::new("tip", "link3").with_point([0.0, 0.0, 0.3]).with_friction(0.3);
     let free = builder.clone().contact(tip.clone()).build().unwrap();

@@ -5395,9 +5395,18 @@ class SceneBuilder:
         """
 
     def couple(
-        self, name: str, joint: str, other: str | None = None, *, multiplier: float = 1.0, offset: float = 0.0
+        self,
+        name: str,
+        joint: str,
+        other: str | None = None,
+        *,
+        multiplier: float = 1.0,
+        offset: float = 0.0,
+        polynomial: ArrayLike | None = None,
     ) -> SceneBuilder:
-        """Couple two joints by a constraint force (1 row): coordinate = multiplier * other coordinate + offset.
+        """Couple two joints by a constraint force (1 row): a coordinate is a polynomial of the other, linear by default.
+
+        Linear: coordinate = multiplier * other coordinate + offset.
 
         Parameters
         ----------
@@ -5411,21 +5420,35 @@ class SceneBuilder:
             Factor of the coordinate of the other joint.
         offset : float, default 0
             Offset, rad or m.
+        polynomial : array_like, optional
+            One to five coefficients (a0, a1, ..., a4) instead of multiplier and offset, in powers of rad or m:
+            coordinate = a0 + a1 x + a2 x^2 + a3 x^3 + a4 x^4 with the coordinate x of the other joint.
 
         Returns
         -------
         builder : SceneBuilder
             The same builder.
 
+        Raises
+        ------
+        SceneError
+            A polynomial without another joint, or with a multiplier or an offset.
+        ShapeError
+            A wrong number of coefficients.
+
         Notes
         -----
-        build() raises SceneError for unknown joints, joints with several axes and non-finite numbers.
+        build() raises SceneError for unknown joints, joints with several axes and non-finite numbers. The constraint
+        force acts along (1, -P'(x)) on the two joints, where P is the polynomial.
 
         Examples
         --------
         >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1", multiplier=-2.0).build()
         >>> scene.constraint_error([0.0, 0.1, 0.0]).round(3)
         array([0.2])
+        >>> cam = phipsi.scenes.chain(3).to_builder().couple("cam", "j2", "j0", polynomial=(0.1, 0.0, 2.0)).build()
+        >>> cam.constraint_jacobian([0.5, 0.0, 0.6])
+        array([[-2.,  0.,  1.]])
         """
 
     def build(

@@ -105,9 +105,8 @@ def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
     moved = {body for body in range(model.nbody) if model.body_mocapid[body] >= 0}
     for at in equalities(model):
         what, kind = f"the equality constraint {names.equalities[at]!r}", int(model.eq_type[at])
-        is_curved = kind == EQUALITY_JOINT and np.any(model.eq_data[at][2:5])
-        if is_curved or kind not in (EQUALITY_CONNECT, EQUALITY_WELD, EQUALITY_JOINT):
-            yield Gap("equality", what, "only the kinds connect, weld and linear joint are supported")
+        if kind not in (EQUALITY_CONNECT, EQUALITY_WELD, EQUALITY_JOINT):
+            yield Gap("equality", what, "only the kinds connect, weld and joint are supported")
             continue
         if kind != EQUALITY_JOINT:
             for body in moved.intersection(connected(model, at)):

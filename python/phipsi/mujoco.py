@@ -11,6 +11,7 @@ joints and free joints need no conversion.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -249,9 +250,11 @@ class _Reader:
         kind, data, name = model.eq_type[at], model.eq_data[at], names.equalities[at]
         ends = int(model.eq_obj1id[at]), int(model.eq_obj2id[at])
         if kind == EQUALITY_JOINT:
-            offset, slope = self._line(at)
-            other = names.joints[ends[1]] if ends[1] >= 0 else None
-            self.scene.couple(name, names.joints[ends[0]], other, multiplier=slope, offset=offset)
+            coefficients, joint = self._polynomial(at), names.joints[ends[0]]
+            if ends[1] >= 0:
+                self.scene.couple(name, joint, names.joints[ends[1]], polynomial=coefficients)
+            else:
+                self.scene.couple(name, joint, offset=coefficients[0])
             return
         bodies = connected(model, at)
         if ties_bodies(model, at):
@@ -273,14 +276,17 @@ class _Reader:
             other_rotation=second.rotation,
         )
 
-    def _line(self, at: int) -> tuple[float, float]:
-        """Offset and slope of a linear joint equality in joint coordinates; MuJoCo defines them relative to qpos0."""
+    def _polynomial(self, at: int) -> list[float]:
+        """Coefficients of a joint equality in joint coordinates, that of degree zero first. MuJoCo defines them relative
+        to qpos0: x - x0 = P(y - y0); without the joint of y, x - x0 is the constant of P.
+        """
         model = self.model
         follower, leader = int(model.eq_obj1id[at]), int(model.eq_obj2id[at])
-        offset, slope = (float(x) for x in model.eq_data[at][:2])
-        zero = float(model.qpos0[model.jnt_qposadr[follower]])
-        of = float(model.qpos0[model.jnt_qposadr[leader]]) if leader >= 0 else 0.0
-        return zero + offset - slope * of, slope
+        given = [float(a) for a in model.eq_data[at][:5]]
+        x0 = float(model.qpos0[model.jnt_qposadr[follower]])
+        y0 = float(model.qpos0[model.jnt_qposadr[leader]]) if leader >= 0 else 0.0
+        of_powers = [sum(given[j] * math.comb(j, k) * (-y0) ** (j - k) for j in range(k, 5)) for k in range(5)]
+        return [x0 + of_powers[0], *of_powers[1:]]
 
     def _mimics(self) -> dict[int, dict[str, Any]]:
         """Joints that follow another joint linearly by an ignored equality constraint, as keyword arguments of
@@ -291,7 +297,7 @@ class _Reader:
         for at in equalities(model):
             leader = int(model.eq_obj2id[at])
             if model.eq_type[at] == EQUALITY_JOINT and leader >= 0 and not np.any(model.eq_data[at][2:5]):
-                offset, slope = self._line(at)
+                offset, slope, *_ = self._polynomial(at)
                 follower = int(model.eq_obj1id[at])
                 found[follower] = {"mimic": self.names.joints[leader], "mimic_multiplier": slope, "mimic_offset": offset}
         return found

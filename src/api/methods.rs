@@ -87,7 +87,7 @@ impl Scene {
         }
         // Only the recursion writes the error estimate to the workspace.
         let estimated = workspace.estimates_error && matches!(algorithm, Algorithm::ForwardDynamics(_));
-        let fits = self.fits(&self.requirements(algorithm), state) && out.len() == self.width(algorithm);
+        let fits = self.requirements(algorithm).met_by(state) && out.len() == self.width(algorithm);
         if fits && !estimated && kernels::run(&mut workspace.kernels, self, algorithm, state, out) {
             return Ok(());
         }

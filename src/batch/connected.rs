@@ -79,7 +79,7 @@ pub(crate) fn factors<T: Vectorized, I: Target>(
         Form::Auto => factor::watched(target, scene, scratch, (q, estimates)),
         _ => factor::unwatched(target, scene, scratch, q),
     };
-    doubt | factor_rows(target, scene, scratch, rows, qd)
+    doubt | factor_rows(target, scene, scratch, rows, (q, qd))
 }
 
 within_target! {
@@ -89,9 +89,9 @@ within_target! {
         scene: (&'a Model<T>, &'a SweepModel<T>),
         scratch: &'a SweepScratch<T>,
         rows: &'a mut ConstraintKernel<T>,
-        qd: &'a [T],
+        at: (&'a [T], &'a [T]),
     ) -> u64 {
-        let regular = rows.factor(scene, scratch, qd);
+        let regular = rows.factor(scene, scratch, at);
         lanes_but::<T>(|lane| regular.lane(lane) > 0.0)
     }
 

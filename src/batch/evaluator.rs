@@ -207,7 +207,7 @@ impl Scene {
         let required = self.requirements(algorithm);
         if let [state] = states {
             // A single state skips the divisions and loops for many states.
-            if self.fits(&required, state) && evaluator.run(algorithm, states, out) & 1 == 0 {
+            if required.met_by(state) && evaluator.run(algorithm, states, out) & 1 == 0 {
                 found(0, &|| evaluator.checked.accepted(evaluator.kernels.error(1, 0), state.tolerance, out));
                 return Ok(());
             }
@@ -218,7 +218,7 @@ impl Scene {
         }
         let lanes = evaluator.lanes();
         for (i, (states, out)) in states.chunks(lanes).zip(out.chunks_mut((width * lanes).max(1))).enumerate() {
-            let fits = states.iter().all(|state| self.fits(&required, state));
+            let fits = states.iter().all(|state| required.met_by(state));
             let mut doubt = if fits { evaluator.run(algorithm, states, out) } else { u64::MAX };
             doubt &= u64::MAX >> (64 - states.len());
             for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 0) {

@@ -231,21 +231,7 @@ impl Scene {
             may_lack_seed: matches!(algorithm, Algorithm::ConstrainedDynamics(_)),
             bodies: self.model().bodies.len(),
             supported: !self.goes_through_connections(algorithm),
-            coupled: algorithm.goes_through_connections() && !self.constraints().is_empty(),
         }
-    }
-
-    /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads, and it has no
-    /// connections that they do not support.
-    #[inline]
-    pub(crate) fn fits(&self, required: &Requirements, state: &Arguments<'_>) -> bool {
-        let forces = state.wrenches.len();
-        let unseeded = required.may_lack_seed && state.seed[0].is_empty();
-        [state.q.len(), state.qd.len(), state.u.len()] == required.widths
-            && (unseeded || state.seed.map(<[f64]>::len) == required.seeds)
-            && required.supported
-            && (!required.coupled || self.couplings_hold(state.q))
-            && (forces == 0 || forces == required.bodies)
     }
 
     /// Checks that a workspace was made for this scene.
@@ -296,6 +282,18 @@ pub(crate) struct Requirements {
     may_lack_seed: bool,
     bodies: usize,
     supported: bool,
-    /// True if couplings of the connections must hold at q.
-    coupled: bool,
+}
+
+impl Requirements {
+    /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads, and it has no
+    /// connections that they do not support.
+    #[inline]
+    pub(crate) fn met_by(&self, state: &Arguments<'_>) -> bool {
+        let forces = state.wrenches.len();
+        let unseeded = self.may_lack_seed && state.seed[0].is_empty();
+        [state.q.len(), state.qd.len(), state.u.len()] == self.widths
+            && (unseeded || state.seed.map(<[f64]>::len) == self.seeds)
+            && self.supported
+            && (forces == 0 || forces == self.bodies)
+    }
 }

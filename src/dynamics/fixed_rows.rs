@@ -32,7 +32,7 @@ pub(crate) fn forward_dynamics<T: Real>(
     let mut innovations = vec![T::zero(); qdd.len()];
     general::forces::<_, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches: &[] });
     general::innovations::<_, true>(scene, scratch, tau, &mut innovations);
-    margin = margin.worst(rows.factor(scene, scratch, qd));
+    margin = margin.worst(rows.factor(scene, scratch, (q, qd)));
     rows.first_step(scratch, tau, &innovations, true);
     for correction in 0..=CORRECTIONS {
         rows.take(&mut innovations);
@@ -54,7 +54,7 @@ pub(crate) fn factor<T: Real>(
     (q, qd): (&[T], &[T]),
 ) -> T {
     let [_, near] = general::factor_and_nearness(scene, scratch, q);
-    near.margin().worst(rows.factor(scene, scratch, qd))
+    near.margin().worst(rows.factor(scene, scratch, (q, qd)))
 }
 
 /// The accelerations of mimic joints from torques with both factors in the scratch, with the bias of (q, qd) or

@@ -13,7 +13,7 @@ pub(super) use reverse::ConnectedReverse;
 use super::manifold::advance;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
-use crate::batch::connected::{self, factor_rows};
+use crate::batch::connected::{self, factor_rows, factors};
 use crate::batch::factor;
 use crate::batch::instruction_set::{Target, Vectorized, Work};
 use crate::dynamics::constraints::{CLOSED, ConstraintKernel, FARTHEST, ROUNDED, Residuals, extent, largest_of};
@@ -158,7 +158,7 @@ impl<T: Vectorized> Connected<T> {
             self.doubt
         } else {
             let lost = factor::with_innovations(target, scene, scratch, (q, v, u), &mut self.innovations);
-            lost | rows_at(target, scene, (scratch, &mut self.rows), (q, v))
+            lost | factor_rows(target, scene, scratch, &mut self.rows, (q, v))
         };
         // The first stage decides for the others too, which residuals are corrected.
         let allowed = if is_first { u64::MAX } else { self.corrected };
@@ -198,33 +198,6 @@ fn beyond_limits<T: Vectorized>(limits: &[LimitRow], (q, q_next): (&[T], &[T])) 
         within = within.worst(sign * (q_next[at] - bound) + zero.constant(LATE)).worst(sign * (q[at] - bound));
     }
     lanes_but::<T>(|lane| within.lane(lane) >= 0.0)
-}
-
-/// The factors of M and of the rows at a configuration, and the errors of the rows. Returns the lanes that need the
-/// fallback.
-fn factors<T: Vectorized, I: Target>(
-    (target, form): (I, Form),
-    scene: (&Model<T>, &SweepModel<T>),
-    (scratch, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
-    (q, v): (&[T], &[T]),
-    estimates: &mut [T],
-) -> u64 {
-    let doubt = connected::factors((target, form), scene, (scratch, &mut *rows), (q, v), estimates);
-    rows.rows.joint_errors(q);
-    doubt
-}
-
-/// The factor of the rows and their errors, with the factor of M in the scratch. Returns the lanes that need the
-/// fallback.
-fn rows_at<T: Vectorized, I: Target>(
-    target: I,
-    scene: (&Model<T>, &SweepModel<T>),
-    (scratch, rows): (&SweepScratch<T>, &mut ConstraintKernel<T>),
-    (q, v): (&[T], &[T]),
-) -> u64 {
-    let irregular = factor_rows(target, scene, scratch, rows, v);
-    rows.rows.joint_errors(q);
-    irregular
 }
 
 struct Finish<'a, T: Vectorized, I> {

@@ -128,7 +128,7 @@ impl Followed {
             doubt
         } else {
             let lost = factor::with_innovations(Baseline, scene, scratch, state, innovations);
-            lost | connected::factor_rows(Baseline, scene, scratch, rows, state.1)
+            lost | connected::factor_rows(Baseline, scene, scratch, rows, (state.0, state.1))
         };
         let vectors = (state.2, &mut innovations[..], qdd);
         let (_, open) = connected::accelerations(Baseline, scene, scratch, rows, vectors, (!doubt, u64::MAX));

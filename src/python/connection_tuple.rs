@@ -1,7 +1,7 @@
 //! Connections as plain tuples of numbers and names, for pickling.
 
 use crate::error::Error;
-use crate::scene::{Connection, ConnectionKind};
+use crate::scene::{Connection, ConnectionKind, Polynomial};
 use crate::spatial::RigidShift;
 use nalgebra::Matrix3;
 
@@ -32,14 +32,14 @@ pub(super) fn kind_of(
     Ok(kind)
 }
 
-/// A connection as numbers and names: name, kind, axis, length, (multiplier, offset), link, other, and the two frames
-/// (rotation in row-major order, lever).
+/// A connection as numbers and names: name, kind, axis, length, coefficients of a polynomial, link, other, and the two
+/// frames (rotation in row-major order, lever).
 pub(super) type ConnectionTuple = (
     String,
     String,
     Option<[f64; 3]>,
     Option<f64>,
-    Option<(f64, f64)>,
+    Option<[f64; 5]>,
     String,
     Option<String>,
     FrameTuple,
@@ -62,10 +62,10 @@ pub(super) fn frame_from((rotation, lever): FrameTuple) -> RigidShift<f64> {
 /// The complete description of a connection.
 pub(super) fn connection_tuple(connection: &Connection) -> ConnectionTuple {
     let Connection { name, kind, link, other, frame, other_frame } = connection;
-    let (axis, length, ratio) = match *kind {
+    let (axis, length, polynomial) = match *kind {
         ConnectionKind::Axis(axis) => (Some(axis.into()), None, None),
         ConnectionKind::Distance(length) => (None, length, None),
-        ConnectionKind::Joint { multiplier, offset } => (None, None, Some((multiplier, offset))),
+        ConnectionKind::Joint(polynomial) => (None, None, Some(polynomial.coefficients())),
         ConnectionKind::Point | ConnectionKind::Weld => (None, None, None),
     };
     let other_frame = other_frame.as_ref().map(frame_tuple);
@@ -74,7 +74,7 @@ pub(super) fn connection_tuple(connection: &Connection) -> ConnectionTuple {
         kind.name().to_owned(),
         axis,
         length,
-        ratio,
+        polynomial,
         link.clone(),
         other.clone(),
         frame_tuple(frame),
@@ -84,9 +84,9 @@ pub(super) fn connection_tuple(connection: &Connection) -> ConnectionTuple {
 
 /// The connection of a tuple.
 pub(super) fn connection_of(tuple: ConnectionTuple) -> Result<Connection, Error> {
-    let (name, kind, axis, length, ratio, link, other, frame, other_frame) = tuple;
-    let kind = match ratio {
-        Some((multiplier, offset)) => ConnectionKind::Joint { multiplier, offset },
+    let (name, kind, axis, length, polynomial, link, other, frame, other_frame) = tuple;
+    let kind = match polynomial {
+        Some(coefficients) => ConnectionKind::Joint(Polynomial::new(coefficients)),
         None => kind_of(&name, &kind, axis, length)?,
     };
     let (frame, other_frame) = (frame_from(frame), other_frame.map(frame_from));

@@ -3,11 +3,12 @@
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::connection_tuple::kind_of;
 use super::cost::WORTH_DETACHING;
+use super::input;
 use super::interrupts::detached_checked;
 use super::object::Object;
 use super::scene::{PyScene, slice};
 use crate::error::Error;
-use crate::scene::{Connection, ConnectionKind};
+use crate::scene::{Connection, ConnectionKind, Polynomial};
 use pyo3::prelude::*;
 use pyo3::types::{PySlice, PyTuple};
 
@@ -82,7 +83,9 @@ impl PySceneBuilder {
         Ok(slf)
     }
 
-    /// Couple two joints by a constraint force (1 row): coordinate = multiplier * other coordinate + offset.
+    /// Couple two joints by a constraint force (1 row): a coordinate is a polynomial of the other, linear by default.
+    ///
+    /// Linear: coordinate = multiplier * other coordinate + offset.
     #[doc = section!(Parameters)]
     /// name : str
     ///     Name of the connection.
@@ -94,26 +97,64 @@ impl PySceneBuilder {
     ///     Factor of the coordinate of the other joint.
     /// offset : float, default 0
     ///     Offset, rad or m.
+    /// polynomial : array_like, optional
+    ///     One to five coefficients (a0, a1, ..., a4) instead of multiplier and offset, in powers of rad or m:
+    ///     coordinate = a0 + a1 x + a2 x^2 + a3 x^3 + a4 x^4 with the coordinate x of the other joint.
     #[doc = returns!(builder)]
+    #[doc = section!(Raises)]
+    /// SceneError
+    ///     A polynomial without another joint, or with a multiplier or an offset.
+    /// ShapeError
+    ///     A wrong number of coefficients.
     #[doc = section!(Notes)]
-    /// build() raises SceneError for unknown joints, joints with several axes and non-finite numbers.
+    /// build() raises SceneError for unknown joints, joints with several axes and non-finite numbers. The constraint
+    /// force acts along (1, -P'(x)) on the two joints, where P is the polynomial.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1", multiplier=-2.0).build()
     /// >>> scene.constraint_error([0.0, 0.1, 0.0]).round(3)
     /// array([0.2])
-    #[pyo3(signature = (name, joint, other=None, *, multiplier=1.0, offset=0.0))]
+    /// >>> cam = phipsi.scenes.chain(3).to_builder().couple("cam", "j2", "j0", polynomial=(0.1, 0.0, 2.0)).build()
+    /// >>> cam.constraint_jacobian([0.5, 0.0, 0.6])
+    /// array([[-2.,  0.,  1.]])
+    #[pyo3(signature = (name, joint, other=None, *, multiplier=None, offset=None, polynomial=None),
+           text_signature = "($self, name, joint, other=None, *, multiplier=1.0, offset=0.0, polynomial=None)")]
     fn couple<'py>(
         mut slf: PyRefMut<'py, Self>,
         name: String,
         joint: String,
         other: Option<&str>,
-        multiplier: f64,
-        offset: f64,
-    ) -> PyRefMut<'py, Self> {
-        let kind = ConnectionKind::Joint { multiplier, offset };
+        multiplier: Option<f64>,
+        offset: Option<f64>,
+        polynomial: Option<&Object<'py>>,
+    ) -> PyResult<PyRefMut<'py, Self>> {
+        let polynomial = match polynomial {
+            None => Polynomial::linear(multiplier.unwrap_or(1.0), offset.unwrap_or(0.0)),
+            Some(given) => {
+                let is_alone = other.is_some() && multiplier.is_none() && offset.is_none();
+                polynomial_of(&name, given, is_alone)?
+            }
+        };
+        let kind = ConnectionKind::Joint(polynomial);
         slf.change(|builder| builder.connect(Connection::new(name, kind, joint, other)));
-        slf
+        Ok(slf)
     }
+}
+
+/// The polynomial of a coupling. `is_alone`: with another joint, and without a multiplier and an offset.
+fn polynomial_of(connection: &str, given: &Object<'_>, is_alone: bool) -> PyResult<Polynomial> {
+    let refused = |found: String, expected: &str| Error::scene(format!("connection {connection:?}"), found, expected);
+    if !is_alone {
+        let found = "a polynomial without another joint, or with a multiplier or an offset".to_owned();
+        return Err(refused(found, "another joint, and either a polynomial or a multiplier and an offset").into());
+    }
+    let name = format!("polynomial of connection {connection:?}");
+    let mut coefficients = [0.0; 5];
+    let (shape, given) = input::shaped(&name, given, coefficients.len())?;
+    if !matches!(shape[..], [1..=5]) {
+        return Err(input::wrong_shape(&name, &shape, "(k,), k from 1 to 5".to_owned()));
+    }
+    coefficients[..given.len()].copy_from_slice(&given);
+    Ok(Polynomial::new(coefficients))
 }
 
 #[pymethods]

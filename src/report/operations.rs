@@ -94,7 +94,7 @@ fn through_connections(
     };
     traced.innovations_of_factor((q, qd, tau), wrenches, qdd);
     let TracedSweeps { model, sweeps, scratch } = traced;
-    let regular = rows.factor((model, sweeps), scratch, qd);
+    let regular = rows.factor((model, sweeps), scratch, (q, qd));
     rows.first_step(scratch, tau, qdd, true);
     rows.take(qdd);
     traced.smooth(qdd);

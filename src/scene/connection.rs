@@ -1,6 +1,7 @@
 //! Connections, which close loops in the tree of joints: user description and checks.
 
-use super::constraint::{Constraint, Constraints, Coordinate, Tie};
+use super::constraint::{Constraint, Constraints, Coordinate, Coupled, Tie};
+use super::polynomial::Polynomial;
 use super::{Joint, Scene};
 use crate::error::{Error, number};
 use crate::joints::JointKind;
@@ -30,15 +31,10 @@ pub enum ConnectionKind {
     /// The distance of the origins is fixed, m, as by a massless rod: 1 row. `None` selects the distance in the neutral
     /// configuration.
     Distance(Option<f64>),
-    /// The coordinate of one joint is the multiplier times that of another joint, plus the offset (rad or m): 1 row.
-    /// `link` and `other` are the names of the joints, which have one axis each; without `other` the coordinate equals
-    /// the offset. The frames are not used.
-    Joint {
-        /// Ratio of the coordinates.
-        multiplier: f64,
-        /// Coordinate for a zero coordinate of the other joint, rad or m.
-        offset: f64,
-    },
+    /// The coordinate of one joint is a polynomial of that of another joint, rad or m: 1 row. `link` and `other` are the
+    /// names of the joints, which have one axis each; without `other` the coordinate equals the value of the polynomial
+    /// at zero. The frames are not used. [`Polynomial::linear`] describes gears and belts.
+    Joint(Polynomial),
 }
 
 impl ConnectionKind {
@@ -50,7 +46,7 @@ impl ConnectionKind {
             Self::Axis(_) => "axis",
             Self::Weld => "weld",
             Self::Distance(_) => "distance",
-            Self::Joint { .. } => "joint",
+            Self::Joint(_) => "joint",
         }
     }
 }
@@ -129,8 +125,13 @@ impl Connection {
                 let expected = "a finite length above zero, m (kind \"point\" for a length of zero)";
                 Err(self.fault(format!("length {}", number(length)), expected))
             }
-            ConnectionKind::Joint { multiplier, offset } if !(multiplier.is_finite() && offset.is_finite()) => {
-                let found = format!("multiplier {} and offset {}", number(multiplier), number(offset));
+            ConnectionKind::Joint(polynomial) if !polynomial.coefficients().iter().all(|c| c.is_finite()) => {
+                let [offset, multiplier, ..] = polynomial.coefficients();
+                let found = if polynomial.is_below_degree(2) {
+                    format!("multiplier {} and offset {}", number(multiplier), number(offset))
+                } else {
+                    format!("polynomial {:?}", polynomial.coefficients())
+                };
                 Err(self.fault(found, "finite numbers"))
             }
             _ => Ok(()),
@@ -181,8 +182,8 @@ impl Scene {
                 return Err(connection.fault("a duplicate name", "unique names of connections"));
             }
             connection.check_kind()?;
-            let tie = if let ConnectionKind::Joint { multiplier, offset } = connection.kind {
-                self.tie_of_joints(connection, (multiplier, offset))?
+            let tie = if let ConnectionKind::Joint(polynomial) = connection.kind {
+                self.tie_of_joints(connection, polynomial)?
             } else {
                 self.tie(connection)?
             };
@@ -250,7 +251,7 @@ impl Scene {
                 }
                 Pair::Distance(length)
             }
-            ConnectionKind::Joint { .. } => return Err(connection.fault("joints", "links")),
+            ConnectionKind::Joint(_) => return Err(connection.fault("joints", "links")),
         };
         let mut frames = [first, second];
         if let ConnectionKind::Axis(axis) = connection.kind {
@@ -286,13 +287,13 @@ impl Scene {
     }
 
     /// The constraint between two joint coordinates.
-    fn tie_of_joints(&self, connection: &Connection, (multiplier, offset): (f64, f64)) -> Result<Tie, Error> {
+    fn tie_of_joints(&self, connection: &Connection, polynomial: Polynomial) -> Result<Tie, Error> {
         let first = self.coordinate_of(connection, &connection.link)?;
         let second = connection.other.as_ref().map(|name| self.coordinate_of(connection, name)).transpose()?;
         if second.is_some_and(|second| second.v == first.v) {
             return Err(connection.fault(format!("joint {:?} coupled to itself", connection.link), "two joints"));
         }
-        Ok(Tie::Coordinates { first, second, multiplier, offset })
+        Ok(Tie::Coordinates(Coupled { first, second, polynomial }))
     }
 
     /// The coordinate of a joint with one axis.

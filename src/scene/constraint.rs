@@ -1,9 +1,11 @@
 //! Connections in the form that the sweeps read: frames on bodies and joint coordinates, by index.
 
+use super::polynomial::Polynomial;
 use crate::kinematics::Frame;
 use crate::kinematics::pair::{Pair, pair_rows, place_between};
 use crate::kinematics::relative::placements_from;
 use crate::model::Model;
+use crate::scalar::Real;
 use nalgebra::Vector6;
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -24,8 +26,54 @@ pub(crate) struct Coordinate {
 pub(crate) enum Tie {
     /// Two frames: C on the first link of the connection and D on the other.
     Frames { pair: Pair, frames: [Frame<f64>; 2] },
-    /// first = multiplier * second + offset; first = offset if there is no second coordinate.
-    Coordinates { first: Coordinate, second: Option<Coordinate>, multiplier: f64, offset: f64 },
+    /// Coordinates of joints.
+    Coordinates(Coupled),
+}
+
+/// Coupled coordinates x and y: x = P(y); x = P(0) if there is no second coordinate.
+///
+/// ```text
+/// error x - P(y),    J = (1, -P'(y)),    gamma = -P''(y) y'^2
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Coupled {
+    /// x.
+    pub first: Coordinate,
+    /// y.
+    pub second: Option<Coordinate>,
+    /// P.
+    pub polynomial: Polynomial,
+}
+
+impl Coupled {
+    /// x - P(y).
+    #[inline(always)]
+    pub fn error<T: Real>(&self, q: &[T]) -> T {
+        let x = q[self.first.q];
+        let y = match self.second {
+            Some(second) => q[second.q],
+            None => x.constant(0.0),
+        };
+        x - self.polynomial.derivative(0, y)
+    }
+
+    /// Adds the gradients of r (x'' - P'(y) y'' - P''(y) y'^2) by (q, qd) to `by_q` and `by_qd`.
+    #[inline(always)]
+    pub fn add_acceleration_gradient<T: Real>(
+        &self,
+        (q, qd, qdd): (&[T], &[T], &[T]),
+        r: T,
+        [by_q, by_qd]: [&mut [T]; 2],
+    ) {
+        let Some(Coordinate { q: at, v, .. }) = self.second else { return };
+        if self.polynomial.is_below_degree(2) {
+            return;
+        }
+        let (y, speed) = (q[at], qd[v]);
+        let (second, third) = (self.polynomial.derivative(2, y), self.polynomial.derivative(3, y));
+        by_q[v] = by_q[v].minus_product(r, second.mul_add(qdd[v], third * speed * speed));
+        by_qd[v] = by_qd[v].minus_product(r, (second + second) * speed);
+    }
 }
 
 impl Tie {
@@ -33,7 +81,7 @@ impl Tie {
     pub fn bodies(&self) -> [Option<usize>; 2] {
         match self {
             Self::Frames { frames: [first, second], .. } => [first.body, second.body],
-            Self::Coordinates { first, second, .. } => [Some(first.body), second.map(|second| second.body)],
+            Self::Coordinates(Coupled { first, second, .. }) => [Some(first.body), second.map(|second| second.body)],
         }
     }
 }
@@ -61,9 +109,18 @@ impl Constraint {
     pub fn rows(&self) -> Range<usize> {
         let count = match self.tie {
             Tie::Frames { pair, .. } => pair.rows(),
-            Tie::Coordinates { .. } => 1,
+            Tie::Coordinates(_) => 1,
         };
         self.first_row..self.first_row + count
+    }
+
+    /// The degrees of freedom that move its rows: J is zero in the columns of all others.
+    pub fn columns<T: Real>(&self, model: &Model<T>) -> Vec<usize> {
+        if let Tie::Coordinates(Coupled { first, second, .. }) = &self.tie {
+            return [Some(first), second.as_ref()].into_iter().flatten().map(|of| of.v).collect();
+        }
+        let stages = self.branches.iter().map(|&k| &model.system.stages[k]);
+        stages.flat_map(|stage| stage.first_row..stage.first_row + stage.rows.count()).collect()
     }
 
     /// Writes the constraint error at `q` to `out`, one entry per row, m or rad; `None` for a rod of zero length, whose
@@ -75,9 +132,7 @@ impl Constraint {
                 let rows = pair_rows(*pair, &place_between(&c, &d), &Vector6::zeros())?;
                 out.copy_from_slice(&rows.error[..rows.count]);
             }
-            Tie::Coordinates { first, second, multiplier, offset } => {
-                out[0] = q[first.q] - (second.map_or(0.0, |second| multiplier * q[second.q]) + offset);
-            }
+            Tie::Coordinates(coupled) => out[0] = coupled.error(q),
         }
         Some(())
     }

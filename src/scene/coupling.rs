@@ -1,7 +1,8 @@
 //! Coupled (mimic) joints: the coordinates of the tree from fewer independent ones, q = G q' + o and qd = G qd'.
 
-use super::constraint::{Constraints, Tie};
+use super::constraint::{Constraints, Coupled, Tie};
 use super::description::{Mimic, MimicJoints};
+use super::polynomial::Polynomial;
 use super::shared::Shared;
 use super::{Joint, Scene};
 use crate::algorithm::table::Axis;
@@ -230,7 +231,8 @@ impl Coupling {
             let multiplier = own.multiplier / of.multiplier;
             let offset = own.offset - multiplier * of.offset;
             let (first, second) = (self.tree.coordinate(joint), Some(self.tree.coordinate(heaviest)));
-            let tie = Tie::Coordinates { first, second, multiplier, offset };
+            let polynomial = Polynomial::linear(multiplier, offset);
+            let tie = Tie::Coordinates(Coupled { first, second, polynomial });
             self.tree.constrain(&mut constraints, joint.name.clone(), tie);
         }
         constraints

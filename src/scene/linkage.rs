@@ -182,6 +182,6 @@ fn name_of_row(tie: &Tie, row: usize) -> &'static str {
             let angular = pair.rows() - 3;
             if row < angular { ANGLES[row] } else { LENGTHS[row - angular] }
         }
-        Tie::Coordinates { .. } => "coordinate",
+        Tie::Coordinates(_) => "coordinate",
     }
 }

@@ -3,6 +3,7 @@
 use super::Scene;
 use super::connection::{ConnectionKind, tidy};
 use super::description::JointDescription;
+use super::polynomial::Polynomial;
 use super::properties::Properties;
 use crate::error::Error;
 use crate::interrupt;
@@ -12,6 +13,9 @@ use crate::spatial::RigidShift;
 
 /// Largest constraint error accepted for a connection whose two ends are locked to each other, m or rad.
 const HELD: f64 = 1e-6;
+
+const CLOSED_BY_PROJECTION: &str =
+    "a configuration that satisfies the connections, such as the result of scene.project";
 
 impl Scene {
     /// A scene with `joints` fixed at their positions in `q`; link names are unchanged.
@@ -102,9 +106,9 @@ impl Scene {
         let held =
             |name: &str| joints.contains(&name).then(|| self.joint(name).ok().map(|joint| q[joint.q.start])).flatten();
         for (mut connection, constraint) in connections.into_iter().zip(&self.constraints().all) {
-            let is_rigid = if let ConnectionKind::Joint { multiplier, offset } = &mut connection.kind {
+            let is_rigid = if let ConnectionKind::Joint(polynomial) = &mut connection.kind {
                 if let Some(other) = connection.other.as_deref().and_then(held) {
-                    *offset += *multiplier * other;
+                    *polynomial = Polynomial::linear(0.0, polynomial.value(other));
                     connection.other = None;
                 }
                 match (held(&connection.link), connection.other.take()) {
@@ -114,10 +118,21 @@ impl Scene {
                     }
                     (Some(_), None) => true,
                     (Some(first), Some(other)) => {
-                        // The first coordinate determines the other one, unless the multiplier is zero.
-                        *offset = (first - *offset) / *multiplier;
+                        // The first coordinate determines the other one, unless the polynomial is constant.
+                        let is_constant = polynomial.is_below_degree(1);
+                        if !is_constant {
+                            let (root, left) = polynomial.solve(first, q[self.joint(&other)?.q.start]);
+                            if !(left <= HELD * first.abs().max(1.0)) {
+                                return Err(Error::scene(
+                                    format!("connection {:?}", connection.name),
+                                    format!("no coordinate of joint {other:?} for that of the locked joint"),
+                                    CLOSED_BY_PROJECTION,
+                                ));
+                            }
+                            *polynomial = Polynomial::linear(0.0, root);
+                        }
                         connection.link = other;
-                        *multiplier == 0.0
+                        is_constant
                     }
                 }
             } else {
@@ -135,7 +150,7 @@ impl Scene {
                 return Err(Error::scene(
                     format!("connection {:?}", connection.name),
                     format!("an error of {error:.1e} (m or rad), which the locked joints cannot correct"),
-                    "a configuration that satisfies the connections, such as the result of scene.project",
+                    CLOSED_BY_PROJECTION,
                 ));
             }
         }

@@ -49,6 +49,7 @@ mod linkage;
 mod lock;
 mod part;
 mod payload;
+mod polynomial;
 pub(crate) mod properties;
 mod shared;
 mod spring;
@@ -74,6 +75,7 @@ pub use description::{
     FrictionCurve, Inertial, JointDescription, Limits, LinkDescription, Mimic, MimicJoints, SceneWarning,
 };
 pub(crate) use joint_forces::JointForces;
+pub use polynomial::Polynomial;
 pub use properties::Property;
 pub use spring::Spring;
 pub use start::Start;

@@ -7,7 +7,9 @@ use super::{Random, random_inertial};
 use nalgebra::{DMatrix, Rotation3, Vector3};
 use phipsi::Scene;
 use phipsi::scalar::Real;
-use phipsi::scene::{Connection, ConnectionKind, Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+use phipsi::scene::{
+    Connection, ConnectionKind, Inertial, JointDescription, JointKind, LinkDescription, Polynomial, SceneBuilder,
+};
 use phipsi::spatial::{RigidShift, Symmetric3};
 
 pub fn rod(mass: f64, length: f64) -> Inertial {
@@ -86,7 +88,7 @@ pub fn tangle(seed: u64, kinds: &[JointKind]) -> Scene {
     let one_axis: Vec<String> =
         builder.joints().iter().filter(|joint| joint.kind.nv() == 1).map(|joint| joint.name.clone()).collect();
     if let [.., other, first] = &one_axis[..] {
-        let kind = ConnectionKind::Joint { multiplier: -1.5, offset: 0.0 };
+        let kind = ConnectionKind::Joint(Polynomial::linear(-1.5, 0.0));
         builder = builder.connect(Connection::new("gear", kind, first, Some(other)));
     }
     builder.build().expect("links that can move against each other")
@@ -214,7 +216,8 @@ fn rows(scene: &Scene, oracle: &Oracle, q: &[D], qd: &[D]) -> (Vec<Vec<D>>, Vec<
     let nv = oracle.nv();
     let (mut j, mut gamma) = (Vec::new(), Vec::new());
     for connection in scene.connections() {
-        if let ConnectionKind::Joint { multiplier, .. } = connection.kind {
+        if let ConnectionKind::Joint(polynomial) = connection.kind {
+            let multiplier = polynomial.coefficients()[1];
             let mut row = vec![d(0.0); nv];
             row[scene.joint(&connection.link).unwrap().v.start] = d(1.0);
             if let Some(other) = &connection.other {

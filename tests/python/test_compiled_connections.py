@@ -35,11 +35,19 @@ def rods() -> phipsi.Scene:
     return builder.couple("gear", "j4", "j3", multiplier=-2.0).build()
 
 
+def cams() -> phipsi.Scene:
+    """A chain whose joints follow polynomials of others: a joint of a joint, inward and outward."""
+    builder = phipsi.scenes.chain(5).to_builder()
+    builder.couple("inward", "j1", "j3", polynomial=(0.1, 0.5, -0.8, 0.4, 0.3))
+    return builder.couple("outward", "j4", "j1", polynomial=(0.0, 1.0, 2.0)).build()
+
+
 #: Scenes whose rows are independent but for rows that move no joint.
 SCENES: dict[str, Callable[[], phipsi.Scene]] = {
     "four-bar": linkage,
     "four-bar on a point": lambda: linkage("point"),
     "rod and gear": rods,
+    "cams": cams,
     "tree": lambda: tangle(0, ("revolute", "prismatic"), 14),
     "floating tree": lambda: tangle(1, ("revolute", "prismatic"), 14, floating_base=True),
     "all joints": lambda: tangle(3, ("revolute", "prismatic", "spherical", "screw", "floating"), 9),
@@ -175,8 +183,9 @@ def test_dependent_rows_are_computed_by_the_scene(name: str, cache: Path) -> Non
 
 @pytest.mark.parametrize("form", ["auto", "covariance"])
 @pytest.mark.parametrize("which", ["q", "qd"])
-def test_states_that_violate_the_connections_are_refused_as_by_the_scene(which: str, form: Any, cache: Path) -> None:
-    scene = linkage()
+@pytest.mark.parametrize("make", [linkage, rods, cams])
+def test_states_that_violate_the_connections_are_refused_as_by_the_scene(which: str, make: Any, form: Any, cache: Path) -> None:
+    scene = make()
     fast = phipsi.compile(scene, BOTH, form=form, flags=["-O0"], cache=cache)  # type: ignore[call-overload]
     q, qd, tau = closed(scene)
     (q if which == "q" else qd)[13, 1] += 0.1

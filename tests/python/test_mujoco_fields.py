@@ -48,7 +48,7 @@ def with_(element: str) -> str:
 MODELS = {
     "tree": MODEL,
     "connect": with_(
-        '<equality><connect body1="tool" body2="leg" anchor=".1 .2 .3"/><joint joint1="elbow" joint2="knee" polycoef=".1 .5 0 0 0"/></equality>'
+        '<equality><connect body1="tool" body2="leg" anchor=".1 .2 .3"/><joint joint1="elbow" joint2="knee" polycoef=".1 .5 .2 -.1 .3"/></equality>'
     ),
     "weld": with_(
         '<equality><weld body1="tool" body2="leg" relpose=".1 .2 .3 .5 .5 .5 .5" anchor=".1 .1 0"/></equality>'
@@ -280,11 +280,6 @@ PARTS = {
         "equality",
         False,
         with_(TENDON.format("") + '<equality><tendon tendon1="rope"/></equality>'),
-    ),
-    "curved equality": (
-        "equality",
-        False,
-        with_('<equality><joint joint1="elbow" joint2="knee" polycoef="0 1 1 0 0"/></equality>'),
     ),
     "soft equality": (
         "softness",

@@ -97,15 +97,13 @@ fn changes(
     for constraint in &system.1.all {
         let mut own = vec![0.0; m];
         own[constraint.rows()].copy_from_slice(&forces[constraint.rows()]);
-        for stage in constraint.branches.iter().map(|&k| &system.0.system.stages[k]) {
-            for row in stage.first_row..stage.first_row + stage.rows.count() {
-                let mut change = vec![0.0; nv];
-                unit[row] = 1.0;
-                gradients.add_row_gradient(system, shifts, (q, &unit[..nv]), &own, &mut change)?;
-                unit[row] = 0.0;
-                for (entry, change) in by_q.row_mut(row).iter_mut().zip(&change) {
-                    *entry -= change;
-                }
+        for row in constraint.columns(system.0) {
+            let mut change = vec![0.0; nv];
+            unit[row] = 1.0;
+            gradients.add_row_gradient(system, shifts, (q, &unit[..nv]), &own, &mut change)?;
+            unit[row] = 0.0;
+            for (entry, change) in by_q.row_mut(row).iter_mut().zip(&change) {
+                *entry -= change;
             }
         }
     }

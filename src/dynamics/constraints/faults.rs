@@ -5,7 +5,6 @@ use super::rows::ConnectionRows;
 use super::{Outcome, RowFault};
 use crate::error::{ConstraintViolation, Error, in_language};
 use crate::scene::Scene;
-use crate::scene::constraint::Tie;
 use crate::workspace::Workspace;
 
 /// The largest error of the connections that a call accepts, m or rad, and m/s or rad/s. Measurements, finite
@@ -114,18 +113,6 @@ impl Scene {
     /// The same with the rows at the state.
     pub(crate) fn check_closed_rows(&self, rows: &ConnectionRows<f64>, state: (&[f64], &[f64])) -> Result<(), Error> {
         self.check_rows(rows, state, IN_CALLS)
-    }
-
-    /// True if a configuration of the right length meets the couplings of joints, whose positions the kernels do not
-    /// check.
-    pub(in crate::dynamics) fn couplings_hold(&self, q: &[f64]) -> bool {
-        self.constraints().all.iter().all(|constraint| match &constraint.tie {
-            Tie::Coordinates { first, second, multiplier, offset } => {
-                let followed = second.map_or(0.0, |second| multiplier * q[second.q]) + offset;
-                (q[first.q] - followed).abs() <= IN_CALLS
-            }
-            Tie::Frames { .. } => true,
-        })
     }
 
     /// The error message for a state that violates the connections, with the argument, the row, the error and its unit.

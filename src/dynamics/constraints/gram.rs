@@ -29,8 +29,7 @@ impl ConstraintScratch {
         (q, qd): (&[f64], &[f64]),
         compliance: &[f64],
     ) -> Result<(), RowFault> {
-        self.rows.whiten((model, &workspace.sweeps), &workspace.store, qd, [f64::INFINITY; 2]);
-        self.rows.joint_errors(q);
+        self.rows.whiten((model, &workspace.sweeps), &workspace.store, (q, qd), [f64::INFINITY; 2]);
         self.rows.check()?;
         let (m, WhitenedRows { gram, sizes, .. }) = (constraints.rows, &self.rows.whitened);
         let mut gram = DMatrix::from_fn(m, m, |i, j| gram[i.max(j) * m + i.min(j)]);

@@ -94,13 +94,18 @@ impl<T: Real> ConstraintKernel<T> {
         }
     }
 
-    /// Computes the rows, w, G and its factor at the q of the scratch and at `qd`. Returns a value that is negative or
-    /// NaN in lanes whose rows are dependent or need the general form of the rows.
+    /// Computes the rows, w, G and its factor at q, which is that of the scratch, and at qd. Returns a value that is
+    /// negative or NaN in lanes whose rows are dependent, need the general form or violate the connections.
     #[inline(always)]
-    pub fn factor(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
+    pub fn factor(
+        &mut self,
+        scene: (&Model<T>, &SweepModel<T>),
+        scratch: &SweepScratch<T>,
+        (q, qd): (&[T], &[T]),
+    ) -> T {
         let zero = scene.0.gravity[0].constant(0.0);
         let (slack, speed) = (zero.constant(self.slack), largest_of(qd, zero.constant(1.0)));
-        let regular = self.rows.whiten(scene, scratch, qd, [slack, speed * slack]);
+        let regular = self.rows.whiten(scene, scratch, (q, qd), [slack, speed * slack]);
         let independent = self.prepare(zero);
         regular.worst(independent).worst(self.factorise(zero))
     }

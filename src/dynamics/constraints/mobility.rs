@@ -13,7 +13,7 @@ use crate::decompositions::singular_values;
 use crate::filter::HingeMap;
 use crate::kinematics::propagation::{Accumulates, tip_to_base};
 use crate::model::Model;
-use crate::scene::constraint::{Constraints, Mobility, Near, Tie};
+use crate::scene::constraint::{Constraints, Mobility, Near};
 use crate::spatial::{RigidShift, angular, linear, sum, zero};
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, Vector6};
@@ -281,14 +281,7 @@ pub(crate) fn jacobian_of_rows(
 pub(super) fn groups(model: &Model<f64>, constraints: &Constraints) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for constraint in &constraints.all {
-        let joints = constraint.branches.iter().flat_map(|&k| {
-            let stage = &model.system.stages[k];
-            stage.first_row..stage.first_row + stage.rows.count()
-        });
-        let mut own = Group { rows: constraint.rows().collect(), columns: joints.collect() };
-        if let Tie::Coordinates { first, second, .. } = &constraint.tie {
-            own.columns = [Some(first.v), second.map(|second| second.v)].into_iter().flatten().collect();
-        }
+        let mut own = Group { rows: constraint.rows().collect(), columns: constraint.columns(model) };
         let shares = |group: &Group| group.columns.iter().any(|column| own.columns.contains(column));
         let (shared, others) = groups.into_iter().partition(shares);
         groups = others;

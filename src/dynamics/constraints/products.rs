@@ -33,7 +33,7 @@ use nalgebra::Vector6;
 /// Scratch of the gradients.
 #[derive(Debug, Clone)]
 pub(crate) struct RowGradients<T = f64> {
-    /// The frames of each connection; None for joint coordinates.
+    /// The frames of each connection; `None` for joint coordinates.
     frames: Vec<Option<[Frame<T>; 2]>>,
     /// V and A of the bodies of a loop, relative to the body where its branches meet.
     motions: Vec<[Vector6<T>; 2]>,
@@ -49,7 +49,7 @@ impl<T: Real> RowGradients<T> {
         let (bodies, nv) = (model.bodies.len(), model.nv());
         let frames = |of: &Constraint| match &of.tie {
             Tie::Frames { frames, .. } => Some(frames.map(|frame| frame.cast())),
-            Tie::Coordinates { .. } => None,
+            Tie::Coordinates(_) => None,
         };
         Self {
             frames: constraints.all.iter().map(frames).collect(),
@@ -91,11 +91,16 @@ impl<T: Real> RowGradients<T> {
         let (zero, minus) = (model.gravity[0].constant(0.0), model.gravity[0].constant(-1.0));
         for (index, constraint) in constraints.all.iter().enumerate() {
             let multipliers = &multipliers[constraint.rows()];
-            // Rows of joint coordinates are constant.
-            let Tie::Frames { pair, .. } = constraint.tie else { continue };
             if multipliers.iter().all(|r| *r == zero) {
                 continue;
             }
+            let pair = match &constraint.tie {
+                Tie::Frames { pair, .. } => *pair,
+                Tie::Coordinates(coupled) => {
+                    coupled.add_acceleration_gradient(state, multipliers[0], [&mut *by_q, &mut *by_qd]);
+                    continue;
+                }
+            };
             self.move_bodies(model, shifts, constraint, state);
             self.begin((model, shifts), (index, constraint), pair, multipliers)?;
             let Self { motions, sums, .. } = self;
@@ -134,15 +139,14 @@ impl<T: Real> RowGradients<T> {
         let (mut by_q, mut by_qd, mut unit) = (zeros.clone(), zeros.clone(), vec![T::zero(); constraints.rows]);
         of_rows.fill(T::zero());
         for constraint in &constraints.all {
+            let columns = constraint.columns(model);
             for row in constraint.rows() {
                 unit[row] = T::one();
                 self.add_acceleration_gradient(system, shifts, state, &unit, [&mut by_q, &mut by_qd])?;
                 unit[row] = T::zero();
-                for stage in constraint.branches.iter().map(|&k| &model.system.stages[k]) {
-                    for i in stage.first_row..stage.first_row + stage.rows.count() {
-                        of_rows[row] += by_q[i] * dq[i] + by_qd[i] * dqd[i];
-                        (by_q[i], by_qd[i]) = (T::zero(), T::zero());
-                    }
+                for &i in &columns {
+                    of_rows[row] += by_q[i] * dq[i] + by_qd[i] * dqd[i];
+                    (by_q[i], by_qd[i]) = (T::zero(), T::zero());
                 }
             }
         }

@@ -17,7 +17,7 @@ use crate::kinematics::pair::{Pair, PairRows, RelativeMotion};
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::constraint::{Constraint, Constraints, Tie};
+use crate::scene::constraint::{Constraint, Constraints, Coupled, Tie};
 use crate::spatial::{RigidShift, angular, cross, dot, linear, scaled};
 use crate::workspace::Workspace;
 use ends::{axis_of, less, relative_motion, set_anchored};
@@ -30,15 +30,17 @@ enum RowTie<T> {
     Frames(Pair, [RigidShift<T>; 2]),
     /// A point of a body on a point of the base: the frame on the body, and the point of the base.
     Anchored(RigidShift<T>, [T; 3]),
-    /// Rows of joint coordinates, and their torques for a unit force.
-    Joints([Option<(usize, T)>; 2], Followed<T>),
+    /// A row of joint coordinates, and its values at the current configuration.
+    Joints(Coupled, JointRow<T>),
 }
 
-/// The error of a row of joint coordinates: the sum of coordinates times factors, minus an offset.
+/// A row of joint coordinates x = P(y) at one configuration.
 #[derive(Debug, Clone)]
-struct Followed<T> {
-    coordinates: [Option<(usize, T)>; 2],
-    offset: T,
+struct JointRow<T> {
+    /// The torques of a unit force: 1 and -P'(y), with their indices in qd.
+    torques: [Option<(usize, T)>; 2],
+    /// P''(y).
+    curvature: T,
 }
 
 /// One connection.
@@ -115,25 +117,26 @@ impl<T: Real> ConnectionRows<T> {
         }
     }
 
-    /// Computes the rows, W and G at the q of the scratch and at `qd`. Returns a value that is positive where the usual
-    /// form of the rows applies and no error and no rate exceeds its bound.
+    /// Computes the rows, W and G at q, which is that of the scratch, and at qd. Returns a value that is positive where
+    /// the usual form of the rows applies and no error and no rate exceeds its bound.
     #[inline(always)]
     pub fn whiten(
         &mut self,
         scene: (&Model<T>, &SweepModel<T>),
         scratch: &SweepScratch<T>,
-        qd: &[T],
+        (q, qd): (&[T], &[T]),
         bounds: [T; 2],
     ) -> T {
         let zero = scene.0.gravity[0].constant(0.0);
         self.whitened.sizes.fill(zero);
         self.undirected = None;
+        self.joint_rows(q);
         let mut regular = zero.constant(1.0);
         for at in 0..self.connections.len() {
             regular = regular.worst(self.rows_of(at, scene, scratch, qd, bounds));
             self.begin(at, scratch, zero);
             self.whitened.innovations_of(at, scene, scratch, (&mut self.forces, &self.torque));
-            if let RowTie::Joints(torques, _) = &self.connections[at].tie {
+            if let RowTie::Joints(_, JointRow { torques, .. }) = &self.connections[at].tie {
                 for &(row, unit) in torques.iter().flatten() {
                     self.torque[row] = unit.constant(0.0);
                 }
@@ -175,9 +178,14 @@ impl<T: Real> ConnectionRows<T> {
                     to.moments[0] = reach;
                 }
             }
-            RowTie::Joints(torques, _) => {
-                (own[0].gamma, own[0].rate) = (zero, joints_rate(torques, qd, zero));
-                return fastest - own[0].rate.abs();
+            RowTie::Joints(coupled, JointRow { torques, curvature }) => {
+                (own[0].gamma, own[0].rate) = (zero, zero);
+                if let Some(second) = &coupled.second {
+                    own[0].gamma = zero.minus_product(*curvature, qd[second.v] * qd[second.v]);
+                }
+                for &(row, torque) in torques.iter().flatten() {
+                    own[0].rate = torque.mul_add(qd[row], own[0].rate);
+                }
             }
             RowTie::Frames(_, frames) => {
                 let Some((motion, of_pair)) = relative_motion((&connections[at], path), scene, scratch, qd, motions)
@@ -226,7 +234,7 @@ impl<T: Real> ConnectionRows<T> {
                 (on.z[i], on.moments[i]) = ([zero; 6], zero);
             }
         }
-        if let RowTie::Joints(torques, _) = tie {
+        if let RowTie::Joints(_, JointRow { torques, .. }) = tie {
             for &(row, unit) in torques.iter().flatten() {
                 torque[row] = unit;
                 let size = &mut whitened.sizes[rows.start];
@@ -278,7 +286,7 @@ impl<T: Real> ConnectionRows<T> {
                             }
                         }
                     }
-                    RowTie::Joints(torques, _) => {
+                    RowTie::Joints(_, JointRow { torques, .. }) => {
                         for &(row, torque) in torques.iter().flatten() {
                             let term = x[row] * torque;
                             sum += term;
@@ -300,8 +308,8 @@ impl<T: Real> ConnectionRows<T> {
     ) -> Result<(), RowFault> {
         placements_base_to_tip(model, q, &mut workspace.store.shifts);
         self.undirected = None;
+        self.joint_rows(q);
         self.at_velocities((model, &workspace.sweeps), &workspace.store, qd);
-        self.joint_errors(q);
         self.check()
     }
 
@@ -330,7 +338,9 @@ impl<T: Real> ConnectionRows<T> {
 
     /// The torques of a unit force along the row of a connection.
     pub fn on_joints(&self, at: usize) -> impl Iterator<Item = (usize, T)> + '_ {
-        let RowTie::Joints(torques, _) = &self.connections[at].tie else { return [None; 2].into_iter().flatten() };
+        let RowTie::Joints(_, JointRow { torques, .. }) = &self.connections[at].tie else {
+            return [None; 2].into_iter().flatten();
+        };
         (*torques).into_iter().flatten()
     }
 
@@ -370,13 +380,10 @@ impl<T: Real> Connection<T> {
                     RowTie::Frames(*pair, frames)
                 }
             }
-            Tie::Coordinates { first, second, multiplier, offset } => {
-                let factor = T::from_f64(-multiplier);
-                let coordinates = [Some((first.q, T::one())), second.map(|second| (second.q, factor))];
-                RowTie::Joints(
-                    [Some((first.v, T::one())), second.map(|second| (second.v, factor))],
-                    Followed { coordinates, offset: T::from_f64(*offset) },
-                )
+            Tie::Coordinates(coupled) => {
+                let nan = T::from_f64(f64::NAN);
+                let torques = [Some((coupled.first.v, T::one())), coupled.second.map(|second| (second.v, nan))];
+                RowTie::Joints(*coupled, JointRow { torques, curvature: nan })
             }
         };
         (Self { tie, ends, bodies }, path)
@@ -392,16 +399,6 @@ impl<T: Real> Row<T> {
         self.rate = dot(force, &motion.velocity);
         self.gamma = dot(force, &motion.acceleration) + of_pair.turning[i];
     }
-}
-
-/// J qd of a row of joint coordinates.
-#[inline(always)]
-fn joints_rate<T: Real>(torques: &[Option<(usize, T)>; 2], qd: &[T], zero: T) -> T {
-    let mut rate = zero;
-    for &(row, torque) in torques.iter().flatten() {
-        rate = torque.mul_add(qd[row], rate);
-    }
-    rate
 }
 
 #[inline(always)]

@@ -1,7 +1,7 @@
 //! Errors and rates of the rows at other configurations and velocities, for projections onto the connections.
 
 use super::ends::{axis_of, less, poses_of_ends, product};
-use super::{ConnectionRows, Followed, RowTie};
+use super::{ConnectionRows, JointRow, RowTie};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch, point_along};
 use crate::kinematics::pair::{pair_rows, place_between};
 use crate::model::Model;
@@ -17,7 +17,7 @@ impl<T: Real> ConnectionRows<T> {
         let Self { connections, whitened, all, .. } = &mut *self;
         for (connection, of) in connections.iter().zip(&whitened.paths) {
             match &connection.tie {
-                RowTie::Joints(..) => {}
+                RowTie::Joints(coupled, _) => all[of.rows.start].error = coupled.error(q),
                 RowTie::Anchored(frame, anchor) => {
                     let apart = less(&frame.lever, &point_along(scene, scratch, &of.path, *anchor));
                     for (i, row) in all[of.rows.clone()].iter_mut().enumerate() {
@@ -33,19 +33,20 @@ impl<T: Real> ConnectionRows<T> {
                 }
             }
         }
-        self.joint_errors(q);
     }
 
-    /// Computes the errors of rows of joint coordinates at `q`; those of frames are known from
-    /// [`ConnectionRows::whiten`].
+    /// Computes the errors and the torques of the rows of joint coordinates at `q`.
     #[inline(always)]
-    pub fn joint_errors(&mut self, q: &[T]) {
-        for (connection, of) in self.connections.iter().zip(&self.whitened.paths) {
-            let RowTie::Joints(_, Followed { coordinates, offset }) = &connection.tie else { continue };
-            let row = &mut self.all[of.rows.start];
-            row.error = -*offset;
-            for &(at, factor) in coordinates.iter().flatten() {
-                row.error = factor.mul_add(q[at], row.error);
+    pub(super) fn joint_rows(&mut self, q: &[T]) {
+        for (connection, of) in self.connections.iter_mut().zip(&self.whitened.paths) {
+            let RowTie::Joints(coupled, JointRow { torques: [_, torque], curvature }) = &mut connection.tie else {
+                continue;
+            };
+            self.all[of.rows.start].error = coupled.error(q);
+            if let (Some(second), Some((_, torque))) = (&coupled.second, torque) {
+                let y = q[second.q];
+                *torque = -coupled.polynomial.derivative(1, y);
+                *curvature = coupled.polynomial.derivative(2, y);
             }
         }
     }

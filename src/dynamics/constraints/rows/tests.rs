@@ -4,7 +4,7 @@ use super::ConnectionRows;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch, general};
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real, Traced};
-use crate::scene::{Connection, ConnectionKind, Inertial, JointDescription, JointKind, LinkDescription};
+use crate::scene::{Connection, ConnectionKind, Inertial, JointDescription, JointKind, LinkDescription, Polynomial};
 use crate::scene::{Scene, SceneBuilder};
 use crate::scenes::draw::Draw;
 use crate::spatial::{RigidShift, Symmetric3};
@@ -46,7 +46,7 @@ pub(in crate::dynamics::constraints) fn scene() -> Scene {
         (ConnectionKind::Axis(Vector3::z()), "l2", Some("l0")),
         (ConnectionKind::Distance(Some(0.7)), "l3", Some("l5")),
         (ConnectionKind::Point, "l3", None),
-        (ConnectionKind::Joint { multiplier: 0.5, offset: 0.1 }, "j5", Some("j1")),
+        (ConnectionKind::Joint(Polynomial::new([0.1, 0.5, -0.7, 0.4, 0.3])), "j5", Some("j1")),
     ]
     .into_iter()
     .enumerate()
@@ -66,7 +66,7 @@ fn gram<T: Real>(scene: &Scene, sweeps: &SweepModel<T>, q: &[f64]) -> DMatrix<f6
     let mut rows = ConnectionRows::new((&model, sweeps), constraints);
     let q: Vec<T> = q.iter().map(|&q| T::from_f64(q)).collect();
     general::factor((&model, sweeps), &mut scratch, &q);
-    rows.whiten((&model, sweeps), &scratch, &vec![T::zero(); model.nv()], [T::from_f64(f64::INFINITY); 2]);
+    rows.whiten((&model, sweeps), &scratch, (&q, &vec![T::zero(); model.nv()]), [T::from_f64(f64::INFINITY); 2]);
     let m = constraints.rows;
     DMatrix::from_fn(m, m, |i, j| {
         let entry = rows.whitened.gram[i.max(j) * m + i.min(j)];
