@@ -120,7 +120,7 @@ def efforts(path: Any, given: dict[str, Any]) -> _Array:
         stall = bound("stall", law.effort if law.stall is None else law.stall)
         with np.errstate(invalid="ignore"):
             decline = np.where(np.isinf(stall) | np.isinf(speed), 0.0, v * stall / speed)
-        lower, upper = np.maximum(-limit, -stall - decline), np.minimum(limit, stall - decline)
+        lower, upper = -np.clip(stall + decline, 0.0, limit), np.clip(stall - decline, 0.0, limit)
         is_sum = given.get("effort") == "clip"
         u = np.clip(u + control, lower, upper) if is_sum else u + np.clip(control, lower, upper)
     if given.get("effort") == "clip":

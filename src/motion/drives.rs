@@ -7,16 +7,16 @@
 //! clip(-kp (x + h v') - kd (v' - w), lower, upper) = clip(c - (kd + h kp) v', lower, upper)
 //! ```
 //!
-//! with lower and upper limits that can themselves decline with v', max(-E, -S - D v') and min(E, S - D v') for the
-//! stall torque S of a motor and its decline D: one more monotone graph of torque over velocity, beside those of [`stops`](super::stops). During a step the law is
+//! with limits that can themselves decline with the speed in their direction, min(E, max(S - D v', 0)) upward for the
+//! limit of effort E, the stall torque S of a motor and its decline D: one more monotone graph of torque over velocity, beside those of [`stops`](super::stops). During a step the law is
 //! on one of its pieces: linear, with the gains as measurement noise, or at a limit, with a constant torque and no
 //! noise, or with the decline as noise. The torque at the start of the step determines the piece, and the end of the step tests it. In steps of
 //! one stage the test is the law itself. In others both the torque at the end and the mean torque of the step have to
 //! be on the piece.
 
-use super::scratch::{RowTerms, Scratch};
+use super::scratch::Scratch;
 use super::step_settings::{StepArguments, StepSettings};
-use super::stops::{Drive, Piece};
+use super::stops::{Drive, Line, Piece};
 use crate::scalar::{Real, larger};
 
 /// Rounding errors of torques, relative to the torques of the law at a displacement and a velocity of one.
@@ -32,7 +32,7 @@ pub(super) const UPPER: usize = 3;
 pub(super) const STALL: usize = 4;
 const DECLINE: usize = 5;
 
-/// The piece between the limits, 0 and 2, or 3 and 4 where they decline.
+/// The piece between the limits, 0 and 2, or 3 and 4 where they decline, or 5 and 6 where they are zero.
 pub(super) const LINEAR: Piece = Piece::Between(1);
 
 impl<T: Real> Scratch<T> {
@@ -76,18 +76,17 @@ impl<T: Real> Scratch<T> {
         }
     }
 
-    /// The limits of the torque of the law on a row: the constant ones, and at rest those that decline with the last
-    /// factor. A limit that is infinite never acts.
+    /// The limits of the torque of the law on a row. A limit that is infinite never acts.
     #[inline(always)]
     fn limits(&self, settings: &StepSettings, row: usize) -> Limits<T> {
         let [lower, upper, stall, decline] = [LOWER, UPPER, STALL, DECLINE].map(|i| self.gains[i][row]);
-        let (endless, zero) = (upper.constant(ENDLESS), upper.constant(0.0));
-        let applied = if settings.limits_sum { self.torque[row] } else { zero };
-        let (upper, stall) = (upper.worst(endless), stall.worst(endless));
+        let endless = upper.constant(ENDLESS);
+        let applied = if settings.limits_sum { self.torque[row] } else { upper.constant(0.0) };
         Limits {
-            constant: [larger(lower, -endless) - applied, upper - applied],
-            at_rest: [-stall - applied, stall - applied],
+            effort: [-lower, upper].map(|limit| limit.worst(endless)),
+            stall: stall.worst(endless),
             decline,
+            applied,
         }
     }
 
@@ -99,22 +98,60 @@ impl<T: Real> Scratch<T> {
     }
 }
 
-/// The limits of the torque of a law, lower and upper.
+/// The limits of the sum of the torque of a law and of that applied, in the negative and in the positive direction.
 struct Limits<T> {
-    constant: [T; 2],
-    at_rest: [T; 2],
+    effort: [T; 2],
+    stall: T,
     decline: T,
+    applied: T,
 }
 
 impl<T: Real> Limits<T> {
-    /// The limits at velocity v, and by how much the constant ones are nearer than those that decline; negative if they
-    /// are not.
+    /// The torque of a motor that declines with its speed in a direction, 0 or 1: what the limit is between zero and
+    /// the limit of effort.
     #[inline(always)]
-    fn at(&self, v: T) -> ([T; 2], [T; 2]) {
-        let [low, high] = self.at_rest.map(|torque| torque.minus_product(self.decline, v));
-        let [lower, upper] = self.constant;
-        ([larger(lower, low), upper.worst(high)], [lower - low, high - upper])
+    fn declining(&self, side: usize, v: T) -> T {
+        let along = if side == 0 { -v } else { v };
+        self.stall.minus_product(self.decline, along)
     }
+
+    /// The lower and the upper limit of the law at velocity v.
+    #[inline(always)]
+    fn at(&self, v: T) -> [T; 2] {
+        let zero = v.constant(0.0);
+        let [down, up] = [0, 1].map(|side| larger(self.declining(side, v).worst(self.effort[side]), zero));
+        [-down - self.applied, up - self.applied]
+    }
+
+    /// The phase of a limit at velocity v: 0 if it is constant, 1 if it declines, 2 if it is zero.
+    #[inline(always)]
+    fn phase(&self, side: usize, v: T) -> T {
+        let (zero, one, torque) = (v.constant(0.0), v.constant(1.0), self.declining(side, v));
+        let is_less = one - larger(self.effort[side] - torque, zero).one_if_zero();
+        is_less + is_less * larger(torque, zero).one_if_zero()
+    }
+
+    /// The margin of a phase at velocity v, negative if it is another one.
+    #[inline(always)]
+    fn margin(&self, (side, phase): (usize, T), v: T) -> T {
+        let (torque, [full, declines, idles]) = (self.declining(side, v), phases(phase));
+        let below = self.effort[side] - torque;
+        declines.mul_add(below.worst(torque), -(full * below) - idles * torque)
+    }
+
+    /// The torque of the law at a limit, for the target velocity that it has there too.
+    #[inline(always)]
+    fn held(&self, (side, phase): (usize, T), rate: T) -> T {
+        let [full, declines, _] = phases(phase);
+        let size = full.mul_add(self.effort[side], declines * self.declining(side, rate));
+        (if side == 0 { -size } else { size }) - self.applied
+    }
+}
+
+/// 1 for the given phase, else 0.
+#[inline(always)]
+fn phases<T: Real>(phase: T) -> [T; 3] {
+    [0.0, 1.0, 2.0].map(|k| (phase - phase.constant(k)).one_if_zero())
 }
 
 impl Drive {
@@ -122,8 +159,11 @@ impl Drive {
     pub fn of(settings: &StepSettings, s: &Scratch<f64>, row: usize, h: f64) -> Self {
         let [kp, kd] = [KP, KD].map(|i| s.gains[i][row]);
         let offset = kd * s.target_rate[row] - kp * s.displaced_target[row];
-        let Limits { constant, at_rest, decline } = s.limits(settings, row);
-        Self { offset, slope: kd + h * kp, constant, at_rest, decline }
+        let Limits { effort: [down, up], stall, decline, applied } = s.limits(settings, row);
+        let of = |torque: f64, decline: f64| Line { torque: torque - applied, slope: decline, is_limit: true };
+        let limits =
+            [[of(-down, 0.0), of(-stall, decline), of(0.0, 0.0)], [of(up, 0.0), of(stall, decline), of(0.0, 0.0)]];
+        Self { offset, slope: kd + h * kp, limits }
     }
 }
 
@@ -140,24 +180,19 @@ pub(super) fn set_drives<T: Real>((settings, scheme): StepArguments<'_>, s: &mut
         let (limits, v) = (s.limits(settings, row), s.v[row]);
         let (zero, one) = (v.constant(0.0), v.constant(1.0));
         if !s.are_sides_given {
-            let (torque, ([lower, upper], [below, above])) = (s.law(row, s.displaced_target[row], v), limits.at(v));
+            let (torque, [lower, upper]) = (s.law(row, s.displaced_target[row], v), limits.at(v));
             let [is_below, is_above] =
                 [lower - torque, torque - upper].map(|beyond| one - larger(beyond, zero).one_if_zero());
             s.rows[row].side = is_above - is_below;
-            let declines = [below, above].map(|nearer| one - larger(-nearer, zero).one_if_zero());
-            s.rows[row].declines = is_below.mul_add(declines[0], is_above * declines[1]);
+            s.rows[row].phase = is_below.mul_add(limits.phase(0, v), is_above * limits.phase(1, v));
         }
-        let RowTerms { side, declines, .. } = s.rows[row];
+        let (side, phase) = (s.rows[row].side, s.rows[row].phase);
         let [is_linear, at_upper, at_lower] = [side, side - one, side + one].map(T::one_if_zero);
         let [kp, kd] = [KP, KD].map(|i| s.gains[i][row] * is_linear);
-        let decline = limits.decline * declines;
-        // The law has a target velocity there too.
-        let held = |i: usize| {
-            let at_rest = limits.at_rest[i].minus_product(decline, s.target_rate[row]);
-            declines.mul_add(at_rest - limits.constant[i], limits.constant[i])
-        };
-        let held = held(1).mul_add(at_upper, held(0) * at_lower);
-        s.drive(settings, scheme.implicit_step(), row, ([kp, kd + decline], held));
+        let [_, declines, _] = phases(phase);
+        let [down, up] = [0, 1].map(|i| limits.held((i, phase), s.target_rate[row]));
+        let held = up.mul_add(at_upper, down * at_lower);
+        s.drive(settings, scheme.implicit_step(), row, ([kp, kd + limits.decline * declines], held));
     }
 }
 
@@ -195,8 +230,8 @@ pub(super) fn agreement<T: Real>(by @ (settings, scheme): StepArguments<'_>, s: 
         } else {
             (s.law(row, displaced, s.v_next[row]), s.v_next[row])
         };
-        let ([lower, upper], nearer) = s.limits(settings, row).at(v);
-        let is_held = of.side.abs();
+        let limits = s.limits(settings, row);
+        let ([lower, upper], is_held) = (limits.at(v), of.side.abs());
         // A row at a limit is tested on its side alone.
         let other = is_held.mul_add(is_held.constant(ENDLESS), rounding);
         let mut test = |torque: T| {
@@ -208,10 +243,9 @@ pub(super) fn agreement<T: Real>(by @ (settings, scheme): StepArguments<'_>, s: 
         test(torque);
         let piece = of.held.minus_product(of.derivative, v - s.target_rate[row]);
         least = least.worst(of.side * (torque - piece) + rounding);
-        // The nearer of the limits on that side.
         let [at_lower, at_upper] = [of.side + one, of.side - one].map(T::one_if_zero);
-        let is_nearer = (one - of.declines - of.declines) * (at_lower * nearer[0] + at_upper * nearer[1]);
-        least = least.worst(is_nearer + rounding);
+        let [down, up] = [0, 1].map(|i| limits.margin((i, of.phase), v));
+        least = least.worst(up.mul_add(at_upper, down * at_lower) + rounding);
     }
     least
 }
@@ -225,36 +259,38 @@ pub(super) fn contradictions(
 ) {
     for (i, &row) in by.0.limited.iter().enumerate() {
         let (of, (torque, v)) = (&s.rows[row], at_end_of_stage(by, (s, ends), row));
-        let (slack, ([lower, upper], nearer)) = (rounding(s, row, s.displaced_target[row]), s.limits(by.0, row).at(v));
-        let line = of.held - of.derivative * (v - s.target_rate[row]);
-        let side = match of.side {
-            side if side == 0.0 => usize::from(torque > upper + slack),
-            side if side * (torque - line) < -slack => {
-                found.push((i, LINEAR));
-                continue;
-            }
-            side => usize::from(side > 0.0),
-        };
-        let is_inside = of.side == 0.0 && torque >= lower - slack && torque <= upper + slack;
-        let margin = if of.side == 0.0 { 0.0 } else { slack };
-        let declines = if of.declines > 0.0 { nearer[side] < margin } else { nearer[side] < -margin };
-        let is_same = of.side != 0.0 && declines == (of.declines > 0.0);
-        if !is_inside && !is_same {
-            found.push((i, limit_piece(side, declines)));
+        let (slack, limits) = (rounding(s, row, s.displaced_target[row]), s.limits(by.0, row));
+        let ([lower, upper], line) = (limits.at(v), of.held - of.derivative * (v - s.target_rate[row]));
+        if of.side == 0.0 {
+            let beyond = [torque < lower - slack, torque > upper + slack].iter().position(|&beyond| beyond);
+            found.extend(beyond.map(|side| (i, limit_piece(side, limits.phase(side, v)))));
+        } else if of.side * (torque - line) < -slack {
+            found.push((i, LINEAR));
+        } else {
+            let side = usize::from(of.side > 0.0);
+            let is_past = limits.margin((side, of.phase), v) < -slack;
+            found.extend(is_past.then(|| (i, limit_piece(side, limits.phase(side, v)))));
         }
     }
 }
 
-/// The piece at the lower or upper limit, 0 or 1.
-fn limit_piece(side: usize, declines: bool) -> Piece {
-    Piece::Between(if declines { 3 + side } else { 2 * side })
+/// The piece at the lower or upper limit, 0 or 1, in one of its phases.
+fn limit_piece(side: usize, phase: f64) -> Piece {
+    let first = if phase == 0.0 {
+        0
+    } else if phase == 1.0 {
+        3
+    } else {
+        5
+    };
+    Piece::Between(if first == 0 { 2 * side } else { first + side })
 }
 
 /// The pieces of the rows with limits.
 pub(super) fn pieces(settings: &StepSettings, s: &Scratch<f64>) -> Vec<Piece> {
     let piece = |&row: &usize| match s.rows[row].side {
         0.0 => LINEAR,
-        side => limit_piece(usize::from(side > 0.0), s.rows[row].declines > 0.0),
+        side => limit_piece(usize::from(side > 0.0), s.rows[row].phase),
     };
     settings.limited.iter().map(piece).collect()
 }
@@ -262,11 +298,13 @@ pub(super) fn pieces(settings: &StepSettings, s: &Scratch<f64>) -> Vec<Piece> {
 /// Gives the pieces of the rows with limits.
 pub(super) fn give(settings: &StepSettings, s: &mut Scratch<f64>, pieces: &[Piece]) {
     for (&row, piece) in settings.limited.iter().zip(pieces) {
-        (s.rows[row].side, s.rows[row].declines) = match *piece {
+        (s.rows[row].side, s.rows[row].phase) = match *piece {
             LINEAR => (0.0, 0.0),
             Piece::Between(0) => (-1.0, 0.0),
             Piece::Between(3) => (-1.0, 1.0),
             Piece::Between(4) => (1.0, 1.0),
+            Piece::Between(5) => (-1.0, 2.0),
+            Piece::Between(6) => (1.0, 2.0),
             _ => (1.0, 0.0),
         };
     }

@@ -30,10 +30,10 @@ pub(super) struct RowTerms<T> {
     pub held: T,
     /// The part of the gains in the noise.
     pub slope: T,
-    /// 1 if the control law is at its upper limit, -1 at its lower one, else 0; and 1 if the limit there is that which
-    /// declines with speed, else 0.
+    /// 1 if the control law is at its upper limit, -1 at its lower one, else 0; and 1 if the limit there declines with
+    /// speed, 2 if it is zero because of the speed, else 0.
     pub side: T,
-    pub declines: T,
+    pub phase: T,
     /// True if the kernels have noise in this row.
     pub has_noise: bool,
 }
@@ -166,7 +166,7 @@ impl<T: Real> Scratch<T> {
                 held: T::zero(),
                 slope: T::zero(),
                 side: T::zero(),
-                declines: T::zero(),
+                phase: T::zero(),
                 has_noise: noise != 0.0,
             }
         };

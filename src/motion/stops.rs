@@ -114,14 +114,12 @@ pub(super) enum Hold {
 }
 
 /// The torque of a control law over the velocity at the end of a step: offset - slope v' between its lower and upper
-/// limits, which are constant, or torques at rest that decline with v'.
+/// limits, each of which is constant, declines with v', or is zero, whichever is between the others.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Drive {
     pub offset: f64,
     pub slope: f64,
-    pub constant: [f64; 2],
-    pub at_rest: [f64; 2],
-    pub decline: f64,
+    pub limits: [[Line; 3]; 2],
 }
 
 impl Drive {
@@ -130,34 +128,39 @@ impl Drive {
         self.line(v).at(v)
     }
 
+    /// The law without limits.
+    fn law(&self) -> Line {
+        Line { torque: self.offset, slope: self.slope, is_limit: false }
+    }
+
     /// The velocities at which the torque can change its piece, in any order; not finite if there are fewer.
-    fn kinks(&self) -> [f64; 6] {
-        let Self { offset, slope, constant: [lower, upper], at_rest: [low, high], decline } = *self;
-        let meets = |limit: f64, decline: f64| (offset - limit) / (slope - decline);
-        [
-            meets(upper, 0.0),
-            meets(lower, 0.0),
-            meets(high, decline),
-            meets(low, decline),
-            (high - upper) / decline,
-            (low - lower) / decline,
-        ]
+    fn kinks(&self) -> impl Iterator<Item = f64> {
+        let meets = |a: Line, b: Line| (a.torque - b.torque) / (a.slope - b.slope);
+        let law = self.law();
+        let of_limit = move |[constant, declining, zero]: [Line; 3]| {
+            [(law, constant), (law, declining), (law, zero), (declining, constant), (declining, zero)]
+        };
+        self.limits.into_iter().flat_map(of_limit).map(move |(a, b)| meets(a, b))
     }
 
     /// Its torque around velocity v.
     fn line(&self, v: f64) -> Line {
         let limit = |i: usize| {
-            let [constant, declining] = [(self.constant[i], 0.0), (self.at_rest[i], self.decline)]
-                .map(|(torque, slope)| Line { torque, slope, is_limit: true });
-            let is_nearer = [1.0, -1.0][i] * (constant.torque - declining.at(v)) >= 0.0;
-            if is_nearer { constant } else { declining }
+            let [constant, declining, zero] = self.limits[i];
+            let away = |line: Line| [-1.0, 1.0][i] * line.at(v);
+            if away(declining) >= away(constant) {
+                constant
+            } else if away(declining) >= away(zero) {
+                declining
+            } else {
+                zero
+            }
         };
-        let law = Line { torque: self.offset, slope: self.slope, is_limit: false };
-        let ([lower, upper], torque) = ([0, 1].map(limit), law.at(v));
-        match () {
-            () if torque >= upper.at(v) => upper,
-            () if torque <= lower.at(v) => lower,
-            () => law,
+        let ([lower, upper], law) = ([0, 1].map(limit), self.law());
+        match law.at(v) {
+            torque if torque >= upper.at(v) => upper,
+            torque if torque <= lower.at(v) => lower,
+            _ => law,
         }
     }
 }
@@ -177,7 +180,7 @@ impl Line {
 }
 
 /// Largest number of velocities at which a graph changes its piece.
-const KNOTS: usize = 9;
+const KNOTS: usize = 13;
 
 /// The graph of one row in one step: the velocities of its vertical pieces and kinks, in increasing order, and the
 /// torques of friction and stops between them, which decrease.
@@ -262,7 +265,7 @@ impl Graph {
                 (!first || own.first().is_none_or(|low| v > low)) && (!last || own.last().is_none_or(|high| v < high));
             v.is_finite() && inside && !own.contains(v)
         };
-        let mut knots: Vec<(f64, Option<Hold>)> = drive.kinks().into_iter().filter(within).map(|v| (v, None)).collect();
+        let mut knots: Vec<(f64, Option<Hold>)> = drive.kinks().filter(within).map(|v| (v, None)).collect();
         knots.sort_by(|a, b| a.0.total_cmp(&b.0));
         knots.dedup();
         // Where the law is not the nearest piece, kinks of its limits are none.

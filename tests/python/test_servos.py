@@ -450,13 +450,17 @@ def test_the_torque_of_a_motor_declines_with_its_speed(method: Any) -> None:
     scene, goal = cart(), 4.0
 
     def rates(_: float, y: np.ndarray) -> list[float]:
-        low, high = max(-8.0, -12.0 - 4.0 * y[1]), min(8.0, 12.0 - 4.0 * y[1])
+        low, high = -np.clip(12.0 + 4.0 * y[1], 0.0, 8.0), np.clip(12.0 - 4.0 * y[1], 0.0, 8.0)
         return [y[1], min(max(200.0 * (goal - y[0]) - 40.0 * y[1], low), high) / 2.0]
 
     path = scene.simulate([0.0], [-4.0], dt=1e-3, steps=3000, pd=phipsi.PD(200.0, 40.0, [goal], **MOTOR), method=method)
     found = solve_ivp(rates, (0.0, 3.0), [0.0, -4.0], t_eval=path.t, rtol=1e-9, atol=1e-11, max_step=2e-3)
     assert np.abs(path.q[:, 0] - found.y[0]).max() < 5e-3 and 2.7 < path.qd.max() < 3.0
     assert_near(path.torques()[0, 0], 8.0, 1e-12)
+    # Beyond its speed a motor can only brake.
+    for goal, torque in ((100.0, 0.0), (-100.0, -8.0)):
+        fast = scene.simulate([0.0], [5.0], dt=1e-3, steps=50, pd=phipsi.PD(200.0, 40.0, [goal], **MOTOR), method=method)
+        assert_near(fast.qd[:, 0], 5.0 + torque / 2.0 * fast.t, 1e-12)
 
 
 def test_motors_stay_stable_and_within_their_limits() -> None:

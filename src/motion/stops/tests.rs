@@ -10,10 +10,13 @@ fn drive(random: &mut Draw) -> Option<Drive> {
         |random: &mut Draw| if random.uniform(0.0, 1.0) < 0.8 { random.uniform(0.0, 2.0) } else { f64::INFINITY };
     (random.uniform(0.0, 1.0) < 0.6).then(|| {
         let (offset, slope) = (10.0 * random.uniform(-1.0, 1.0), 10.0_f64.powf(random.uniform(-3.0, 6.0)));
-        let (constant, stall) = ([-limit(random), limit(random)], random.uniform(0.0, 3.0));
+        let (down, up, stall) = (limit(random), limit(random), random.uniform(0.0, 3.0));
         let decline = if random.uniform(0.0, 1.0) < 0.5 { 10.0_f64.powf(random.uniform(-2.0, 3.0)) } else { 0.0 };
         let stall = if decline > 0.0 { stall } else { f64::INFINITY };
-        Drive { offset, slope, constant, at_rest: [-stall, stall], decline }
+        let line = |torque: f64, slope: f64| Line { torque, slope, is_limit: true };
+        let limits = [(-down, -stall), (up, stall)]
+            .map(|(effort, stall)| [line(effort, 0.0), line(stall, decline), line(0.0, 0.0)]);
+        Drive { offset, slope, limits }
     })
 }
 
