@@ -355,11 +355,12 @@ pub(super) fn largest(x: &[f64], least: f64) -> f64 {
 const ENERGY: f64 = 1e-2;
 
 /// True if the energy change in an event equals the work, within the accepted error, and if stops add none to joints
-/// within their limits: a joint that leaves its stop and returns within the step would. `totals` are those before it.
+/// within their limits: a joint that leaves its stop and returns within the step would. `totals` are those before it,
+/// and `returns` is true if some joint is outside of its stops.
 pub(super) fn conserves(
     settings: &StepSettings,
     s: &mut Scratch<f64>,
-    totals: &[f64; TOTALS],
+    (totals, returns): (&[f64; TOTALS], bool),
     workspace: &mut Workspace<f64>,
 ) -> bool {
     s.model.system.noise.copy_from_slice(&settings.properties.armature);
@@ -369,7 +370,6 @@ pub(super) fn conserves(
     let springs: f64 = s.rows.iter().zip(&s.displaced).zip(&s.x).map(|((of, away), x)| -of.stiffness * away * x).sum();
     let works = WORKS.map(|i| s.totals[i] - totals[i]);
     let exchanged = works.iter().fold(before.kinetic.max(after.kinetic), |most, work| most.max(work.abs()));
-    let returns = settings.set_valued.iter().any(|of| of.is_outside(&s.q));
     let pushes = !returns && s.totals[STOPS] - totals[STOPS] > ROUNDING_OF_TORQUES * exchanged;
     !pushes && (change - works.iter().sum::<f64>() - springs).abs() <= ENERGY * exchanged + f64::MIN_POSITIVE
 }
