@@ -418,9 +418,7 @@ class Scene:
 
     @property
     def friction_terms(self) -> _Array:
-        """Terms of friction beside Coulomb friction at each degree of freedom, (4, nv), read-only: friction_offset, stribeck,
-        stribeck_speed and load_friction of SceneBuilder.joint; used in simulations.
-        """
+        """Terms of friction: friction_offset, stribeck, stribeck_speed and load_friction, (4, nv), read-only."""
 
     @property
     def friction(self) -> _Array:

@@ -36,8 +36,7 @@ impl PyScene {
         property(py, &self.properties_of_scene(&Properties::of(&self.scene)).friction, &[self.scene.nv()])
     }
 
-    /// Terms of friction beside Coulomb friction at each degree of freedom, (4, nv), read-only: friction_offset, stribeck,
-    /// stribeck_speed and load_friction of SceneBuilder.joint; used in simulations.
+    /// Terms of friction: friction_offset, stribeck, stribeck_speed and load_friction, (4, nv), read-only.
     #[getter]
     fn friction_terms<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let (curves, nv) = (self.properties_of_scene(&Properties::of(&self.scene)).curves, self.scene.nv());

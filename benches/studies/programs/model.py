@@ -78,7 +78,7 @@ def read(scene: Scene) -> Model:
         central = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         inertials[name] = Inertial(mass, np.array(center), central)
     parts = []
-    for name, kind, _pitch, parent, child, (rotation, lever), axis, (armature, damping, _), _, _, (stiffness, _) in joints:
+    for name, kind, _pitch, parent, child, (rotation, lever), axis, (armature, damping, *_), _, _, (stiffness, _) in joints:
         if kind not in ("revolute", "prismatic") or not np.array_equal(np.reshape(rotation, (3, 3)), np.eye(3)):
             raise Refused(f"a {kind} joint, or a turned frame")
         direction = np.array(axis) / np.linalg.norm(axis)
