@@ -203,13 +203,13 @@ def test_planar_joints_with_losses_along_axes_of_the_body_are_refused(what: str)
         phipsi.Scene.from_pinocchio(model)
 
 
-def test_dry_friction_of_two_sizes_is_refused() -> None:
+def test_dry_friction_of_two_sizes_has_an_offset() -> None:
     model = of("RX")
     if not hasattr(model, "lowerDryFrictionLimit"):
         pytest.skip("this Pinocchio has one limit of dry friction")
     model.upperDryFrictionLimit[:], model.lowerDryFrictionLimit[:] = 0.2, -0.1
-    with pytest.raises(SceneError, match=r"dry friction from \[-0.1\] to \[0.2\] at the joint 'RX0'"):
-        phipsi.Scene.from_pinocchio(model)
+    joint = phipsi.Scene.from_pinocchio(model).joint("RX0")
+    assert_near([joint.friction + joint.friction_offset, joint.friction - joint.friction_offset], [0.2, 0.1], 1e-15)
 
 
 def test_made_up_names_do_not_clash() -> None:

@@ -292,10 +292,10 @@ def test_copies_go_on_by_themselves_with_the_same_bits(floating: phipsi.Scene, w
 
 
 def test_a_pickle_of_other_numbers_is_refused(arm: phipsi.Scene) -> None:
-    rebuild, (scene, q, qd, keywords, numbers, begun, steps) = arm.simulator(np.zeros((2, 7)), dt=1e-3).__reduce__()
+    rebuild, (scene, q, qd, keywords, numbers, begun, steps, method) = arm.simulator(np.zeros((2, 7)), dt=1e-3).__reduce__()
     for parts in ((numbers[1:], begun, steps), (numbers, begun[1:], steps), (numbers, [3, 0], 2)):
         with pytest.raises(errors.ArgumentError, match="pickled simulator"):
-            rebuild(scene, q, qd, keywords, *parts)
+            rebuild(scene, q, qd, keywords, *parts, method)
 
 
 def test_threads_step_simulators_of_their_own(mixed: phipsi.Scene) -> None:

@@ -161,6 +161,10 @@ def test_unknown_versions(version: str) -> None:
         phipsi.Scene.from_urdf(of_version(version))
 
 
+#: Acceleration, deceleration and jerk in a Joint.
+LIMITS = slice(phipsi.Joint._fields.index("acceleration"), phipsi.Joint._fields.index("jerk") + 1)
+
+
 @pytest.mark.parametrize(
     ("attributes", "expected"),
     [
@@ -173,16 +177,16 @@ def test_unknown_versions(version: str) -> None:
 def test_limits_of_acceleration_and_jerk(attributes: str, expected: tuple[float, ...]) -> None:
     """Of URDF 1.2, where a deceleration that is not given is limited as the acceleration is; ignored with a warning in older files."""
     scene = phipsi.Scene.from_urdf(of_version("1.2", limit=f"{BOUNDS} {attributes}"), strict=True)
-    assert scene.joint("hinge")[-4:-1] == expected
+    assert scene.joint("hinge")[LIMITS] == expected
     assert tuple(float(limit[0]) for limit in scene.limits) == (-1.0, 2.0, 4.0, 30.0, *expected)
     again = phipsi.Scene.from_urdf(scene.to_urdf(), strict=True)
-    assert (again.joint("hinge")[-4:-1], pickle.loads(pickle.dumps(scene)).limits) == (expected, scene.limits)
-    assert scene.to_builder().build().joint("hinge")[-4:-1] == expected
+    assert (again.joint("hinge")[LIMITS], pickle.loads(pickle.dumps(scene)).limits) == (expected, scene.limits)
+    assert scene.to_builder().build().joint("hinge")[LIMITS] == expected
     if attributes:
         older = of_version("1.1", limit=f"{BOUNDS} {attributes}")
         with pytest.warns(LimitWarning, match=r'joint "hinge": \w+ [0-9]+, which requires <robot version="1.2">'):
             scene = phipsi.Scene.from_urdf(older)
-        assert scene.joint("hinge")[-4:-1] == (np.inf, np.inf, np.inf)
+        assert scene.joint("hinge")[LIMITS] == (np.inf, np.inf, np.inf)
         with pytest.raises(SceneError, match='which requires <robot version="1.2">'):
             phipsi.Scene.from_urdf(older, strict=True)
 
