@@ -143,7 +143,12 @@ impl Constrained<'_> {
         record: &mut StopRecord,
     ) -> Result<f64, Failure> {
         let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
-        let outcome = self.stopped(settings, rows, (s, ending), record);
+        s.displace_from_targets(settings, false);
+        let drive = |of: &SetValued| of.drives.then(|| Drive::of(settings, s, of.row, ending.0));
+        let torque = |of: &SetValued| s.u[of.row] + drive(of).map_or(0.0, |drive| drive.torque(s.v[of.row]));
+        let rows: Vec<SetValued> = rows.iter().map(|of| s.at_start(of, torque(of))).collect();
+        let drives = rows.iter().map(drive).collect();
+        let outcome = self.stopped(settings, (&rows, drives), (s, ending), record);
         s.model.system.noise = noise;
         outcome
     }
@@ -151,16 +156,11 @@ impl Constrained<'_> {
     fn stopped(
         &mut self,
         settings: &StepSettings,
-        rows: &[SetValued],
+        (rows, drives): (&[SetValued], Vec<Option<Drive>>),
         (s, (h, time, impacts)): (&mut Scratch<f64>, Ending<'_>),
         record: &mut StopRecord,
     ) -> Result<f64, Failure> {
         record.free.clone_from(&s.v_next);
-        s.displace_from_targets(settings, false);
-        let drive = |of: &SetValued| of.drives.then(|| Drive::of(settings, s, of.row, h));
-        let torque = |of: &SetValued| s.u[of.row] + drive(of).map_or(0.0, |drive| drive.torque(s.v[of.row]));
-        let rows: Vec<SetValued> = rows.iter().map(|of| s.at_start(of, torque(of))).collect();
-        let (rows, drives) = (&rows[..], rows.iter().map(drive).collect());
         let mut free = s.v_next.clone();
         self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
         let limits: Vec<_> = rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h)).collect();

@@ -276,14 +276,10 @@ pub(super) fn contradictions(
 
 /// The piece at the lower or upper limit, 0 or 1, in one of its phases.
 fn limit_piece(side: usize, phase: f64) -> Piece {
-    let first = if phase == 0.0 {
-        0
-    } else if phase == 1.0 {
-        3
-    } else {
-        5
-    };
-    Piece::Between(if first == 0 { 2 * side } else { first + side })
+    match phase {
+        0.0 => Piece::Between(2 * side),
+        phase => Piece::Between(if phase < 2.0 { 3 + side } else { 5 + side }),
+    }
 }
 
 /// The pieces of the rows with limits.

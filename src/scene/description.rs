@@ -120,7 +120,7 @@ impl FrictionCurve {
     /// True if friction is that of Coulomb alone.
     #[must_use]
     pub fn is_flat(&self) -> bool {
-        [self.offset, self.stribeck, self.load] == [0.0; 3]
+        [self.offset, self.stribeck, self.load].iter().all(|&term| term == 0.0)
     }
 }
 

@@ -96,6 +96,7 @@ impl Case {
             stiffness: positive(&mut random, nv, 3.0),
             rest,
             friction: positive(&mut random, nv, 0.3),
+            curves: Vec::new(),
             friction_speed: 0.5,
         };
         let (kp, kd) = (positive(&mut random, nv, 3.0), positive(&mut random, nv, 0.5));

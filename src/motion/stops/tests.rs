@@ -28,6 +28,7 @@ fn row(random: &mut Draw, row: usize) -> (SetValued, f64) {
     let upper = if random.uniform(0.0, 1.0) < 0.7 { 0.2 } else { f64::INFINITY };
     let places = [lower.max(-1.0), upper.min(1.0), -0.31, 0.0, 0.199];
     let q = places.into_iter().find(|_| random.uniform(0.0, 1.0) < 0.3).unwrap_or(0.1);
+    let friction = [friction, 0.7 * friction];
     (SetValued { row, coordinate: row, friction, stops, lower, upper, drives: false }, q)
 }
 
@@ -122,7 +123,8 @@ fn all_rows_meet_their_law() {
 /// With a negative pivot there is no solution: the joint is treated as stuck, and the caller is informed.
 #[test]
 fn an_indefinite_matrix_is_reported() {
-    let of = SetValued { row: 0, coordinate: 0, friction: 0.0, stops: true, lower: 0.0, upper: 1.0, drives: false };
+    let of =
+        SetValued { row: 0, coordinate: 0, friction: [0.0; 2], stops: true, lower: 0.0, upper: 1.0, drives: false };
     let graph = Graph::new(&of, (0.0, 0.0), 1e-3, None);
     let mut pieces = [graph.piece(0.0)];
     let settled = settle(&mut pieces, |pieces, found| {
