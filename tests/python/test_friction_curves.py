@@ -1,5 +1,5 @@
 """Friction that depends on direction, speed and load: motion against SciPy, thresholds in closed form, identification of
-what a scene states, and files.
+the parameters of a scene, and files.
 """
 
 from __future__ import annotations
