@@ -51,11 +51,16 @@ fn properties_that_cannot_be_are_refused_by_their_name() {
     let scene = arm();
     let first = scene.joints()[0].name.clone();
     for (joint, value) in [("knee", 1.0), (&*first, -1.0), (&*first, f64::NAN), (&*first, f64::INFINITY)] {
-        for &property in Property::ALL {
+        // The terms of friction of either sign.
+        let signed = |of: Property| value < 0.0 && matches!(of, Property::FrictionOffset | Property::Stribeck);
+        for &property in Property::ALL.iter().filter(|&&property| !signed(property)) {
             let error = scene.with_properties([(joint, property, value)]).unwrap_err();
             assert!(matches!(&error, Error::Argument { argument, .. } if argument == property.name()), "{error}");
         }
     }
+    scene.with_properties([(&*first, Property::FrictionOffset, -1.0)]).unwrap();
+    let error = scene.with_properties([(&*first, Property::Stribeck, -1e3)]).unwrap_err();
+    assert!(error.to_string().contains("stribeck -1000 with friction"), "{error}");
 }
 
 #[test]
