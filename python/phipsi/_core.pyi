@@ -4957,7 +4957,8 @@ class SceneBuilder:
         friction_offset : float, default 0
             Half of the difference between friction in the positive and in the negative direction, N m or N.
         stribeck : float, default 0
-            Excess of friction at rest over Coulomb friction, N m or N, which decreases by exp(-(qd / stribeck_speed)^2).
+            Excess of friction at rest over Coulomb friction, N m or N, which decreases by
+            exp(-(qd / stribeck_speed)^2).
         stribeck_speed : float, default 0.1
             Speed at which that part has decreased to 1/e, rad/s or m/s.
         load_friction : float, default 0

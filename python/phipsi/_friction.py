@@ -22,12 +22,11 @@ TERMS = ("friction_offset", "stribeck", "stribeck_speed", "load_friction")
 
 def check_coulomb(scene: Scene, function: str) -> None:
     """Raise ArgumentError if the scene has friction that `function` does not represent."""
-    terms = scene.friction_terms
-    for name in (TERMS[0], TERMS[1], TERMS[3]):
-        values = terms[TERMS.index(name)]
+    torques = {name: values for name, values in zip(TERMS, scene.friction_terms, strict=True) if name != "stribeck_speed"}
+    for name, values in torques.items():
         if values.any():
             joint = next(joint for joint in scene.joint_names if values[scene.v_index(joint)].any())
-            zero = ", ".join(f"{term}=0" for term in TERMS if term != "stribeck_speed")
+            zero = ", ".join(f"{term}=0" for term in torques)
             raise of_argument(ArgumentError, function, f"found {name} at the joint {joint!r}; expected Coulomb friction alone: use scene.with_properties({zero})")
 
 

@@ -8,11 +8,11 @@
 //! ```
 //!
 //! with limits that can themselves decline with the speed in their direction, min(E, max(S - D v', 0)) upward for the
-//! limit of effort E, the stall torque S of a motor and its decline D: one more monotone graph of torque over velocity, beside those of [`stops`](super::stops). During a step the law is
-//! on one of its pieces: linear, with the gains as measurement noise, or at a limit, with a constant torque and no
-//! noise, or with the decline as noise. The torque at the start of the step determines the piece, and the end of the step tests it. In steps of
-//! one stage the test is the law itself. In others both the torque at the end and the mean torque of the step have to
-//! be on the piece.
+//! limit of effort E, the stall torque S of a motor and its decline D: one more monotone graph of torque over velocity,
+//! beside those of [`stops`](super::stops). During a step the law is on one of its pieces: linear, with the gains as
+//! measurement noise, or at a limit, with a constant torque and no noise, or with the decline as noise. The torque at
+//! the start of the step determines the piece, and the end of the step tests it. In steps of one stage the test is the
+//! law itself. In others both the torque at the end and the mean torque of the step have to be on the piece.
 
 use super::scratch::Scratch;
 use super::step_settings::{StepArguments, StepSettings};

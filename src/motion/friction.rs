@@ -66,8 +66,8 @@ impl<T: Real> Scratch<T> {
         }
     }
 
-    /// Adds the part of friction in the noise of the rows with friction curves to its impulse, from the accelerations of
-    /// stage `i`.
+    /// Adds the part of friction in the noise of the rows with friction curves to its impulse, from the accelerations
+    /// of stage `i`.
     pub fn rub_by_noise(&mut self, (settings, scheme): StepArguments<'_>, i: usize) {
         let slides = |of: &CurvedRow| settings.properties.friction_speed > 0.0 || of.direction != 0.0;
         for of in self.curved.iter_mut().filter(|of| scheme.implicit && slides(of)) {

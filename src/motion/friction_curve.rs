@@ -1,8 +1,8 @@
 //! Dry friction that depends on direction, speed and load: the terms of [`FrictionCurve`] beside Coulomb friction.
 //!
 //! With the direction s of the motion, 1 or -1 (v / sqrt(v^2 + v0^2) where friction is regularized), the friction
-//! without load, d = f + g exp(-(v/v_s)^2), and the sum u of all other torques of a joint, the torque t that reaches the
-//! bodies, its load, is the solution of t = u - o - s (d + c |t|):
+//! without load, d = f + g exp(-(v/v_s)^2), and the sum u of all other torques of a joint, the torque t that reaches
+//! the bodies, its load, is the solution of t = u - o - s (d + c |t|):
 //!
 //! ```text
 //! t = w/(1 + s c sign(w)),     w = u - o - s d

@@ -136,7 +136,8 @@ impl PySceneBuilder {
     /// friction_offset : float, default 0
     ///     Half of the difference between friction in the positive and in the negative direction, N m or N.
     /// stribeck : float, default 0
-    ///     Excess of friction at rest over Coulomb friction, N m or N, which decreases by exp(-(qd / stribeck_speed)^2).
+    ///     Excess of friction at rest over Coulomb friction, N m or N, which decreases by
+    ///     exp(-(qd / stribeck_speed)^2).
     /// stribeck_speed : float, default 0.1
     ///     Speed at which that part has decreased to 1/e, rad/s or m/s.
     /// load_friction : float, default 0
@@ -180,8 +181,8 @@ impl PySceneBuilder {
                         mimic_multiplier=1.0, mimic_offset=0.0, **unknown),
            text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, axis=(0, \
                              0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, friction_offset=0.0, \
-                             stribeck=0.0, stribeck_speed=0.1, load_friction=0.0, stiffness=0.0, rest=None, lower=None, \
-                             upper=None, velocity=None, effort=None, acceleration=None, deceleration=None, \
+                             stribeck=0.0, stribeck_speed=0.1, load_friction=0.0, stiffness=0.0, rest=None, \
+                             lower=None, upper=None, velocity=None, effort=None, acceleration=None, deceleration=None, \
                              jerk=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0)")]
     fn joint<'py>(
         mut slf: PyRefMut<'py, Self>,

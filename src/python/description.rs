@@ -30,8 +30,8 @@ const VERSION: u32 = 14;
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 
 /// Name, kind, pitch, parent, child, origin (rotation in row-major order, lever), axis, (armature, damping, friction,
-/// friction_offset, stribeck, stribeck_speed, load_friction), limits (lower, upper, velocity, effort, acceleration, deceleration, jerk), mimic (joint, multiplier, offset), spring
-/// (stiffness, rest).
+/// friction_offset, stribeck, stribeck_speed, load_friction), limits (lower, upper, velocity, effort, acceleration,
+/// deceleration, jerk), mimic (joint, multiplier, offset), spring (stiffness, rest).
 pub(super) type JointTuple = (
     String,
     String,

@@ -83,7 +83,9 @@ impl PySimulator {
             };
             let gains = (each(&proportional, true)?, each(&derivative, true)?);
             let if_any = |numbers: &[f64]| (!numbers.is_empty()).then(|| each(numbers, true)).transpose();
-            let speed: Vec<f64> = stall.iter().zip(&decline).map(|(stall, decline)| stall / decline).collect();
+            // A torque that does not decline has no such speed, also if it is zero.
+            let no_load = |(stall, &decline): (&f64, &f64)| if decline > 0.0 { stall / decline } else { f64::INFINITY };
+            let speed: Vec<f64> = stall.iter().zip(&decline).map(no_load).collect();
             let limits = (if_any(&effort_upper)?, if_any(&stall)?, if_any(&speed)?);
             let (target, rate) = (each(&target, false)?, each(&target_rate, true)?);
             let pd = (gains.0, gains.1, target, rate, limits.0, limits.1, limits.2);

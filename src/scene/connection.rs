@@ -31,9 +31,9 @@ pub enum ConnectionKind {
     /// The distance of the origins is fixed, m, as by a massless rod: 1 row. `None` selects the distance in the neutral
     /// configuration.
     Distance(Option<f64>),
-    /// The coordinate of one joint is a polynomial of that of another joint, rad or m: 1 row. `link` and `other` are the
-    /// names of the joints, which have one axis each; without `other` the coordinate equals the value of the polynomial
-    /// at zero. The frames are not used. [`Polynomial::linear`] describes gears and belts.
+    /// The coordinate of one joint is a polynomial of that of another joint, rad or m: 1 row. `link` and `other` are
+    /// the names of the joints, which have one axis each; without `other` the coordinate equals the value of the
+    /// polynomial at zero. The frames are not used. [`Polynomial::linear`] describes gears and belts.
     Joint(Polynomial),
 }
 

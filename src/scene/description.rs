@@ -95,8 +95,8 @@ impl Mimic {
     }
 }
 
-/// Terms of dry friction beside Coulomb friction f: with the sign s of the velocity v and the load t, which is the torque
-/// that the joint transmits to the bodies, the friction torque is -(o + s (f + g exp(-(v/v0)^2) + c |t|)).
+/// Terms of dry friction beside Coulomb friction f: with the sign s of the velocity v and the load t, which is the
+/// torque that the joint transmits to the bodies, the friction torque is -(o + s (f + g exp(-(v/v0)^2) + c |t|)).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct FrictionCurve {

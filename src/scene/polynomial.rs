@@ -52,8 +52,8 @@ impl Polynomial {
         self.0[degree..].iter().all(|&c| c == 0.0)
     }
 
-    /// The derivative of this order, up to 3, at x; of order 0 the value. Coefficients of zero cost no operation, so that
-    /// the slope of a linear polynomial is a constant.
+    /// The derivative of this order, up to 3, at x; of order 0 the value. Coefficients of zero cost no operation, so
+    /// that the slope of a linear polynomial is a constant.
     #[inline(always)]
     pub(crate) fn derivative<T: Real>(&self, order: usize, x: T) -> T {
         let (mut sum, mut is_zero) = (x.constant(0.0), true);
@@ -68,8 +68,8 @@ impl Polynomial {
         sum
     }
 
-    /// A root of P(x) = value by Newton's method from `start`, with the absolute residual, which decreases in each step:
-    /// a step that would increase it is halved.
+    /// A root of P(x) = value by Newton's method from `start`, with the absolute residual, which decreases in each
+    /// step: a step that would increase it is halved.
     pub(crate) fn solve(&self, value: f64, start: f64) -> (f64, f64) {
         let residual = |x: f64| self.value(x) - value;
         let newton = |x: f64| residual(x) / self.derivative(1, x);

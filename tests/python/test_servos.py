@@ -509,6 +509,11 @@ def test_motors_beside_contacts_in_lanes_and_in_files(tmp_path: Path) -> None:
     for one in (simulator, copied):
         one.step(steps=200)
         assert_near(one.q, path.q[-1], 1e-13)
+    idle = scene.simulator(np.zeros(4), np.zeros(4), dt=1e-3, pd=pd._replace(stall=np.array([12.0, 0.0, 12.0, 12.0])))
+    again = pickle.loads(pickle.dumps(idle))
+    for one in (idle, again):
+        one.step(steps=50)
+    assert_near(again.q, idle.q, 1e-13)
     path.save(tmp_path / "path.npz")
     assert_same_bits(phipsi.Trajectory.load(tmp_path / "path.npz", scene).torques(), path.torques())
 

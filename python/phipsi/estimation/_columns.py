@@ -33,7 +33,9 @@ _Array = NDArray[np.float64]
 
 #: Motor parameters, each with the property of a scene.
 PROPERTIES = {
-    **{name: name for name in ("armature", "damping", "friction")},
+    "armature": "armature",
+    "damping": "damping",
+    "friction": "friction",
     "offset": "friction_offset",
     "stribeck": "stribeck",
     "load": "load_friction",

@@ -103,13 +103,7 @@ def excitation(
     time = np.arange(round(duration * rate)) / rate
     q, qd, qdd = search.motion(best, time)
     columns = search.columns
-    springs = scene.stiffness * scene.difference(np.broadcast_to(scene.rest, q.shape), q)
-    tau = (
-        scene.inverse_dynamics(q, qd, qdd)
-        + scene.damping * qd
-        + opposing(scene, qd, qd / np.sqrt(qd**2 + columns.slow**2), scene.inverse_dynamics(q, qd, qdd))
-        + springs
-    )
+    tau = _torques(scene, (q, qd, qdd), qd / np.sqrt(qd**2 + columns.slow**2))
     largest = np.max(np.abs(tau), axis=0)
     deviation = (
         NOISE * np.maximum(largest, 1e-6 * largest.max())
@@ -140,6 +134,14 @@ def excitation(
         float(singular[0] / singular[-1]),
         gain,
     )
+
+
+def _torques(scene: Scene, motion: tuple[_Array, _Array, _Array], direction: _Array) -> _Array:
+    """Torques of the motors in a motion (q, qd, qdd), (k, nv), with damping, friction and springs."""
+    q, qd, qdd = motion
+    reaching = scene.inverse_dynamics(q, qd, qdd)
+    springs = scene.stiffness * scene.difference(np.broadcast_to(scene.rest, q.shape), q)
+    return np.asarray(reaching + scene.damping * qd + opposing(scene, qd, direction, reaching) + springs)
 
 
 class _Search:
@@ -210,13 +212,7 @@ class _Search:
         return found[0], found[1], found[2]
 
     def _torques(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
-        scene = self.scene
-        losses = (
-            scene.damping * qd
-            + opposing(scene, qd, np.sign(qd), scene.inverse_dynamics(q, qd, qdd))
-            + scene.stiffness * scene.difference(np.broadcast_to(scene.rest, q.shape), q)
-        )
-        return np.asarray(scene.inverse_dynamics(q, qd, qdd) + losses)
+        return _torques(self.scene, (q, qd, qdd), np.sign(qd))
 
     def fitted(self, coefficients: _Array) -> _Array:
         """Scale each joint to satisfy position and velocity limits; then scale all joints to satisfy torque limits."""
