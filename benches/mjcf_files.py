@@ -1,10 +1,16 @@
-"""Result of phipsi.load for the MJCF files of public repositories: read, read with warnings, SceneError, crashed.
+"""Result of phipsi.load for the MJCF files of public repositories: read, read with warnings, SceneError, crashed; and
+whether their servos settle where MuJoCo's do.
 
 Usage: python benches/mjcf_files.py FOLDER [--markdown FILE] [--list FILE]
 
 FOLDER has one folder per repository, with an optional file COMMIT (commit and date) that the page quotes. Each file whose
 root element is <mujoco> is read in a separate process. Files that MuJoCo itself does not compile, with or without
 their meshes, are counted separately: most are parts that other files include.
+
+Servos: each model with at least one position servo moves under its controls (those of the first keyframe, else those
+that are nearest to zero) by steps of 2 ms, without contacts, in phipsi and in MuJoCo (integrator implicitfast), until
+MuJoCo's joints rest; models that do not rest there, which are those with free joints above all, are not compared. The rests agree if no joint differs by more than 0.02 rad or
+0.02 m: MuJoCo's limits and friction are springs.
 """
 
 from __future__ import annotations
@@ -15,12 +21,15 @@ import re
 import time
 import warnings
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
+import numpy as np
 import phipsi
 from phipsi._load import root_of
+from phipsi._mjcf import compiled
 from phipsi.errors import PhipsiError
 
 #: Seconds after which a file counts as crashed.
@@ -35,6 +44,10 @@ OTHER = {
     "no mass moves": "have no mass",
     "missing meshes or textures": "found no file",
 }
+
+
+#: Time step and largest duration of the comparison of servos, s; speed of joints at rest; largest difference.
+STEP, DURATION, REST, NEAR = 2e-3, 40.0, 1e-4, 0.02
 
 
 class Result(NamedTuple):
@@ -73,7 +86,62 @@ def read(file: Path) -> Result:
     return Result(file, "read", kinds, " | ".join(texts), time.perf_counter() - start)
 
 
-def apart(file: Path) -> Result:
+def rest_in_mujoco(file: Path) -> tuple[dict[str, float], dict[str, float], np.ndarray, int] | str:
+    """Initial and final coordinates of MuJoCo's joints, its controls, and the number of steps; or why there are none."""
+    model, _ = compiled(file, strict=False)
+    if not (model.actuator_biasprm[:, 1] < 0.0).any():
+        return "no servos"
+    kinds = [int(kind) for kind in model.jnt_type]
+    if any(kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL) for kind in kinds):
+        return "free or spherical joints"
+    model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        data.qvel[:] = 0.0
+    else:
+        limited = model.actuator_ctrllimited.astype(bool)
+        data.ctrl[limited] = np.clip(0.0, *model.actuator_ctrlrange[limited].T)
+    names = [model.joint(k).name for k in range(model.njnt)]
+    start, calm = dict(zip(names, data.qpos.copy(), strict=True)), 0
+    for step in range(1, round(DURATION / STEP) + 1):
+        mujoco.mj_step(model, data)
+        if not np.isfinite(data.qpos).all() or any(warning.number for warning in data.warning):
+            return "unstable in MuJoCo"
+        calm = calm + 1 if np.abs(data.qvel).max() < REST else 0
+        if calm * STEP >= 1.0:
+            return start, dict(zip(names, data.qpos.copy(), strict=True)), data.ctrl.copy(), step
+    return "no rest in MuJoCo"
+
+
+def settles(file: Path) -> Result:
+    """Compare the rest of the servos of one file with MuJoCo's."""
+    began = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            scene = phipsi.load(file)
+        except PhipsiError:
+            return Result(file, "not read", (), "")
+        found = rest_in_mujoco(file)
+        if isinstance(found, str):
+            return Result(file, found, (), "")
+        start, rest, control, steps = found
+        try:
+            q = scene.neutral()
+            for name in set(scene.joint_names) & set(start):
+                q[scene.q_index(name)] = start[name]
+            path = scene.simulate(q, np.zeros(scene.nv), dt=STEP, steps=steps, control=control[: len(scene.actuators)], record_every=steps)
+        except PhipsiError as error:
+            return Result(file, "failed", (type(error).__name__,), str(error))
+    away = {name: abs(float(path.q[-1, scene.q_index(name)][0]) - rest[name]) for name in scene.joint_names if name in rest}
+    worst = max(away, key=lambda name: away[name])
+    outcome = "settled" if away[worst] <= NEAR else "elsewhere"
+    return Result(file, outcome, (), f"{worst}: {away[worst]:.2g}, {steps} steps", time.perf_counter() - began)
+
+
+def apart(file: Path, read: Callable[[Path], Result] = read) -> Result:
     """Read one file in a separate process, which may crash."""
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(False)
@@ -122,6 +190,18 @@ def table(found: dict[str, list[Result]]) -> list[str]:
     return lines
 
 
+def servo_table(found: dict[str, list[Result]]) -> list[str]:
+    """Rows of Markdown: how the servos of each repository settle."""
+    outcomes = ["settled", "elsewhere", "failed", "crashed"]
+    lines = ["| repository | models with servos that rest in MuJoCo | rest as in MuJoCo | rest elsewhere | raise or crash | servos, not compared |", "| --- |" + " --- |" * 5]
+    for name, results in [*found.items(), ("all", [one for results in found.values() for one in results])]:
+        of = Counter(one.outcome for one in results)
+        compared = sum(of[outcome] for outcome in outcomes)
+        apart = sum(of[reason] for reason in ("free or spherical joints", "no rest in MuJoCo", "unstable in MuJoCo"))
+        lines.append(f"| {name} | {compared} | {of['settled']} | {of['elsewhere']} | {of['failed'] + of['crashed']} | {apart} |")
+    return lines
+
+
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("folder", type=Path)
@@ -133,12 +213,13 @@ def main() -> None:
         commit = repository / "COMMIT"
         name = f"{repository.name} ({commit.read_text().strip()})" if commit.is_file() else repository.name
         found[name] = [apart(file) for file in files(repository)]
-    lines = table(found)
+    servos = {name: [apart(one.file, settles) for one in results if one.outcome == "read"] for name, results in found.items()}
+    lines = [*table(found), "", "## Servos", "", __doc__.split("Servos: ")[1].strip().replace("\n", " "), "", *servo_table(servos)]
     print("\n".join(lines))
     if given.list is not None:
         rows = [
             f"{one.outcome}\t{','.join(one.kinds)}\t{one.seconds:.2f}\t{one.file}\t{one.text}"
-            for results in found.values()
+            for results in (*found.values(), *servos.values())
             for one in results
         ]
         given.list.write_text("\n".join(rows) + "\n", encoding="utf-8")

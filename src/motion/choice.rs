@@ -48,7 +48,7 @@ pub(super) fn step_settings(
     of.stops = stops;
     of.accuracy = accuracy;
     if let Some(gains) = &of.gains {
-        of.limits_sum = gains.limits_sum;
+        (of.limits_sum, of.has_motors) = (gains.limits_sum, !gains.stall.is_empty());
         of.limited = (0..scene.nv()).filter(|&row| gains.is_limited(scene.nv(), row)).collect();
     }
     of.set_valued = set_valued(scene, &of, stops && is_tree);

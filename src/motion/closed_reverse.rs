@@ -51,6 +51,10 @@ impl Solver<f64> for Recorded<'_, '_> {
         state: (&[f64], &[f64], &[f64]),
         qdd: &mut [f64],
     ) -> u64 {
+        if estimates {
+            // The first stage, also of a step that is made again.
+            self.forces.clear();
+        }
         let lanes = self.forward.solve(estimates, scene, scratch, state, qdd);
         self.forces.push(self.forward.scratch.rows.forces.clone());
         lanes
@@ -222,7 +226,9 @@ impl ClosedReverse {
         // Stages without weight have no adjoint.
         forces.truncate(scheme.tableau.last_stage() + 1);
         let mut solver = ClosedBackward { forward, adjoint, forces };
+        s.are_sides_given = true;
         backward(by, s, gradients, &mut solver, None);
+        s.are_sides_given = false;
         if let Err(failure) = solver.forward.scratch.take_fault() {
             return Err(named(failure));
         }

@@ -11,13 +11,13 @@
 //! limit of effort E, the stall torque S of a motor and its decline D: one more monotone graph of torque over velocity,
 //! beside those of [`stops`](super::stops). During a step the law is on one of its pieces: linear, with the gains as
 //! measurement noise, or at a limit, with a constant torque and no noise, or with the decline as noise. The torque at
-//! the start of the step determines the piece, and the end of the step tests it. In steps of one stage the test is the
-//! law itself. In others both the torque at the end and the mean torque of the step have to be on the piece.
+//! the start of the step determines the piece. The end of the step tests it, and a step that contradicts the pieces of
+//! some rows is made again with the pieces that they must change to ([`change_drives`]).
 
 use super::scratch::Scratch;
 use super::step_settings::{StepArguments, StepSettings};
 use super::stops::{Drive, Line, Piece};
-use crate::scalar::{Real, larger};
+use crate::scalar::{Real, lanes_but, larger};
 
 /// Rounding errors of torques, relative to the torques of the law at a displacement and a velocity of one.
 const ROUNDING: f64 = 1e-15;
@@ -79,14 +79,14 @@ impl<T: Real> Scratch<T> {
     /// The limits of the torque of the law on a row. A limit that is infinite never acts.
     #[inline(always)]
     fn limits(&self, settings: &StepSettings, row: usize) -> Limits<T> {
-        let [lower, upper, stall, decline] = [LOWER, UPPER, STALL, DECLINE].map(|i| self.gains[i][row]);
+        let upper = self.gains[UPPER][row];
         let endless = upper.constant(ENDLESS);
-        let applied = if settings.limits_sum { self.torque[row] } else { upper.constant(0.0) };
         Limits {
-            effort: [-lower, upper].map(|limit| limit.worst(endless)),
-            stall: stall.worst(endless),
-            decline,
-            applied,
+            effort: [(-self.gains[LOWER][row]).worst(endless), upper.worst(endless)],
+            stall: self.gains[STALL][row].worst(endless),
+            decline: self.gains[DECLINE][row],
+            has_motors: settings.has_motors,
+            applied: if settings.limits_sum { self.torque[row] } else { upper.constant(0.0) },
         }
     }
 
@@ -103,55 +103,91 @@ struct Limits<T> {
     effort: [T; 2],
     stall: T,
     decline: T,
+    /// False if no limit declines, in any row.
+    has_motors: bool,
     applied: T,
 }
 
+// Without closures: one that is not inlined is compiled for the baseline.
 impl<T: Real> Limits<T> {
     /// The torque of a motor that declines with its speed in a direction, 0 or 1: what the limit is between zero and
     /// the limit of effort.
     #[inline(always)]
     fn declining(&self, side: usize, v: T) -> T {
-        let along = if side == 0 { -v } else { v };
-        self.stall.minus_product(self.decline, along)
+        self.stall.minus_product(self.decline, if side == 0 { -v } else { v })
+    }
+
+    /// The size of the limit of the sum in a direction at velocity v.
+    #[inline(always)]
+    fn size(&self, side: usize, v: T) -> T {
+        let full = self.effort[side];
+        if self.has_motors { larger(self.declining(side, v).worst(full), v.constant(0.0)) } else { full }
     }
 
     /// The lower and the upper limit of the law at velocity v.
     #[inline(always)]
     fn at(&self, v: T) -> [T; 2] {
-        let zero = v.constant(0.0);
-        let [down, up] = [0, 1].map(|side| larger(self.declining(side, v).worst(self.effort[side]), zero));
-        [-down - self.applied, up - self.applied]
+        [-self.size(0, v) - self.applied, self.size(1, v) - self.applied]
     }
 
-    /// The phase of a limit at velocity v: 0 if it is constant, 1 if it declines, 2 if it is zero.
+    /// The phase of the limit on a side, 1, -1 or 0, at velocity v: 0 if it is constant, 1 if it declines, 2 if it is
+    /// zero.
     #[inline(always)]
-    fn phase(&self, side: usize, v: T) -> T {
-        let (zero, one, torque) = (v.constant(0.0), v.constant(1.0), self.declining(side, v));
-        let is_less = one - larger(self.effort[side] - torque, zero).one_if_zero();
-        is_less + is_less * larger(torque, zero).one_if_zero()
+    fn phase(&self, side: T, v: T) -> T {
+        let (zero, one) = (v.constant(0.0), v.constant(1.0));
+        if !self.has_motors {
+            return zero;
+        }
+        let mut phase = zero;
+        for (direction, sign) in [(0, -1.0), (1, 1.0)] {
+            let torque = self.declining(direction, v);
+            let is_less = one - is_none(self.effort[direction] - torque);
+            phase = is(side, sign).mul_add(is_less.mul_add(is_none(torque), is_less), phase);
+        }
+        phase
     }
 
-    /// The margin of a phase at velocity v, negative if it is another one.
+    /// The margin of the phase of a row at a limit at velocity v, negative if it is in another one.
     #[inline(always)]
-    fn margin(&self, (side, phase): (usize, T), v: T) -> T {
-        let (torque, [full, declines, idles]) = (self.declining(side, v), phases(phase));
-        let below = self.effort[side] - torque;
-        declines.mul_add(below.worst(torque), -(full * below) - idles * torque)
+    fn margin(&self, (side, phase): (T, T), v: T) -> T {
+        let mut margin = v.constant(0.0);
+        if !self.has_motors {
+            return margin;
+        }
+        for (direction, sign) in [(0, -1.0), (1, 1.0)] {
+            let torque = self.declining(direction, v);
+            let below = self.effort[direction] - torque;
+            let others = is(phase, 0.0).mul_add(below, is(phase, 2.0) * torque);
+            margin = is(side, sign).mul_add((is(phase, 1.0) * below.worst(torque)) - others, margin);
+        }
+        margin
     }
 
-    /// The torque of the law at a limit, for the target velocity that it has there too.
+    /// The torque of the law at a limit, zero for a linear row, for the target velocity that it has there too.
     #[inline(always)]
-    fn held(&self, (side, phase): (usize, T), rate: T) -> T {
-        let [full, declines, _] = phases(phase);
-        let size = full.mul_add(self.effort[side], declines * self.declining(side, rate));
-        (if side == 0 { -size } else { size }) - self.applied
+    fn held(&self, (side, phase): (T, T), rate: T) -> T {
+        let mut held = rate.constant(0.0);
+        for (direction, sign) in [(0, -1.0), (1, 1.0)] {
+            let mut size = self.effort[direction];
+            if self.has_motors {
+                size = is(phase, 0.0).mul_add(size, is(phase, 1.0) * self.declining(direction, rate));
+            }
+            held = is(side, sign).mul_add(size.mul_add(size.constant(sign), -self.applied), held);
+        }
+        held
     }
 }
 
-/// 1 for the given phase, else 0.
+/// 1 if the two are equal, else 0.
 #[inline(always)]
-fn phases<T: Real>(phase: T) -> [T; 3] {
-    [0.0, 1.0, 2.0].map(|k| (phase - phase.constant(k)).one_if_zero())
+fn is<T: Real>(x: T, k: f64) -> T {
+    (x - x.constant(k)).one_if_zero()
+}
+
+/// 1 for a margin or torque that is zero or negative, else 0.
+#[inline(always)]
+fn is_none<T: Real>(x: T) -> T {
+    larger(x, x.constant(0.0)).one_if_zero()
 }
 
 impl Drive {
@@ -159,7 +195,7 @@ impl Drive {
     pub fn of(settings: &StepSettings, s: &Scratch<f64>, row: usize, h: f64) -> Self {
         let [kp, kd] = [KP, KD].map(|i| s.gains[i][row]);
         let offset = kd * s.target_rate[row] - kp * s.displaced_target[row];
-        let Limits { effort: [down, up], stall, decline, applied } = s.limits(settings, row);
+        let Limits { effort: [down, up], stall, decline, applied, .. } = s.limits(settings, row);
         let of = |torque: f64, decline: f64| Line { torque: torque - applied, slope: decline, is_limit: true };
         let limits =
             [[of(-down, 0.0), of(-stall, decline), of(0.0, 0.0)], [of(up, 0.0), of(stall, decline), of(0.0, 0.0)]];
@@ -173,26 +209,28 @@ pub(super) fn set_drives<T: Real>((settings, scheme): StepArguments<'_>, s: &mut
     if settings.limited.is_empty() {
         return;
     }
-    if !s.are_sides_given {
+    let is_tested = !s.are_sides_given || scheme.tableau.stages > 1;
+    if is_tested {
         s.displace_from_targets(settings, false);
     }
     for &row in &settings.limited {
         let (limits, v) = (s.limits(settings, row), s.v[row]);
         let (zero, one) = (v.constant(0.0), v.constant(1.0));
-        if !s.are_sides_given {
-            let (torque, [lower, upper]) = (s.law(row, s.displaced_target[row], v), limits.at(v));
-            let [is_below, is_above] =
-                [lower - torque, torque - upper].map(|beyond| one - larger(beyond, zero).one_if_zero());
-            s.rows[row].side = is_above - is_below;
-            s.rows[row].phase = is_below.mul_add(limits.phase(0, v), is_above * limits.phase(1, v));
+        if is_tested {
+            s.rows[row].start = s.law(row, s.displaced_target[row], v);
         }
-        let (side, phase) = (s.rows[row].side, s.rows[row].phase);
-        let [is_linear, at_upper, at_lower] = [side, side - one, side + one].map(T::one_if_zero);
-        let [kp, kd] = [KP, KD].map(|i| s.gains[i][row] * is_linear);
-        let [_, declines, _] = phases(phase);
-        let [down, up] = [0, 1].map(|i| limits.held((i, phase), s.target_rate[row]));
-        let held = up.mul_add(at_upper, down * at_lower);
-        s.drive(settings, scheme.implicit_step(), row, ([kp, kd + limits.decline * declines], held));
+        let of = &mut s.rows[row];
+        if !s.are_sides_given {
+            let [lower, upper] = limits.at(v);
+            of.side = is_none(lower - of.start) - is_none(of.start - upper);
+            of.phase = limits.phase(of.side, v);
+            of.clipped = zero;
+        }
+        let (at, is_linear) = ((of.side, of.phase), one - of.side.abs());
+        let (kp, kd) = (s.gains[KP][row] * is_linear, s.gains[KD][row] * is_linear);
+        let kd = if settings.has_motors { is(at.1, 1.0).mul_add(limits.decline, kd) } else { kd };
+        let held = limits.held(at, s.target_rate[row]);
+        s.drive(settings, scheme.implicit_step(), row, ([kp, kd], held));
     }
 }
 
@@ -213,41 +251,85 @@ fn rounding<T: Real>(s: &Scratch<T>, row: usize, displaced: T) -> T {
     scale.mul_add(one.constant(ROUNDING), one.constant(f64::MIN_POSITIVE))
 }
 
-/// The smallest margin, over all rows with limits, of the torques at the end of a step from those that contradict the
-/// pieces; positive if they agree. `v_next` and `q_next` are those of the end.
+/// What the end of a step says of the piece of a row.
+struct Verdict<T> {
+    /// The margin of the torque from those that contradict the piece; not positive if it does.
+    margin: T,
+    /// The side and the phase of the piece to which the row must then change.
+    side: T,
+    phase: T,
+}
+
+/// The test of the piece of a row by the velocities `ends` at the end of the step.
+///
+/// In steps of one stage, and with error control, the torque at the end has to be on the piece. In others a row changes
+/// its piece in the step that contains the larger part of the change: the law is linear if its mean torque is within
+/// the limits, and is at a limit if the mean of the torques without limits at start and end is beyond it, or if that at
+/// the end is. A row whose mean torque was clipped stays at that limit, unless the step ends beyond the other one.
+#[inline(always)]
+fn judge<T: Real>(
+    by @ (settings, scheme): StepArguments<'_>,
+    (s, ends): (&Scratch<T>, &[T]),
+    row: usize,
+) -> Verdict<T> {
+    let (of, displaced, is_one_stage) = (&s.rows[row], s.displaced_target[row], scheme.tableau.stages == 1);
+    let (one, rounding) = (displaced.constant(1.0), rounding(s, row, displaced));
+    let endless = one.constant(ENDLESS);
+    let (torque, v) =
+        if is_one_stage { at_end_of_stage(by, (s, ends), row) } else { (s.law(row, displaced, ends[row]), ends[row]) };
+    let mean = if is_one_stage { torque } else { s.control_impulse(row) * one.constant(1.0 / scheme.step) };
+    let limits = s.limits(settings, row);
+    let ([lower, upper], is_held) = (limits.at(v), of.side.abs());
+    let (below, above) = (mean - lower + rounding, upper - mean + rounding);
+    let mut linear = below.worst(above);
+    let rate = s.target_rate[row];
+    let beyond = of.side * (torque - of.held.minus_product(of.derivative, v - rate));
+    let mut held = beyond;
+    if settings.accuracy.is_some() {
+        linear = linear.worst(upper - torque + rounding).worst(torque - lower + rounding);
+    } else if !is_one_stage {
+        let at_start = of.side * (of.start - of.held.minus_product(of.derivative, s.v[row] - rate));
+        let from_other = of.side * torque - one.constant(0.5) * (of.side * (lower + upper) - (upper - lower));
+        held = larger(beyond, from_other.worst(of.clipped.mul_add(endless, at_start + beyond)));
+    }
+    held += rounding;
+    let leaves = is_none(held);
+    let side = (one - is_held).mul_add(is_none(above) - is_none(below), of.side * (one - leaves));
+    let of_phase = limits.margin((of.side, of.phase), v) + rounding;
+    Verdict { margin: is_held.mul_add(endless, linear).worst(held).worst(of_phase), side, phase: limits.phase(side, v) }
+}
+
+/// The smallest margin of the pieces of all rows with limits at the end of a step, positive if the torques agree with
+/// all of them. `v_next` and `q_next` are those of the end.
 #[inline(always)]
 pub(super) fn agreement<T: Real>(by @ (settings, scheme): StepArguments<'_>, s: &mut Scratch<T>) -> T {
-    let one = s.v.first().map_or_else(T::one, |v| v.constant(1.0));
-    let (mut least, is_one_stage) = (one, scheme.tableau.stages == 1);
-    if !settings.limited.is_empty() && !is_one_stage {
+    let mut least = s.v.first().map_or_else(T::one, |v| v.constant(1.0));
+    if !settings.limited.is_empty() && scheme.tableau.stages > 1 {
         s.displace_from_targets(settings, true);
     }
     for &row in &settings.limited {
-        let (of, displaced) = (&s.rows[row], s.displaced_target[row]);
-        let rounding = rounding(s, row, displaced);
-        let (torque, v) = if is_one_stage {
-            at_end_of_stage(by, (s, &s.v_next), row)
-        } else {
-            (s.law(row, displaced, s.v_next[row]), s.v_next[row])
-        };
-        let limits = s.limits(settings, row);
-        let ([lower, upper], is_held) = (limits.at(v), of.side.abs());
-        // A row at a limit is tested on its side alone.
-        let other = is_held.mul_add(is_held.constant(ENDLESS), rounding);
-        let mut test = |torque: T| {
-            least = least.worst(upper - torque + other).worst(torque - lower + other);
-        };
-        if !is_one_stage {
-            test(s.control_impulse(row) * one.constant(1.0 / scheme.step));
-        }
-        test(torque);
-        let piece = of.held.minus_product(of.derivative, v - s.target_rate[row]);
-        least = least.worst(of.side * (torque - piece) + rounding);
-        let [at_lower, at_upper] = [of.side + one, of.side - one].map(T::one_if_zero);
-        let [down, up] = [0, 1].map(|i| limits.margin((i, of.phase), v));
-        least = least.worst(up.mul_add(at_upper, down * at_lower) + rounding);
+        least = least.worst(judge(by, (s, &s.v_next), row).margin);
     }
     least
+}
+
+/// Changes the pieces that the end of the last step contradicts, for that step again, in the lanes in which nothing
+/// else speaks against it. Returns false if there are none.
+#[inline(always)]
+pub(super) fn change_drives<T: Real>(by: StepArguments<'_>, s: &mut Scratch<T>) -> bool {
+    let is_else_right = s.without_drives.constant(1.0) - is_none(s.without_drives);
+    let mut changed = s.without_drives.constant(0.0);
+    for &row in &by.0.limited {
+        let to = judge(by, (s, &s.v_next), row);
+        let of = &mut s.rows[row];
+        let is_wrong = is_else_right * is_none(to.margin);
+        let (by_side, by_phase) = (is_wrong * (to.side - of.side), is_wrong * (to.phase - of.phase));
+        of.clipped = larger(of.clipped, by_side.abs() * (of.side.constant(1.0) - of.side.abs()));
+        of.side += by_side;
+        of.phase += by_phase;
+        changed = larger(changed, by_side.abs() + by_phase.abs());
+    }
+    lanes_but::<T>(|lane| !(changed.lane(lane) > 0.0)) != 0
 }
 
 /// Lists the rows with limits whose torque at the velocities `ends` of a step of one stage contradicts their piece, by
@@ -258,37 +340,26 @@ pub(super) fn contradictions(
     found: &mut Vec<(usize, Piece)>,
 ) {
     for (i, &row) in by.0.limited.iter().enumerate() {
-        let (of, (torque, v)) = (&s.rows[row], at_end_of_stage(by, (s, ends), row));
-        let (slack, limits) = (rounding(s, row, s.displaced_target[row]), s.limits(by.0, row));
-        let ([lower, upper], line) = (limits.at(v), of.held - of.derivative * (v - s.target_rate[row]));
-        if of.side == 0.0 {
-            let beyond = [torque < lower - slack, torque > upper + slack].iter().position(|&beyond| beyond);
-            found.extend(beyond.map(|side| (i, limit_piece(side, limits.phase(side, v)))));
-        } else if of.side * (torque - line) < -slack {
-            found.push((i, LINEAR));
-        } else {
-            let side = usize::from(of.side > 0.0);
-            let is_past = limits.margin((side, of.phase), v) < -slack;
-            found.extend(is_past.then(|| (i, limit_piece(side, limits.phase(side, v)))));
+        let Verdict { margin, side, phase } = judge(by, (s, ends), row);
+        if !(margin > 0.0) {
+            found.push((i, piece_of(side, phase)));
         }
     }
 }
 
-/// The piece at the lower or upper limit, 0 or 1, in one of its phases.
-fn limit_piece(side: usize, phase: f64) -> Piece {
+/// The piece of a side and a phase.
+fn piece_of(side: f64, phase: f64) -> Piece {
+    let upper = usize::from(side > 0.0);
     match phase {
-        0.0 => Piece::Between(2 * side),
-        phase => Piece::Between(if phase < 2.0 { 3 + side } else { 5 + side }),
+        _ if side == 0.0 => LINEAR,
+        0.0 => Piece::Between(2 * upper),
+        phase => Piece::Between(if phase < 2.0 { 3 + upper } else { 5 + upper }),
     }
 }
 
 /// The pieces of the rows with limits.
 pub(super) fn pieces(settings: &StepSettings, s: &Scratch<f64>) -> Vec<Piece> {
-    let piece = |&row: &usize| match s.rows[row].side {
-        0.0 => LINEAR,
-        side => limit_piece(usize::from(side > 0.0), s.rows[row].phase),
-    };
-    settings.limited.iter().map(piece).collect()
+    settings.limited.iter().map(|&row| piece_of(s.rows[row].side, s.rows[row].phase)).collect()
 }
 
 /// Gives the pieces of the rows with limits.

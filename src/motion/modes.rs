@@ -85,16 +85,17 @@ pub(super) fn observe_end<T: Real>(by @ (settings, scheme): StepArguments<'_>, s
             s.consistent = s.consistent.worst(inward + barely);
         }
     }
-    // Contacts change the end of their steps.
-    if settings.method != Method::Contact {
-        s.consistent = s.consistent.worst(agreement(by, s));
-    }
     if settings.divides {
         let [(fastest, error), (linear, linear_error)] = speeds_and_errors(by, s);
         let share = fastest.constant(scheme.share);
         let slow = fastest.constant(scheme.angle) - fastest * fastest.constant(scheme.step);
         let exact = fastest.mul_add(share, -error).worst(linear.mul_add(share, -linear_error));
         s.short_enough = larger(slow, exact) + slow.constant(BARELY);
+    }
+    // Contacts change the end of their steps.
+    if settings.method != Method::Contact {
+        s.without_drives = s.consistent.worst(s.short_enough);
+        s.consistent = s.consistent.worst(agreement(by, s));
     }
 }
 

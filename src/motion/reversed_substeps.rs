@@ -1,10 +1,12 @@
 //! Backpropagation through the substeps of a step of one state.
 
 use super::backward::StepGradients;
+use super::drives::pieces;
 use super::events::{Event, EventSolution, Rebound};
 use super::method::Scheme;
 use super::scratch::{Scratch, add_scaled};
 use super::step_settings::StepSettings;
+use super::stops::Piece;
 use crate::error::Error;
 
 /// The scratch memory and the gradients of one state.
@@ -49,6 +51,8 @@ pub(super) struct Substep {
     q: Vec<f64>,
     v: Vec<f64>,
     pub scheme: Scheme,
+    /// The pieces of the control laws, if they are not those of its start.
+    pub pieces: Vec<Piece>,
     pub event: Option<RecordedEvent>,
 }
 
@@ -66,6 +70,7 @@ impl Substep {
             reached: event.reached.iter().map(|&(i, _)| settings.set_valued[i].row).collect(),
             rebound: event.rebound.cloned(),
         });
-        Self { q: s.q.clone(), v: s.v.clone(), scheme: *scheme, event }
+        let pieces = if settings.accuracy.is_none() { pieces(settings, s) } else { Vec::new() };
+        Self { q: s.q.clone(), v: s.v.clone(), scheme: *scheme, pieces, event }
     }
 }

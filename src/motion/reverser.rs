@@ -7,6 +7,7 @@ use super::closed_reverse::ClosedReverse;
 use super::connected::ConnectedReverse;
 use super::contact::{ContactReverse, ModeChange, ShapeGradients};
 use super::division::{Substeps, TreeSteps};
+use super::drives::give;
 use super::events::{EventSolution, Events, Rebound};
 use super::gradient_layout::{Layout, RecordedRows};
 use super::job::{self, Rows};
@@ -305,12 +306,16 @@ impl OneState for Checked {
         self.substeps.advance(settings, &mut self.scratch, &mut steps, &mut |scheme, s, event| {
             made.push(Substep::new(settings, scheme, s, event));
         });
-        through_substeps(self, settings, made, |one, Substep { scheme, event, .. }| {
+        through_substeps(self, settings, made, |one, Substep { scheme, pieces, event, .. }| {
             let Self { scratch, gradients, solver, forward, events, .. } = one;
             let by = (settings, &scheme);
             match event {
                 None => {
+                    if !pieces.is_empty() {
+                        give(settings, scratch, &pieces);
+                    }
                     backward(by, scratch, gradients, solver, None);
+                    scratch.are_sides_given = false;
                 }
                 Some(event) => {
                     let after = event

@@ -34,6 +34,10 @@ pub(super) struct RowTerms<T> {
     /// speed, 2 if it is zero because of the speed, else 0.
     pub side: T,
     pub phase: T,
+    /// The torque of the law without limits at the start of the step, and 1 if the step is made again because the mean
+    /// torque of the law was beyond the limit, else 0.
+    pub start: T,
+    pub clipped: T,
     /// True if the kernels have noise in this row.
     pub has_noise: bool,
 }
@@ -97,9 +101,11 @@ pub(super) struct Scratch<T: Real> {
     pub dry: Vec<T>,
     /// Impulse of the control law in this step without that of its noise, N m s or N s.
     pub control: Vec<T>,
-    /// Positive if all modes hold until the end of the step; positive if the step is short enough.
+    /// Positive if all modes hold until the end of the step; positive if the step is short enough; and positive if both
+    /// hold but perhaps for the pieces of control laws.
     pub consistent: T,
     pub short_enough: T,
+    pub without_drives: T,
     /// Works and numbers of substeps of the run: see [`totals`](super::totals).
     pub totals: [T; TOTALS],
     /// Displacement of the stage from the rest configuration of the springs, and from the target of the control law.
@@ -167,6 +173,8 @@ impl<T: Real> Scratch<T> {
                 slope: T::zero(),
                 side: T::zero(),
                 phase: T::zero(),
+                start: T::zero(),
+                clipped: T::zero(),
                 has_noise: noise != 0.0,
             }
         };
@@ -219,6 +227,7 @@ impl<T: Real> Scratch<T> {
             control: rates(),
             consistent: T::one(),
             short_enough: T::one(),
+            without_drives: T::one(),
             totals: [T::zero(); TOTALS],
             displaced: rates(),
             displaced_target: rates(),

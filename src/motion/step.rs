@@ -6,18 +6,46 @@
 //! its end ([`Scratch::consistent`]) and whether it is short enough ([`Scratch::short_enough`]). If one test fails,
 //! [`division`](super::division) repeats the step with shorter ones and with the set-valued law.
 
-use super::drives::set_drives;
+use super::drives::{change_drives, set_drives};
 use super::manifold::{advance, carry_back};
+use super::method::Method;
 use super::modes::{observe_end, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::Solver;
 use super::step_settings::{StepArguments, StepSettings};
-use crate::scalar::Real;
+use crate::scalar::{Real, lanes_but};
+
+/// Largest number of times that a step is made again with other pieces of the control laws.
+const CHANGES: usize = 3;
 
 /// One step of a scheme from `q`, `v` to `q_next`, `v_next`; returns as bits the lanes whose error estimate exceeds the
-/// tolerance.
+/// tolerance. A step that contradicts the pieces of the control laws is made again with others: in all lanes, of which
+/// those without a change have the same result.
 #[inline(always)]
 pub(super) fn step<T: Real, S: Solver<T>>(
+    by @ (settings, _): StepArguments<'_>,
+    s: &mut Scratch<T>,
+    solver: &mut S,
+) -> u64 {
+    let mut fallback = on_pieces(by, s, solver);
+    // Contacts change the end of their steps; error control locates the changes.
+    if settings.limited.is_empty() || settings.method == Method::Contact || settings.accuracy.is_some() {
+        return fallback;
+    }
+    for _ in 0..CHANGES {
+        if lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0) == 0 || !change_drives(by, s) {
+            break;
+        }
+        s.are_sides_given = true;
+        fallback = on_pieces(by, s, solver);
+        s.are_sides_given = false;
+    }
+    fallback
+}
+
+/// One step with given pieces of the control laws, or with those of its start.
+#[inline(always)]
+fn on_pieces<T: Real, S: Solver<T>>(
     by @ (settings, scheme): StepArguments<'_>,
     s: &mut Scratch<T>,
     solver: &mut S,

@@ -45,6 +45,8 @@ pub(super) struct StepSettings {
     pub set_valued: Vec<SetValued>,
     /// The rows of the control law with limits of effort.
     pub limited: Vec<usize>,
+    /// True if some limit declines with speed.
+    pub has_motors: bool,
     /// True if these limits are those of the sum with the applied torque.
     pub limits_sum: bool,
     /// True if joint limits are stops.
@@ -92,6 +94,7 @@ impl StepSettings {
             tolerance: None,
             set_valued: Vec::new(),
             limited: Vec::new(),
+            has_motors: false,
             limits_sum: false,
             stops: false,
             restitution: 0.0,

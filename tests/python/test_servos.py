@@ -79,7 +79,8 @@ def test_two_joints_move_as_scipy_integrates_them(gains: tuple[float, float], ac
 
     exact = solve_ivp(right, (0.0, 1.5), np.concatenate([q, qd]), rtol=1e-11, atol=1e-12, max_step=2e-3).y[:, -1]
     assert_near(np.concatenate([path.q[-1], path.qd[-1]]), exact, 1e-5 if accuracy else 2e-3)
-    assert path.events > 0
+    # Without error control, steps in which a motor reaches its limit or leaves it are not divided.
+    assert (path.events > 0) == (accuracy is not None)
 
 
 @pytest.mark.parametrize("method", ["implicit-euler", "contact"])
@@ -302,7 +303,7 @@ def test_gradients_go_through_limits_in_loops(friction: float, clip: Any) -> Non
     pd = phipsi.PD(10.0 * on, 1.0 * on, target, np.zeros(scene.nv), effort=0.6 * limit)
     given = {"dt": 2e-3, "steps": 100, "pd": pd, "tau": 0.1 * on, "limits": "report", "friction": friction, "effort": clip}
     path = compared(scene, q, np.zeros(scene.nv), given, along=on)
-    assert path.events > 0
+    assert friction == 0.0 or path.events > 0
 
 
 @pytest.mark.parametrize("clip", [None, "clip"])

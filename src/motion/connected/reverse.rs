@@ -141,7 +141,9 @@ impl<T: Vectorized> ConnectedReverse<T> {
         }
         fallback |= self.projections(kernels, fallback, s, &mut to.end);
         let at = settings.scheme.tableau.last_stage() + 1;
+        s.are_sides_given = true;
         fallback |= backward(by, s, to, &mut Recorded { reverse: self, kernels, at }, None);
+        s.are_sides_given = false;
         add_scaled(&mut to.acting[ARMATURE], 1.0, &self.gradients.noise);
         add_scaled(to.parameters.as_flattened_mut(), 1.0, self.gradients.parameters.as_flattened());
         // A lane that needs the fallback begins with them.
@@ -269,6 +271,8 @@ impl<T: Vectorized, I: Target> Solver<T> for Recorded<'_, T, I> {
         qdd: &mut [T],
     ) -> u64 {
         let (ConnectedReverse { connected, stages, .. }, (target, form)) = (&mut *self.reverse, self.kernels);
+        // The first stage, also of a step that is made again.
+        self.at = if estimates { 0 } else { self.at };
         let Factors { sweeps, rows } = &mut stages[self.at];
         self.at += 1;
         std::mem::swap(&mut connected.rows, rows);
