@@ -1369,6 +1369,9 @@ class Scene:
         errors: _Errors = "raise",
     ) -> _Single: ...
 
+    def poses(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """Poses of all links in one array."""
+
     def placements(self, q: ArrayLike, *, errors: _Errors = "raise") -> dict[str, _Array]:
         """Poses of all links by name (forward kinematics): homogeneous matrices from link to base frame.
 

@@ -6,7 +6,7 @@ use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::dynamics::Energy;
 use crate::dynamics::coupled::Ask;
 use crate::dynamics::mass_inverse::InverseScratch;
-use crate::error::{Error, Fault, check_finite};
+use crate::error::{Error, Fault, check_finite, check_length};
 use crate::kinematics;
 use crate::scene::{Coupling, Link, Scene};
 use crate::spatial::{RigidShift, SpatialVector};
@@ -161,6 +161,25 @@ impl Scene {
         let placements: Vec<_> = self.links().iter().map(|link| on_base(link, &bodies)).collect();
         placements.iter().try_for_each(|placement| self.check_result("placements", placement.lever.as_slice()))?;
         Ok(placements)
+    }
+
+    /// The poses of all links as [`Scene::placements`], as homogeneous matrices (links, 4, 4) that are written to `out`
+    /// row by row. O(N), without allocation.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
+    pub fn poses(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
+        let q = &*self.tree_configuration("q", q)?;
+        self.check_workspace(workspace)?;
+        check_length("out", out.len(), 16 * self.links().len())?;
+        let bodies = &mut workspace.store.shifts;
+        kinematics::placements_base_to_tip(self.model(), q, bodies);
+        kinematics::placements_on_base(self.model(), 0..bodies.len(), bodies);
+        for (link, out) in self.links().iter().zip(out.chunks_exact_mut(16)) {
+            on_base(link, bodies).homogeneous(out);
+        }
+        self.check_result("poses", out)
     }
 
     /// Converts wrenches (moment, force) on links, each at the origin of its link frame and in its axes, to spatial

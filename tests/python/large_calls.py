@@ -262,6 +262,7 @@ LARGE: dict[str, Large] = {
     "mass_matrix": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix(q))),
     "mass_matrix, float32": Large("q", batch(2 * 10**6, lambda scene, q: scene.mass_matrix(q, dtype=np.float32))),
     "mass_matrix_inverse": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix_inverse(q))),
+    "poses": Large("q", batch(10**6, lambda scene, q: scene.poses(q))),
     "placements": Large("q", batch(10**6, lambda scene, q: scene.placements(q))),
     "jacobian": Large("q", batch(10**6, lambda scene, q: scene.jacobian(q, "link3"))),
     "gravity_torque": Large("q", batch(10**6, lambda scene, q: scene.gravity_torque(q)), room=40),

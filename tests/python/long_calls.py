@@ -179,6 +179,7 @@ LONG: dict[str, Callable[[], Call]] = {
     ),
     "inverse_dynamics_hvp": batch(30, 50_000, lambda scene, q: scene.inverse_dynamics_hvp(q, q, q, q, q, q, q)),
     "forward_dynamics_hvp": batch(30, 30_000, lambda scene, q: scene.forward_dynamics_hvp(q, q, q, q, q, q, q)),
+    "poses": batch(7, 400_000, lambda scene, q: scene.poses(q)),
     "placements": batch(7, 400_000, lambda scene, q: scene.placements(q)),
     "jacobian": batch(30, 300_000, lambda scene, q: scene.jacobian(q, "link29")),
     "gravity_torque": batch(300, 200_000, lambda scene, q: scene.gravity_torque(q)),

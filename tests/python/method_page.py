@@ -20,7 +20,7 @@ TASKS = {
     "Properties": ("gravity", "limits", "actuators", "armature", "damping", "friction", "friction_terms", "stiffness", "rest", "tolerance", "total_mass"),
     "Modified copies": ("with_properties", "with_payload", "with_inertias", "lock", "without_constraints", "without_contacts"),
     "Configurations": ("neutral", "initial", "initial_velocity", "keyframes", "random_configuration", "integrate", "difference"),
-    "Forward kinematics: where is a link, such as the end effector": ("placement", "placements"),
+    "Forward kinematics: where is a link, such as the end effector": ("placement", "poses", "placements"),
     "Velocities, accelerations and Jacobians of links": ("velocity", "acceleration", "jacobian", "jacobian_rate", "jacobian_rate_product"),
     "Center of mass and momentum": (
         "center_of_mass", "center_of_mass_velocity", "center_of_mass_acceleration", "center_of_mass_jacobian", "momentum", "centroidal_momentum_matrix",

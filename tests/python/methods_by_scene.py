@@ -123,6 +123,7 @@ CALLS: dict[str, Call] = {
     "placement": lambda scene, s: scene.placement(s.q, _tip(scene)),
     "placements": lambda scene, s: scene.placements(s.q),
     "plan": lambda scene, s: scene.plan(),
+    "poses": lambda scene, s: scene.poses(s.q),
     "project": lambda scene, s: scene.project(s.q + 0.01, s.qd),
     "regressor": lambda scene, s: scene.regressor(s.q, s.qd, s.qdd),
     "random_model": lambda scene, s: scene.random_model(s.q, s.qd).sample_torque(3, seed=1),

@@ -34,6 +34,7 @@ def calls(scene: phipsi.Scene) -> dict[str, Any]:
         "bias_torque": lambda q, qd, tau, **e: scene.bias_torque(q, qd, **e),
         "mass_matrix": lambda q, qd, tau, **e: scene.mass_matrix(q, **e),
         "mass_matrix_inverse": lambda q, qd, tau, **e: scene.mass_matrix_inverse(q, **e),
+        "poses": lambda q, qd, tau, **e: scene.poses(q, **e),
         "placements": lambda q, qd, tau, **e: stacked(scene.placements(q, **e).values(), -3),
         "gravity_torque": lambda q, qd, tau, **e: scene.gravity_torque(q, **e),
         "placement": lambda q, qd, tau, **e: scene.placement(q, link, **e),

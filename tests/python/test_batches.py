@@ -118,7 +118,7 @@ def test_no_states_broadcast(arm: phipsi.Scene) -> None:
 def test_no_joints(welded: phipsi.Scene, method: str, batch: tuple[int, ...]) -> None:
     nothing = np.zeros((*batch, 0))
     shapes = {"mass_matrix": (0, 0), "mass_matrix_inverse": (0, 0), "jacobian": (6, 0), "momentum": (6,), "energy": (2,)}
-    shapes["placements"] = shapes["placement of several"] = (2, 4, 4)
+    shapes["placements"] = shapes["poses"] = shapes["placement of several"] = (2, 4, 4)
     shapes.update({"placement": (4, 4), "velocity": (6,), "acceleration": (6,), "kinetic_energy": (), "potential_energy": ()})
     shapes.update({"jacobian at a point": (6, 0), "jacobian_rate": (6, 0), "jacobian_rate_product": (6,)})
     shapes["coriolis_matrix"] = shapes["mass_matrix_derivative"] = (0, 0)
