@@ -209,6 +209,10 @@ class Columns:
         projector = self.projector(q)
         return tau if projector is None else np.einsum("kij,kj->ki", projector, tau)
 
+    def to_joints(self, torques: _Array) -> _Array:
+        """Joint torques from motor torques, (..., motors)."""
+        return torques if self.transmission is None else torques @ self.transmission
+
     def to_motors(self, torques: _Array) -> _Array:
         """Motor torques from joint torques, (k, nv)."""
         return torques if self.inverse is None else torques @ self.inverse
@@ -237,6 +241,25 @@ class Columns:
                 load = self.scene if self.load is None else self.load
                 found[kind] = sliding * np.abs(self.to_motors(load.inverse_dynamics(q, qd, qdd)))
         return found
+
+    def of_extras(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
+        """Columns of the motor parameters, (k, motors, extras)."""
+        kinds, found = self.of_motors(q, qd, qdd), np.zeros((len(q), self.motors, len(self.extras)))
+        for at, extra in enumerate(self.extras):
+            rows = list(extra.rows)
+            found[:, rows, at] = kinds[extra.kind][:, rows]
+        return found
+
+    def of_joint(self, extra: Extra) -> tuple[str, float] | None:
+        """Joint of a motor parameter and the property of the joint per parameter; None if the motor moves several
+        joints."""
+        if self.transmission is None:
+            return extra.name, 1.0
+        row = self.transmission[extra.rows[0]]
+        (entries,) = np.nonzero(row)
+        if len(entries) != 1:
+            return None
+        return self.scene.joint_names[int(entries[0])], per_joint(extra.kind, float(row[entries[0]]))
 
     def known(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
         """Motor torques that do not depend on the parameters: springs, and joint properties not in `fit`, (k,
@@ -270,22 +293,16 @@ class Columns:
         known = self.known(q, qd, qdd)
         if self.kept:
             known = known + np.einsum("kibp,bp->ki", of_bodies[:, :, self.kept], self.own[self.kept])
-        kinds = self.of_motors(q, qd, qdd)
-        bodies = 10 * len(self.free)
-        of_motors: list[_Array] = []
+        extras, bodies = self.of_extras(q, qd, qdd), 10 * len(self.free)
         if projector is not None:
-            extras = np.zeros((len(q), self.motors, len(self.extras)))
-            for at, extra in enumerate(self.extras):
-                rows = list(extra.rows)
-                extras[:, rows, at] = kinds[extra.kind][:, rows]
             size = of_bodies.shape[2:]
             of_bodies = (projector @ of_bodies.reshape(len(q), self.motors, -1)).reshape(len(q), self.motors, *size)
             of_motors = list(np.moveaxis(projector @ extras, 1, 0))
             known = np.einsum("kij,kj->ki", projector, known)
             return Parts(np.ascontiguousarray(of_bodies).reshape(len(q), -1), [np.ascontiguousarray(own) for own in of_motors], known)
-        for motor, used in enumerate(self.used):
-            own = [kinds[self.extras[at - bodies].kind][:, motor] for at in used[used >= bodies]]
-            of_motors.append(np.stack(own, axis=1) if own else np.empty((len(q), 0)))
+        of_motors = [
+            np.ascontiguousarray(extras[:, motor, used[used >= bodies] - bodies]) for motor, used in enumerate(self.used)
+        ]
         return Parts(of_bodies.reshape(len(q), -1), of_motors, known)
 
     def sensitivity(self, q: _Array, qd: _Array, qdd: _Array, joint: int) -> list[_Array]:
@@ -313,6 +330,26 @@ class Columns:
             and np.array_equal(self.own, other.own)
             and (self.slow, self.stribeck) == (other.slow, other.stribeck)
         )
+
+
+def flattened(
+    scene: Scene, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike
+) -> tuple[tuple[int, ...], tuple[_Array, _Array, _Array]]:
+    """Leading axes of states, broadcast, and the states with one leading axis."""
+    q, qd, qdd = (
+        np.asarray(_core._numbers(*one))
+        for one in (("q", q, scene, True), ("qd", qd, scene), ("qdd", qdd, scene))
+    )
+    try:
+        batch = np.broadcast_shapes(q.shape[:-1], qd.shape[:-1], qdd.shape[:-1])
+    except ValueError:
+        raise of_argument(
+            ShapeError,
+            "q",
+            f"found leading axes {q.shape[:-1]}, {qd.shape[:-1]} and {qdd.shape[:-1]}; expected ones that broadcast",
+        ) from None
+    q, qd, qdd = (np.broadcast_to(one, (*batch, one.shape[-1])).reshape(-1, one.shape[-1]) for one in (q, qd, qdd))
+    return batch, (q, qd, qdd)
 
 
 def _checked_transmission(scene: Scene, transmission: ArrayLike) -> _Array:

@@ -3,10 +3,12 @@
 Torques are linear in the parameters x: ten per body (mass, first moments, inertia about the link origin) and the
 fitted motor parameters. With rows W and measured torques y, both divided by their standard deviations, x minimizes
 
-    1/2 |y - W x|^2 + trust/2 sum over bodies (tr(J0^-1 J) - log det J)
+    1/2 |y - W x|^2 + trust/2 sum over bodies (tr(J0^-1 J) - log det J) + 1/2 sum over motors w (x/x0 - log(x/x0))
 
 The 4x4 matrix J, linear in x, holds the second moments of mass of a body. A body is physically consistent if J is
 positive definite, which the logarithm ensures. The second sum is a Wishart prior; its mode J0 is the body of the model.
+The third is a gamma distribution of armature, damping and friction with the mode x0 of the model and the weight w =
+trust. If the model has none, x0 is a tenth of the value that alone would explain the torques, and w at most 1.
 The function is convex. _most_probable minimizes it in coordinates z relative to the prior, J = L Z L^T with J0 = L L^T,
 in which the mode of the prior is Z = 1. A parameter of either sign is the difference of two positive ones.
 
@@ -25,15 +27,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _core
-from ..errors import ArgumentError, IdentificationWarning, ShapeError, of_argument, warn
+from ..errors import ArgumentError, IdentificationWarning, of_argument, warn
 from ._accumulator import Accumulator, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
 from ._bodies import with_parameters
-from ._columns import PROPERTIES, Columns, per_joint
+from ._columns import PROPERTIES, Columns, flattened
 from ._most_probable import most_probable
 from ._problem import UNKNOWN, Problem
 from ._student import student_quantile
+from .uncertainty import ParameterCovariance
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -45,6 +47,8 @@ _Array = NDArray[np.float64]
 #: Share of the variance from the data below which the interval of a parameter is the interval of the prior; and the
 #: bias, in standard deviations, above which a warning is raised.
 DECIDED, BIAS = 0.9, 0.2
+#: Lower bound of the weight of a prior relative to that of the bodies.
+LIGHTEST = 1e-12
 #: With fewer blocks, intervals assume independent residuals.
 FEWEST_BLOCKS = 4
 #: Neighboring blocks are merged if the correlation of their scores exceeds the first number, or if they have fewer
@@ -60,6 +64,8 @@ class Identification:
     """The linear model."""
     own: _Array = field(repr=False)
     """All parameters in the order of the columns."""
+    own_root: _Array = field(repr=False)
+    """Root L of the covariance L L^T of all parameters, (parameters, columns)."""
     scene: Scene
     """The robot with the estimates. The inertia of a body belongs to its link in body_names; links fixed to it have
     none."""
@@ -67,10 +73,11 @@ class Identification:
     """(m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, (bodies, 10); I about the link
     origin, in the link frame."""
     covariance: _Array
-    """Covariance of the parameters, (10 bodies, 10 bodies), from data and prior; zero for kept bodies.
-    Scene.forward_dynamics_variance accepts it, or this object."""
+    """Covariance of the parameters of the bodies alone, (10 bodies, 10 bodies), from data and prior; zero for kept
+    bodies. The parameters of joints and their correlation with the bodies are not part of it: give this object itself as
+    `parameters` of Scene.forward_dynamics_variance and others."""
     root: _Array
-    """Root L of the covariance L L^T of all parameters, (bodies, 10, columns)."""
+    """Root L of the covariance L L^T of the parameters of the bodies, (bodies, 10, columns)."""
     share: _Array
     """Share of the variance of each parameter that comes from the data, (bodies, 10). Below 0.9 the interval is the
     interval of the prior; NaN for kept bodies."""
@@ -98,6 +105,12 @@ class Identification:
     """Number of states."""
     clock_offset: float = float("nan")
     """Delay of the torques relative to q, s, estimated from the residuals; NaN without times."""
+
+    @property
+    def parameter_covariance(self) -> ParameterCovariance:
+        """Covariance of the parameters of bodies and joints, which Scene.forward_dynamics_variance, Scene.simulate and
+        Scene.momentum_observer use for this object."""
+        return ParameterCovariance.of_root(self.columns, self.own_root)
 
     @property
     def deviations(self) -> _Array:
@@ -186,21 +199,50 @@ class Identification:
         >>> bool(np.abs(found.torques(q, qd, qdd) - tau).max() < 0.01)
         True
         """
-        q, qd, qdd = (
-            np.asarray(_core._numbers(*one))
-            for one in (("q", q, self.scene, True), ("qd", qd, self.scene), ("qdd", qdd, self.scene))
-        )
-        try:
-            batch = np.broadcast_shapes(q.shape[:-1], qd.shape[:-1], qdd.shape[:-1])
-        except ValueError:
-            raise of_argument(
-                ShapeError,
-                "q",
-                f"found leading axes {q.shape[:-1]}, {qd.shape[:-1]} and {qdd.shape[:-1]}; expected ones that"
-                " broadcast",
-            ) from None
-        q, qd, qdd = (np.broadcast_to(one, (*batch, one.shape[-1])).reshape(-1, one.shape[-1]) for one in (q, qd, qdd))
-        return predicted(self.columns, self.own, q, qd, qdd).reshape(*batch, -1)
+        batch, states = flattened(self.scene, q, qd, qdd)
+        return predicted(self.columns, self.own, *states).reshape(*batch, -1)
+
+    def torques_variance(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
+        """Variances of the predicted torques, caused by the errors of all parameters of bodies and joints.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+
+        Returns
+        -------
+        variances : (..., motors) ndarray
+            Variances of `torques`, (N m)^2 or N^2. A measured torque differs from the prediction by the noise too:
+            its variance is larger by noise**2.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError
+            An invalid argument. The message names it.
+
+        Notes
+        -----
+        diag(W L L^T W^T) with the rows W of the state and the root L of the covariance of all parameters, which
+        contains the correlation of the parameters of joints with those of bodies. Torques are linear in the
+        parameters: nothing is approximate.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd) + 0.3 * qd
+        >>> found = scene.identify(q, qd, qdd, tau, fit=["damping"], noise=0.01)
+        >>> bool(np.all(found.torques_variance(q, qd, qdd) < 0.01**2))
+        True
+        """
+        batch, states = flattened(self.scene, q, qd, qdd)
+        return predicted(self.columns, self.own_root, *states).reshape(*batch, -1)
 
     def undecided(self) -> list[tuple[str, str]]:
         """Parameters whose intervals are the intervals of the prior.
@@ -248,13 +290,15 @@ class Identification:
 
 
 def predicted(columns: Columns, own: _Array, q: _Array, qd: _Array, qdd: _Array, chunk: int = 4096) -> _Array:
-    """Motor torques for given parameters, (k, motors)."""
+    """Motor torques for given parameters, or their variances for a root of the covariance of the parameters, (k,
+    motors)."""
     found = np.empty((len(q), columns.motors))
     for begin in range(0, len(q), chunk):
         part = slice(begin, begin + chunk)
-        rows, found[part] = columns.rows(q[part], qd[part], qdd[part])
+        rows, known = columns.rows(q[part], qd[part], qdd[part])
         for motor, (block, used) in enumerate(zip(rows, columns.used, strict=True)):
-            found[part, motor] += block @ own[used]
+            torques = block @ own[used]
+            found[part, motor] = known[:, motor] + torques if own.ndim == 1 else np.sum(torques**2, axis=1)
     return found
 
 
@@ -273,18 +317,20 @@ def solved(
     weights = problem.deviation() if noise is None else problem.checked_noise(noise)
     rows, target = problem.least_squares(weights)
     triangle = merged_triangles([np.column_stack([rows @ problem.to_own, target])])
-    z, root = most_probable(triangle[:, :-1], triangle[:, -1], problem.bodies, trust)
+    # Trust in the model is no trust in the parameters that it lacks.
+    prior = np.where(problem.lacking, np.clip(1.0 / trust, LIGHTEST, 1.0), 1.0)
+    z, root = most_probable(triangle[:, :-1], triangle[:, -1], problem.bodies, trust, prior)
     own = problem.to_own @ z
     # This call merges blocks that are too short.
     base = base_parameters(problem, weights)
     by_data, by_prior = _columns_of_covariance(problem, weights, own, root)
-    parameters = columns.own.copy()
+    parameters, own_root = columns.own.copy(), np.concatenate([by_data, by_prior], axis=1)
     full = np.zeros((len(parameters), 10, by_data.shape[1] + by_prior.shape[1]))
     share = np.full(parameters.shape, np.nan)
     for at, body in enumerate(columns.free):
         part = slice(10 * at, 10 * at + 10)
         parameters[body] = own[part]
-        full[body] = np.concatenate([by_data[part], by_prior[part]], axis=1)
+        full[body] = own_root[part]
         share[body] = np.sum(by_data[part] ** 2, axis=1) / np.sum(full[body] ** 2, axis=1)
     joints: dict[str, dict[str, float]] = {kind: {} for kind in columns.fit}
     spread: dict[str, dict[str, float]] = {kind: {} for kind in columns.fit}
@@ -297,6 +343,7 @@ def solved(
     found = Identification(
         columns,
         own,
+        own_root,
         _scene(columns, parameters, joints),
         parameters,
         _squared(full),
@@ -475,17 +522,15 @@ def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, flo
         value = joints.get(extra.kind, {}).get(extra.name)
         if value is None:
             continue
-        joint, ratio, name = extra.name, 1.0, PROPERTIES[extra.kind]
-        if columns.transmission is not None:
-            row = columns.transmission[extra.rows[0]]
-            (entries,) = np.nonzero(row)
-            if len(entries) != 1:
-                omitted.append(f"{extra.kind} of {extra.name}")
-                continue
-            joint, ratio = scene.joint_names[int(entries[0])], float(row[entries[0]])
-        properties.setdefault(name, {})[joint] = value * per_joint(extra.kind, ratio)
+        of_joint = columns.of_joint(extra)
+        if of_joint is None:
+            omitted.append(f"{extra.kind} of {extra.name}")
+            continue
+        joint, factor = of_joint
+        properties.setdefault(PROPERTIES[extra.kind], {})[joint] = value * factor
         if extra.kind == "stribeck":
-            properties.setdefault("stribeck_speed", {})[joint] = columns.stribeck / abs(ratio)
+            # The factor is the size of the ratio.
+            properties.setdefault("stribeck_speed", {})[joint] = columns.stribeck / factor
     if omitted:
         text = (
             f"transmission: a scene has no {', '.join(omitted)}, which acts on several joints; Identification.torques"

@@ -29,7 +29,7 @@ NUMBERS = ("parameters", "deviations", "share", "joints", "joint_deviations", "n
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @FLOATING
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write the robot with the estimates as a URDF.")
-@click.option("--covariance", type=click.Path(path_type=Path, dir_okay=False), help="Write the covariance of the inertial parameters as .npz, for phipsi simulate --covariance.")
+@click.option("--covariance", type=click.Path(path_type=Path, dir_okay=False), help="Write the covariance of the parameters of bodies and joints as .npz, for phipsi simulate --covariance.")
 @click.option("--report", "folder", type=click.Path(path_type=Path, file_okay=False), help="Write a page about the identification into this folder.")
 @click.option("--fit", type=click.Choice(KINDS), multiple=True, help="Of the joints, too; may be given several times.")
 @click.option("--noise", type=float, help="Standard deviation of the torques, N m or N.  [default: that of the residuals]")
@@ -95,7 +95,7 @@ def identify(
         if covariance is not None:
             # savez would append a suffix to the name of a path.
             with covariance.open("wb") as stream:
-                np.savez(stream, parameters=found.covariance)
+                np.savez(stream, **found.parameter_covariance.arrays())
         pages = [] if folder is None else _report(name, scene, found, with_derivatives(log, str(logs[0]), cutoff)[0], fitted or len(log["q"]), folder)
     for text in dict.fromkeys(str(one.message) for one in caught if not issubclass(one.category, (DeprecationWarning, PendingDeprecationWarning))):
         terminal.line(console, f"warning: {_as_options(text)}", "yellow")
