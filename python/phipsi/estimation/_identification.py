@@ -12,6 +12,10 @@ trust. If the model has none, x0 is a tenth of the value that alone would explai
 The function is convex. _most_probable minimizes it in coordinates z relative to the prior, J = L Z L^T with J0 = L L^T,
 in which the mode of the prior is Z = 1. A parameter of either sign is the difference of two positive ones.
 
+Rows of a log whose residuals are correlated in time count less than as many independent ones. The rows of each motor are
+therefore divided by the square root of n/n_eff, the variance of the scores of blocks of time over that of independent
+residuals. Otherwise the first term would outweigh the prior where the data say little.
+
 Intervals do not assume independent residuals. With the Hessian H at the minimum, deletion of block g of the log changes
 the estimate by d_g = -(H - B_g)^-1 s_g, with the information B_g and the score s_g of the block. The covariance is the
 sum of the delete-one-block jackknife, (G - 1)/G sum (d_g - mean)(d_g - mean)^T, and of the contribution of the prior,
@@ -22,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +35,7 @@ from ..errors import ArgumentError, IdentificationWarning, of_argument, warn
 from ._accumulator import Accumulator, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
 from ._bodies import with_parameters
-from ._columns import PROPERTIES, Columns, flattened
+from ._columns import PROPERTIES, SIGNED, Columns, flattened
 from ._most_probable import most_probable
 from ._problem import UNKNOWN, Problem
 from ._student import student_quantile
@@ -86,6 +90,9 @@ class Identification:
     joint velocities."""
     joint_deviations: dict[str, dict[str, float]]
     """Standard deviations of `joints`."""
+    joint_share: dict[str, dict[str, float]]
+    """Share of the variance of each of `joints` that comes from the data. Below 0.9 the estimate and its interval are
+    those of the prior."""
     base: BaseParameters
     """Base parameters by least squares without the prior, with their intervals."""
     noise: _Array
@@ -103,6 +110,9 @@ class Identification:
     residuals."""
     states: int
     """Number of states."""
+    inflation: _Array
+    """n / n_eff of the torques of each motor, (motors,), at least 1: the number of states that count as one, because
+    their residuals are correlated in time. The prior is weighed against n_eff states. 1 without a jackknife."""
     clock_offset: float = float("nan")
     """Delay of the torques relative to q, s, estimated from the residuals; NaN without times."""
 
@@ -154,18 +164,98 @@ class Identification:
         >>> lower.shape, bool((lower < upper).all())
         ((2, 10), True)
         """
+        half = self._quantile(level, self.share) * self.deviations
+        return self.parameters - half, self.parameters + half
+
+    def joint_interval(self, level: float = 0.95) -> dict[str, dict[str, tuple[float, float]]]:
+        """Confidence intervals of the parameters of joints and motors.
+
+        Parameters
+        ----------
+        level : float, default 0.95
+            Probability that the interval contains the parameter.
+
+        Returns
+        -------
+        intervals : dict
+            (lower, upper) of each kind in `fit` by the name of the joint or motor, as `joints`.
+
+        Raises
+        ------
+        ArgumentError
+            A level that is not between 0 and 1.
+
+        Notes
+        -----
+        As `interval`: if `joint_share` is below 0.9, the interval is the interval of the prior.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd) + 0.3 * qd
+        >>> found = scene.identify(q, qd, qdd, tau, fit=["damping"], noise=0.01)
+        >>> lower, upper = found.joint_interval()["damping"]["j0"]
+        >>> lower < 0.3 < upper
+        True
+        """
+        return {
+            kind: {
+                name: (value - half, value + half)
+                for name, value in values.items()
+                for half in [float(self._quantile(level, shares[name])) * self.joint_deviations[kind][name]]
+            }
+            for kind, values in self.joints.items()
+            for shares in [self.joint_share[kind]]
+        }
+
+    def _quantile(self, level: float, share: ArrayLike) -> _Array:
+        """Half width of an interval in standard deviations."""
         if not 0.0 < level < 1.0:
             raise of_argument(
                 ArgumentError, "level", f"found {level}; expected a probability between 0 and 1, for instance 0.95"
             )
+        share = np.nan_to_num(share)
         with np.errstate(divide="ignore"):
-            degrees = np.where(
-                np.nan_to_num(self.share) > 0.0, max(self.blocks - 1, 1) / np.nan_to_num(self.share) ** 2, np.inf
-            )
-        if self.blocks < FEWEST_BLOCKS:
-            degrees = np.full_like(degrees, np.inf)
-        half = student_quantile(level, degrees) * self.deviations
-        return self.parameters - half, self.parameters + half
+            degrees = np.where(share > 0.0, max(self.blocks - 1, 1) / share**2, np.inf)
+        return student_quantile(level, np.full_like(degrees, np.inf) if self.blocks < FEWEST_BLOCKS else degrees)
+
+    def marks(self, level: float = 0.95) -> tuple[NDArray[np.str_], dict[str, dict[str, str]]]:
+        """Marks of estimates for tables: "*" if the interval is the interval of the prior, "!" if it reaches below zero.
+
+        Parameters
+        ----------
+        level : float, default 0.95
+            Level of the intervals.
+
+        Returns
+        -------
+        bodies : (bodies, 10) ndarray of str
+            Marks of the parameters: "", "*", "!" or "*!". "!" for mass and diagonal entries of the inertia, which are
+            positive: the interval is that of a normal distribution, which does not know.
+        joints : dict
+            Marks of `joints`; "!" for armature, damping, Coulomb friction and friction by load.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> found = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd), noise=0.01)
+        >>> found.marks()[0][0, 0]  # the mass of the first link has no effect
+        '*!'
+        """
+        below = (self.interval(level)[0] < 0.0) & np.isin(np.arange(10), (0, 4, 6, 9))
+        bodies = np.char.add(np.where(self.share < DECIDED, "*", ""), np.where(below, "!", ""))
+        joints = {
+            kind: {
+                name: "*" * (self.joint_share[kind][name] < DECIDED) + "!" * (kind not in SIGNED and lower < 0.0)
+                for name, (lower, _) in intervals.items()
+            }
+            for kind, intervals in self.joint_interval(level).items()
+        }
+        return bodies, joints
 
     def torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
         """Predict measured torques, with friction, offsets and the transmission.
@@ -250,7 +340,8 @@ class Identification:
         Returns
         -------
         parameters : list of (str, str)
-            Link and parameter, for instance ("link1", "m*cx").
+            Link and parameter, for instance ("link1", "m*cx"), then joint or motor and kind, for instance ("joint1",
+            "armature"); also those of joints that did not move, which `joints` does not have.
 
         Examples
         --------
@@ -263,7 +354,12 @@ class Identification:
         """
         entries = ("m", "m*cx", "m*cy", "m*cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
         names = self.scene.body_names
-        return [(names[body], entries[entry]) for body, entry in np.argwhere(self.share < DECIDED)]
+        bodies = [(names[body], entries[entry]) for body, entry in np.argwhere(self.share < DECIDED)]
+        return bodies + [
+            (extra.name, extra.kind)
+            for extra in self.columns.extras
+            if self.joint_share[extra.kind].get(extra.name, 0.0) < DECIDED
+        ]
 
     def __str__(self) -> str:
         """Return a summary of a few lines."""
@@ -280,6 +376,18 @@ class Identification:
                 " those of the prior"
             ),
         ]
+        if self.columns.extras:
+            shares = [share for shares in self.joint_share.values() for share in shares.values()]
+            decided, total = sum(share >= DECIDED for share in shares), len(self.columns.extras)
+            lines.append(f"{decided} of {total} parameters of joints are determined by the data")
+        if (below := int(np.sum(np.char.find(self.marks()[0][:, 0], "!") >= 0))) > 0:
+            lines.append(f"{below} of {len(self.parameters)} intervals of masses reach below zero, so that they are too wide")
+        if np.nanmax(self.inflation) >= 2.0:
+            worst = int(np.nanargmax(self.inflation))
+            lines.append(
+                f"residuals are correlated in time: {self.inflation[worst]:.2g} states of"
+                f" {self.columns.motor_names[worst]} count as one"
+            )
         ratios = self.base.bias / self.base.deviations
         if np.isfinite(ratios).any():
             worst = float(np.nanmax(np.abs(ratios)))
@@ -315,15 +423,17 @@ def solved(
     problem = Problem(accumulator)
     columns = problem.columns
     weights = problem.deviation() if noise is None else problem.checked_noise(noise)
-    rows, target = problem.least_squares(weights)
+    # This call merges blocks that are too short.
+    base = base_parameters(problem, weights)
+    inflation = _inflation(problem, weights)
+    tempered = weights * np.sqrt(inflation)
+    rows, target = problem.least_squares(tempered)
     triangle = merged_triangles([np.column_stack([rows @ problem.to_own, target])])
     # Trust in the model is no trust in the parameters that it lacks.
     prior = np.where(problem.lacking, np.clip(1.0 / trust, LIGHTEST, 1.0), 1.0)
     z, root = most_probable(triangle[:, :-1], triangle[:, -1], problem.bodies, trust, prior)
     own = problem.to_own @ z
-    # This call merges blocks that are too short.
-    base = base_parameters(problem, weights)
-    by_data, by_prior = _columns_of_covariance(problem, weights, own, root)
+    by_data, by_prior = _columns_of_covariance(problem, tempered, own, root)
     parameters, own_root = columns.own.copy(), np.concatenate([by_data, by_prior], axis=1)
     full = np.zeros((len(parameters), 10, by_data.shape[1] + by_prior.shape[1]))
     share = np.full(parameters.shape, np.nan)
@@ -334,10 +444,13 @@ def solved(
         share[body] = np.sum(by_data[part] ** 2, axis=1) / np.sum(full[body] ** 2, axis=1)
     joints: dict[str, dict[str, float]] = {kind: {} for kind in columns.fit}
     spread: dict[str, dict[str, float]] = {kind: {} for kind in columns.fit}
+    shares: dict[str, dict[str, float]] = {kind: {} for kind in columns.fit}
     for at in problem.fitted:
         extra = columns.extras[at - 10 * problem.bodies]
         joints[extra.kind][extra.name] = float(own[at])
-        spread[extra.kind][extra.name] = float(np.sqrt(np.sum(by_data[at] ** 2) + np.sum(by_prior[at] ** 2)))
+        variance = float(np.sum(own_root[at] ** 2))
+        spread[extra.kind][extra.name] = float(np.sqrt(variance))
+        shares[extra.kind][extra.name] = float(np.sum(by_data[at] ** 2)) / variance
     singular = np.linalg.svd(triangle[:, :-1], compute_uv=False)
     blocks = len(problem.blocks) if len(problem.blocks) >= FEWEST_BLOCKS else 1
     found = Identification(
@@ -351,6 +464,7 @@ def solved(
         share,
         joints,
         spread,
+        shares,
         base,
         weights,
         problem.residual(problem.to_own @ problem.model),
@@ -358,6 +472,7 @@ def solved(
         int(np.sum(singular > UNKNOWN * singular[0])) if singular.size else 0,
         blocks,
         accumulator.states,
+        inflation,
         clock_offset,
     )
     _warn_of_bias(found)
@@ -417,11 +532,21 @@ def _jackknife(moved: list[_Array]) -> _Array:
     return np.asarray(np.sqrt((len(moved) - 1) / len(moved)) * (changes - changes.mean(axis=1, keepdims=True)))
 
 
-def base_parameters(problem: Problem, weights: _Array) -> BaseParameters:
-    """Estimate base parameters by least squares, with their covariance and predicted bias."""
-    columns = problem.columns
-    found: Combinations = _combinations(columns)
-    at, count = found.columns, len(found.columns)
+class _LeastSquares(NamedTuple):
+    """Least squares of the base parameters."""
+
+    root: _Array
+    """Root of the inverse of the information, (base, rank)."""
+    values: _Array
+    """Estimates, (base,)."""
+    own: _Array
+    """The same as parameters in the order of the columns; the others are zero."""
+    determined: NDArray[np.bool_]
+    """True for estimates that the log determines, (base,)."""
+
+
+def _least_squares(problem: Problem, weights: _Array) -> _LeastSquares:
+    at = _combinations(problem.columns).columns
     rows, target = problem.least_squares(weights)
     scale = np.linalg.norm(rows[:, at], axis=0)
     determined = scale > 0.0
@@ -431,9 +556,53 @@ def base_parameters(problem: Problem, weights: _Array) -> BaseParameters:
     # Whitening: the estimates are root @ orthogonal^T @ target.
     root: _Array = right[kept].T / singular[kept] / scale[:, None]
     determined &= np.sum(right[kept] ** 2, axis=0) > 1.0 - 1e-6
-    values = root @ (orthogonal.T[kept] @ target)
-    own = np.zeros(columns.width)
-    own[at] = values
+    own = np.zeros(problem.columns.width)
+    own[at] = values = root @ (orthogonal.T[kept] @ target)
+    return _LeastSquares(root, values, own, determined)
+
+
+def _inflation(problem: Problem, weights: _Array) -> _Array:
+    """n/n_eff of each motor, (motors,), at least 1: how many rows of a log count as one.
+
+    The score of a block is that of the columns of the motor in coordinates in which its information is the identity.
+    Its expected square for independent residuals takes into account that the residuals are those of a fit.
+    """
+    columns, motors = problem.columns, range(problem.columns.motors)
+    if len(problem.blocks) < FEWEST_BLOCKS:
+        return np.ones(columns.motors)
+    at = _combinations(columns).columns
+    fit = _least_squares(problem, weights)
+    roots = []
+    for motor in motors:
+        rows = problem.rows(problem.whole, weights, motor).left
+        _, singular, right = np.linalg.svd(rows, full_matrices=False)
+        kept = singular > UNKNOWN * singular.max(initial=0.0)
+        roots.append(right[kept].T / singular[kept])
+    # Squares of the scores, their expectation, squares of the residuals, and their number.
+    sums = np.zeros((4, columns.motors))
+    for block in problem.blocks:
+        for motor in motors:
+            rows = problem.rows(block.triangles, weights, motor)
+            left, right = rows.left @ roots[motor], rows.right[:, at] @ fit.root
+            residual = rows.target - rows.right @ fit.own
+            sums[0, motor] += np.sum((left.T @ residual) ** 2)
+            sums[1, motor] += np.sum(left**2) - np.sum((left.T @ right) ** 2)
+            sums[2, motor] += np.sum(residual**2)
+            sums[3, motor] += block.counts[motor] - np.sum(right**2)
+    if columns.connected:
+        # Connections mix the residuals of all motors.
+        sums = np.broadcast_to(sums.sum(axis=1, keepdims=True), sums.shape)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = sums[0] / sums[1] * sums[3] / sums[2]
+    return np.where(np.isfinite(found) & (sums[1] > 0.0) & (sums[3] > 0.0), np.maximum(found, 1.0), 1.0)
+
+
+def base_parameters(problem: Problem, weights: _Array) -> BaseParameters:
+    """Estimate base parameters by least squares, with their covariance and predicted bias."""
+    columns = problem.columns
+    found: Combinations = _combinations(columns)
+    at, count = found.columns, len(found.columns)
+    root, values, own, determined = _least_squares(problem, weights)
 
     def scores() -> Iterator[tuple[_Array, _Array, _Array]]:
         """Yield the whitened columns, left and right, and the score of each block."""

@@ -124,13 +124,13 @@ class Problem:
         norms[norms == 0.0] = 1.0
         return np.asarray(np.linalg.lstsq(instruments / norms, columns, rcond=UNKNOWN)[0] / norms[:, None])
 
-    def rows(self, triangles: list[_Array], weights: _Array) -> Rows:
-        """All rows divided by their standard deviations, in physical parameters."""
+    def rows(self, triangles: list[_Array], weights: _Array, only: int | None = None) -> Rows:
+        """All rows, or those of one motor, divided by their standard deviations, in physical parameters."""
         lefts: list[_Array] = []
         rights: list[_Array] = []
         targets: list[_Array] = []
         for motor, (triangle, weight, used) in enumerate(zip(triangles, weights, self.columns.used, strict=True)):
-            if not (self.counts[motor] and len(triangle)):
+            if not (self.counts[motor] and len(triangle)) or only not in (None, motor):
                 continue
             plain = self._plain(triangle, motor) / weight
             left = (
