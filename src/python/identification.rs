@@ -84,20 +84,22 @@ methods_in_python! {
     ///     Measured joint torques, N m or N; NaN: not measured. With `transmission`: motor torques, (k, motors).
     /// fit : collection of str, optional
     ///     Joint parameters to identify too: "armature", "damping", "friction", "offset", "stribeck" (friction that
-    ///     decreases with speed) and "load" (friction proportional to the joint torque). The others are those of the
-    ///     scene.
+    ///     decreases with speed) and "load" (friction proportional to the joint torque). With `transmission` these are
+    ///     parameters of motors, and "joint_damping" and "joint_friction" are those of the joints that no motor moves
+    ///     alone. The others are those of the scene.
     /// noise : float or (nv,) array_like, optional
     ///     Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
     ///     needs at least twice as many measured torques as parameters.
     /// trust : float, default 1
     ///     Weight of the parameters of the scene: each parameter is expected within about 1 / sqrt(trust) of them,
-    ///     relatively.
+    ///     relatively. It does not apply to joint parameters that the scene lacks.
     /// keep : collection of str, optional
     ///     Names in body_names whose inertias remain.
     /// friction_speed : float, default 0.01
-    ///     Speed below which friction is viscous, rad/s or m/s.
+    ///     Speed of a joint below which friction is viscous, rad/s or m/s. For a motor it is multiplied by the norm of
+    ///     its row of `transmission`.
     /// stribeck_speed : float, default 0.1
-    ///     Speed at which the friction of "stribeck" has decreased to 1/e, rad/s or m/s.
+    ///     Speed of a joint at which the friction of "stribeck" has decreased to 1/e, rad/s or m/s; of a motor likewise.
     /// time : (k,) array_like, optional
     ///     Times of the rows, s, increasing. With times, gaps, repeated times, inconsistent units and a delay between
     ///     the clocks of q and tau are detected.

@@ -698,8 +698,7 @@ def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, flo
         joint, factor = of_joint
         properties.setdefault(PROPERTIES[extra.kind], {})[joint] = value * factor
         if extra.kind == "stribeck":
-            # The factor is the size of the ratio.
-            properties.setdefault("stribeck_speed", {})[joint] = columns.stribeck / factor
+            properties.setdefault("stribeck_speed", {})[joint] = columns.stribeck
     if omitted:
         text = (
             f"transmission: a scene has no {', '.join(omitted)}, which acts on several joints; Identification.torques"

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import has_followers, numbers
 from ..errors import ArgumentError, NotFiniteError, ShapeError, of_argument
-from ._columns import Columns, Extra, flattened
+from ._columns import OF_JOINTS, Columns, Extra, flattened
 from ._values import each
 
 if TYPE_CHECKING:
@@ -252,12 +252,13 @@ class ParameterCovariance:
         for extra, column in zip(self._extras, self.extras.T, strict=True):
             assert self._model is not None
             joint = self._model.of_joint(extra)
-            if joint is None or extra.kind not in JOINT_PARAMETERS:
+            kind = OF_JOINTS.get(extra.kind, extra.kind)
+            if joint is None or kind not in JOINT_PARAMETERS:
                 expected = "expected armature, damping, friction and offsets of single joints, or the covariance of the"
                 expected += " bodies alone (Identification.covariance)"
                 raise of_argument(ArgumentError, "parameters", f"found {extra.kind} of {extra.name!r}; {expected}")
             rows = self._model.scene.v_index(joint[0])
-            found[:, rows, JOINT_PARAMETERS.index(extra.kind)] += joint[1] * column[:, None]
+            found[:, rows, JOINT_PARAMETERS.index(kind)] += joint[1] * column[:, None]
         return found
 
 
