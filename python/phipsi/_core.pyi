@@ -445,6 +445,8 @@ class Scene:
         """
 
     @property
+    def parameters(self) -> _Array: ...
+    @property
     def link_names(self) -> tuple[str, ...]:
         """Names of all links in depth-first order, including links on fixed joints."""
 
@@ -4135,7 +4137,9 @@ class Scene:
         qdd: ArrayLike,
         tau: ArrayLike,
         *,
-        fit: Collection[Literal["armature", "damping", "friction", "offset", "stribeck", "load"]] = (),
+        fit: Collection[
+            Literal["armature", "damping", "friction", "offset", "stribeck", "load", "joint_damping", "joint_friction"]
+        ] = (),
         noise: ArrayLike | None = None,
         trust: float = 1.0,
         keep: Collection[str] = (),
@@ -4147,6 +4151,8 @@ class Scene:
         acceleration_noise: ArrayLike | None = None,
         instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
         blocks: int = 20,
+        total_mass: tuple[float, float] | None = None,
+        outliers: float | None = None,
     ) -> Identification:
         """Most probable inertial and joint parameters from measured motion and torques, with confidence intervals.
 

@@ -18,6 +18,16 @@ const PAIR: usize = 30;
 
 #[pymethods]
 impl PyScene {
+    /// Inertial parameters of each link of body_names and the links fixed to it, (bodies, 10), in the order of regressor
+    /// and identify: (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), I about the link origin, in the link frame.
+    #[getter]
+    fn parameters<'py>(slf: &Bound<'py, Self>) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi.estimation._bodies", "own_parameters")?.call1((slf,))
+    }
+}
+
+#[pymethods]
+impl PyScene {
     /// Joint torque regressor Y: inverse_dynamics(q, qd, qdd) = Y parameters + armature qdd.
     #[doc = parameters!(q qd qdd)]
     #[doc = entries!(errors)]
@@ -117,6 +127,12 @@ methods_in_python! {
     /// blocks : int, default 20
     ///     Number of time blocks of the jackknife. Neighboring blocks are merged, down to eight blocks, if their
     ///     residuals are correlated or if they have fewer than two torques per parameter.
+    /// total_mass : (float, float), optional
+    ///     Mass of all links of body_names together and its standard deviation, kg, for instance of scales.
+    /// outliers : float, optional
+    ///     Number of standard deviations beyond which a torque is not used, at least 2, for instance 5. The standard
+    ///     deviation is a robust one, of the median of the absolute residuals, and identification and rejection
+    ///     alternate. None: all torques are used. Not for scenes with connections.
     #[doc = section!(Returns)]
     /// identification : Identification
     ///     The new scene, parameters, intervals, base parameters, residuals, and for each parameter the share that the
@@ -154,7 +170,7 @@ methods_in_python! {
     #[pyo3(text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), \
                   friction_speed=0.01, \
                   stribeck_speed=0.1, time=None, transmission=None, tau_delay=0.0, \
-                  acceleration_noise=None, instruments=None, blocks=20)")]
+                  acceleration_noise=None, instruments=None, blocks=20, total_mass=None, outliers=None)")]
     fn identify(q, qd, qdd, tau) = "phipsi.estimation._identify", "identify";
 
     /// Periodic joint trajectory within limits that excites the parameters: a D-optimal Fourier series.

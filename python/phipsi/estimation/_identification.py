@@ -26,12 +26,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArgumentError, IdentificationWarning, of_argument, warn
+from .._arguments import numbers
+from ..errors import ArgumentError, IdentificationWarning, ShapeError, of_argument, warn
 from ._accumulator import Accumulator, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
 from ._bodies import with_parameters
@@ -115,6 +116,8 @@ class Identification:
     their residuals are correlated in time. The prior is weighed against n_eff states. 1 without a jackknife."""
     clock_offset: float = float("nan")
     """Delay of the torques relative to q, s, estimated from the residuals; NaN without times."""
+    outliers: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Number of torques of each motor that were not used, (motors,), because they are outliers."""
 
     @property
     def parameter_covariance(self) -> ParameterCovariance:
@@ -334,6 +337,52 @@ class Identification:
         batch, states = flattened(self.scene, q, qd, qdd)
         return predicted(self.columns, self.own_root, *states).reshape(*batch, -1)
 
+    def explained_variance(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, tau: ArrayLike) -> _Array:
+        """Share of the variance of measured torques that the prediction explains.
+
+        Parameters
+        ----------
+        q : (k, nq) array_like
+            Joint positions, rad or m, of states that were not used for the identification: the share of those that
+            were used is larger.
+        qd : (k, nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (k, nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        tau : (k, motors) array_like
+            Measured motor torques, N m or N; NaN: not measured.
+
+        Returns
+        -------
+        shares : (motors,) ndarray
+            1 - mean((tau - torques)^2) / var(tau) of each motor; NaN for motors without measured torques. Negative if
+            the prediction is worse than a constant.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError
+            An invalid argument. The message names it.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 100, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd)
+        >>> found = scene.identify(q[:50], qd[:50], qdd[:50], tau[:50], noise=0.01)
+        >>> bool(np.all(found.explained_variance(q[50:], qd[50:], qdd[50:], tau[50:]) > 0.999))
+        True
+        """
+        torques, measured = self.torques(q, qd, qdd), numbers("tau", tau)
+        if measured.shape != torques.shape or torques.ndim != 2:
+            raise of_argument(ShapeError, "tau", f"found shape {measured.shape}; expected (k, {torques.shape[-1]}), as many states as q has")
+        seen = np.isfinite(measured)
+        count = np.maximum(seen.sum(axis=0), 1)
+        off = np.where(seen, measured - torques, 0.0)
+        spread = np.where(seen, measured - np.where(seen, measured, 0.0).sum(axis=0) / count, 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.where(seen.any(axis=0), 1.0 - np.sum(off**2, axis=0) / np.sum(spread**2, axis=0), np.nan))
+
     def undecided(self) -> list[tuple[str, str]]:
         """Parameters whose intervals are the intervals of the prior.
 
@@ -380,6 +429,8 @@ class Identification:
             shares = [share for shares in self.joint_share.values() for share in shares.values()]
             decided, total = sum(share >= DECIDED for share in shares), len(self.columns.extras)
             lines.append(f"{decided} of {total} parameters of joints are determined by the data")
+        if self.outliers.any():
+            lines.append(f"{int(self.outliers.sum())} torques were not used, because they are outliers")
         if (below := int(np.sum(np.char.find(self.marks()[0][:, 0], "!") >= 0))) > 0:
             lines.append(f"{below} of {len(self.parameters)} intervals of masses reach below zero, so that they are too wide")
         if np.nanmax(self.inflation) >= 2.0:
@@ -410,16 +461,33 @@ def predicted(columns: Columns, own: _Array, q: _Array, qd: _Array, qdd: _Array,
     return found
 
 
+def checked_trust(trust: Any) -> float:
+    """Weight of the prior."""
+    if not (np.isfinite(trust) and trust > 0.0):
+        raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
+    return float(trust)
+
+
+def checked_mass(total_mass: Any) -> tuple[float, float]:
+    """Total mass and its standard deviation, kg."""
+    given = numbers("total_mass", total_mass)
+    if given.shape != (2,) or not (np.isfinite(given).all() and np.all(given > 0.0)):
+        expected = "expected the mass of all links of body_names and its standard deviation, kg, for instance (18.4, 0.1)"
+        raise of_argument(ArgumentError, "total_mass", f"found {total_mass}; {expected}")
+    return float(given[0]), float(given[1])
+
+
 def solved(
     accumulator: Accumulator,
     noise: ArrayLike | None,
     trust: float,
     *,
+    total_mass: Any = None,
     clock_offset: float = float("nan"),
+    outliers: NDArray[np.intp] | None = None,
 ) -> Identification:
     """Identify the parameters from all states of an accumulator."""
-    if not (np.isfinite(trust) and trust > 0.0):
-        raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
+    trust = checked_trust(trust)
     problem = Problem(accumulator)
     columns = problem.columns
     weights = problem.deviation() if noise is None else problem.checked_noise(noise)
@@ -429,9 +497,17 @@ def solved(
     tempered = weights * np.sqrt(inflation)
     rows, target = problem.least_squares(tempered)
     triangle = merged_triangles([np.column_stack([rows @ problem.to_own, target])])
+    with_mass = triangle
+    if total_mass is not None:
+        # Knowledge beside the log, as the prior.
+        mass, deviation = checked_mass(total_mass)
+        own_masses = np.zeros(columns.width)
+        own_masses[: 10 * problem.bodies : 10] = 1.0
+        row = np.append(own_masses @ problem.to_own, mass - np.sum(columns.own[columns.kept, 0]))
+        with_mass = merged_triangles([triangle, row[None] / deviation])
     # Trust in the model is no trust in the parameters that it lacks.
     prior = np.where(problem.lacking, np.clip(1.0 / trust, LIGHTEST, 1.0), 1.0)
-    z, root = most_probable(triangle[:, :-1], triangle[:, -1], problem.bodies, trust, prior)
+    z, root = most_probable(with_mass[:, :-1], with_mass[:, -1], problem.bodies, trust, prior)
     own = problem.to_own @ z
     by_data, by_prior = _columns_of_covariance(problem, tempered, own, root)
     parameters, own_root = columns.own.copy(), np.concatenate([by_data, by_prior], axis=1)
@@ -474,6 +550,7 @@ def solved(
         accumulator.states,
         inflation,
         clock_offset,
+        np.zeros(columns.motors, dtype=np.intp) if outliers is None else outliers,
     )
     _warn_of_bias(found)
     return found
