@@ -18,8 +18,10 @@ const PAIR: usize = 30;
 
 #[pymethods]
 impl PyScene {
-    /// Inertial parameters of each link of body_names and the links fixed to it, (bodies, 10), in the order of regressor
-    /// and identify: (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), I about the link origin, in the link frame.
+    /// Inertial parameters of each link of body_names, in the order of regressor and identify, (bodies, 10).
+    ///
+    /// (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), I about the link origin, in the link frame; each body includes
+    /// the links fixed to it.
     #[getter]
     fn parameters<'py>(slf: &Bound<'py, Self>) -> PyResult<Object<'py>> {
         imported!(slf.py(), "phipsi.estimation._bodies", "own_parameters")?.call1((slf,))

@@ -31,7 +31,7 @@ def test_parameters_of_a_scene_are_those_of_its_regressor(kind: str) -> None:
 
 
 def test_a_weighed_robot() -> None:
-    """The mass of the first link does not act on torques; scales tell the sum of masses, and so its part."""
+    """The mass of the first link does not act on torques; the sum of masses, which scales measure, determines it."""
     scene = arm(1)
     built = like(scene, 2)
     q, qd, qdd = states(scene, 400)

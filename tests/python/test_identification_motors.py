@@ -85,7 +85,7 @@ def test_friction_of_joints_beside_that_of_motors() -> None:
     # The variance of predicted torques has both.
     new = states(scene, 20, seed=9)
     covariance = found.scene.inverse_dynamics_variance(*new, parameters=found)
-    columns = found.parameter_covariance.torques(*new, found.scene)
+    columns = found.parameter_covariance._torques(*new, found.scene)
     assert_near(covariance, np.sum(columns**2, axis=0), 1e-9 * size(covariance))
     assert_near(found.torques_variance(*new), np.sum((columns @ np.linalg.inv(COUPLED)) ** 2, axis=0), 1e-9)
     with pytest.raises(ArgumentError, match="fit: found 'joint_friction' without a transmission; expected 'friction'"):

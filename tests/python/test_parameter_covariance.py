@@ -189,10 +189,10 @@ def test_bands_are_those_of_perturbed_simulations() -> None:
     """Each column of the root is a robot that is off by one standard deviation in bodies and joints at once."""
     found, _ = fitted(arm(9, bodies=2), FIT)
     scene = found.scene
-    small = ParameterCovariance.of_root(found.columns, 0.05 * found.own_root)
+    small = ParameterCovariance._of_root(found.columns, 0.05 * found.own_root)
     how: dict[str, Any] = {"dt": 5e-3, "steps": 20, "tau": [1.0, -0.5], "friction_speed": 0.01, "method": "semi-implicit-euler"}
     bands = scene.simulate([0.3, 0.2], [1.0, -0.5], **how, covariance=small).bands
-    of_joints, step, spread = small.joints(2), 1e-4, []
+    of_joints, step, spread = small._joints(2), 1e-4, []
     for bodies, joints in zip(small.columns, of_joints, strict=True):
         ends = []
         for sign in (step, -step):

@@ -3,9 +3,9 @@
 Each row belongs to a motor. With motor velocities = B qd, joint torques are B^T times motor torques, so that W = B^-T Y
 for the bodies (Y: Scene.regressor). The columns of motor i are armature (B qdd)_i, damping (B qd)_i, Coulomb friction
 s_i = smooth sign of (B qd)_i, offset 1, Stribeck friction s_i exp(-(v/vs)^2), and load-dependent friction s_i |model
-torque|. Without a transmission, B is the identity and the motors are the degrees of freedom. Speeds of friction are those
-of joints: for motor i they are multiplied by the norm of row i of B. Damping and Coulomb friction of joint j beside those
-of motors are the columns B^-T e_j qd_j and B^-T e_j s_j.
+torque|. Without a transmission, B is the identity and the motors are the degrees of freedom. Speeds of friction are
+those of joints: for motor i they are multiplied by the norm of row i of B. Damping and Coulomb friction of joint j, in
+addition to those of motors, are the columns B^-T e_j qd_j and B^-T e_j s_j.
 
 With connections, whose forces are unknown, the rows are multiplied by the projector P = U U* on the motions of the
 motors that the connections allow: P tau = P (W x + known).
@@ -106,8 +106,8 @@ class Columns:
         self.scene, self.fit, self.keep, self.load = scene, tuple(dict.fromkeys(fit)), tuple(keep), load
         self.slow, self.stribeck = float(friction_speed), float(stribeck_speed)
         if transmission is None and (of_joints := [name for name in fit if name in OF_JOINTS]):
-            other, expected = OF_JOINTS[of_joints[0]], "which without a transmission is that of the joints"
-            raise of_argument(ArgumentError, "fit", f"found {of_joints[0]!r} without a transmission; expected {other!r}, {expected}")
+            other = f"expected {OF_JOINTS[of_joints[0]]!r}, which without a transmission is that of the joints"
+            raise of_argument(ArgumentError, "fit", f"found {of_joints[0]!r} without a transmission; {other}")
         self.own = own_parameters(scene)
         is_kept = [[kind not in fit] for kind in ("offset", "stribeck", "stribeck", "load")]
         #: Friction that is not fitted: Coulomb friction, and the other terms.
@@ -336,9 +336,11 @@ class Columns:
             of_bodies = (projector @ of_bodies.reshape(len(q), self.motors, -1)).reshape(len(q), self.motors, *size)
             of_motors = list(np.moveaxis(projector @ extras, 1, 0))
             known = np.einsum("kij,kj->ki", projector, known)
-            return Parts(np.ascontiguousarray(of_bodies).reshape(len(q), -1), [np.ascontiguousarray(own) for own in of_motors], known)
+            of_bodies = np.ascontiguousarray(of_bodies).reshape(len(q), -1)
+            return Parts(of_bodies, [np.ascontiguousarray(own) for own in of_motors], known)
         of_motors = [
-            np.ascontiguousarray(extras[:, motor, used[used >= bodies] - bodies]) for motor, used in enumerate(self.used)
+            np.ascontiguousarray(extras[:, motor, used[used >= bodies] - bodies])
+            for motor, used in enumerate(self.used)
         ]
         return Parts(of_bodies.reshape(len(q), -1), of_motors, known)
 

@@ -12,9 +12,9 @@ trust. If the model has none, x0 is a tenth of the value that alone would explai
 The function is convex. _most_probable minimizes it in coordinates z relative to the prior, J = L Z L^T with J0 = L L^T,
 in which the mode of the prior is Z = 1. A parameter of either sign is the difference of two positive ones.
 
-Rows of a log whose residuals are correlated in time count less than as many independent ones. The rows of each motor are
-therefore divided by the square root of n/n_eff, the variance of the scores of blocks of time over that of independent
-residuals. Otherwise the first term would outweigh the prior where the data say little.
+Rows of a log whose residuals are correlated in time count less than as many independent ones. The rows of each motor
+are therefore divided by the square root of n/n_eff, the variance of the scores of blocks of time over that of
+independent residuals. Otherwise the first term would outweigh the prior where the data say little.
 
 Intervals do not assume independent residuals. With the Hessian H at the minimum, deletion of block g of the log changes
 the estimate by d_g = -(H - B_g)^-1 s_g, with the information B_g and the score s_g of the block. The covariance is the
@@ -79,8 +79,8 @@ class Identification:
     origin, in the link frame."""
     covariance: _Array
     """Covariance of the parameters of the bodies alone, (10 bodies, 10 bodies), from data and prior; zero for kept
-    bodies. The parameters of joints and their correlation with the bodies are not part of it: give this object itself as
-    `parameters` of Scene.forward_dynamics_variance and others."""
+    bodies. The parameters of joints and their correlation with the bodies are not part of it: give this object itself
+    as `parameters` of Scene.forward_dynamics_variance and others."""
     root: _Array
     """Root L of the covariance L L^T of the parameters of the bodies, (bodies, 10, columns)."""
     share: _Array
@@ -123,7 +123,7 @@ class Identification:
     def parameter_covariance(self) -> ParameterCovariance:
         """Covariance of the parameters of bodies and joints, which Scene.forward_dynamics_variance, Scene.simulate and
         Scene.momentum_observer use for this object."""
-        return ParameterCovariance.of_root(self.columns, self.own_root)
+        return ParameterCovariance._of_root(self.columns, self.own_root)
 
     @property
     def deviations(self) -> _Array:
@@ -225,7 +225,7 @@ class Identification:
         return student_quantile(level, np.full_like(degrees, np.inf) if self.blocks < FEWEST_BLOCKS else degrees)
 
     def marks(self, level: float = 0.95) -> tuple[NDArray[np.str_], dict[str, dict[str, str]]]:
-        """Marks of estimates for tables: "*" if the interval is the interval of the prior, "!" if it reaches below zero.
+        """Marks of estimates for tables: "*" for intervals of the prior, "!" for intervals that reach below zero.
 
         Parameters
         ----------
@@ -246,7 +246,7 @@ class Identification:
         >>> scene = phipsi.scenes.chain(2)
         >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
         >>> found = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd), noise=0.01)
-        >>> found.marks()[0][0, 0]  # the mass of the first link has no effect
+        >>> str(found.marks()[0][0, 0])  # the mass of the first link has no effect
         '*!'
         """
         below = (self.interval(level)[0] < 0.0) & np.isin(np.arange(10), (0, 4, 6, 9))
@@ -375,13 +375,15 @@ class Identification:
         """
         torques, measured = self.torques(q, qd, qdd), numbers("tau", tau)
         if measured.shape != torques.shape or torques.ndim != 2:
-            raise of_argument(ShapeError, "tau", f"found shape {measured.shape}; expected (k, {torques.shape[-1]}), as many states as q has")
+            expected = f"expected (k, {torques.shape[-1]}), as many states as q has"
+            raise of_argument(ShapeError, "tau", f"found shape {measured.shape}; {expected}")
         seen = np.isfinite(measured)
         count = np.maximum(seen.sum(axis=0), 1)
         off = np.where(seen, measured - torques, 0.0)
         spread = np.where(seen, measured - np.where(seen, measured, 0.0).sum(axis=0) / count, 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(seen.any(axis=0), 1.0 - np.sum(off**2, axis=0) / np.sum(spread**2, axis=0), np.nan))
+            shares = 1.0 - np.sum(off**2, axis=0) / np.sum(spread**2, axis=0)
+        return np.asarray(np.where(seen.any(axis=0), shares, np.nan))
 
     def undecided(self) -> list[tuple[str, str]]:
         """Parameters whose intervals are the intervals of the prior.
@@ -426,18 +428,18 @@ class Identification:
             ),
         ]
         if self.columns.extras:
-            shares = [share for shares in self.joint_share.values() for share in shares.values()]
-            decided, total = sum(share >= DECIDED for share in shares), len(self.columns.extras)
-            lines.append(f"{decided} of {total} parameters of joints are determined by the data")
+            of_joints = sum(one >= DECIDED for shares in self.joint_share.values() for one in shares.values())
+            lines.append(f"{of_joints} of {len(self.columns.extras)} parameters of joints are determined by the data")
         if self.outliers.any():
             lines.append(f"{int(self.outliers.sum())} torques were not used, because they are outliers")
         if (below := int(np.sum(np.char.find(self.marks()[0][:, 0], "!") >= 0))) > 0:
-            lines.append(f"{below} of {len(self.parameters)} intervals of masses reach below zero, so that they are too wide")
+            masses = f"{below} of {len(self.parameters)} intervals of masses"
+            lines.append(f"{masses} reach below zero, so that they are too wide")
         if np.nanmax(self.inflation) >= 2.0:
-            worst = int(np.nanargmax(self.inflation))
+            motor = int(np.nanargmax(self.inflation))
             lines.append(
-                f"residuals are correlated in time: {self.inflation[worst]:.2g} states of"
-                f" {self.columns.motor_names[worst]} count as one"
+                f"residuals are correlated in time: {self.inflation[motor]:.2g} states of"
+                f" {self.columns.motor_names[motor]} count as one"
             )
         ratios = self.base.bias / self.base.deviations
         if np.isfinite(ratios).any():
@@ -472,7 +474,8 @@ def checked_mass(total_mass: Any) -> tuple[float, float]:
     """Total mass and its standard deviation, kg."""
     given = numbers("total_mass", total_mass)
     if given.shape != (2,) or not (np.isfinite(given).all() and np.all(given > 0.0)):
-        expected = "expected the mass of all links of body_names and its standard deviation, kg, for instance (18.4, 0.1)"
+        expected = "expected the mass of all links of body_names and its standard deviation, kg,"
+        expected += " for instance (18.4, 0.1)"
         raise of_argument(ArgumentError, "total_mass", f"found {total_mass}; {expected}")
     return float(given[0]), float(given[1])
 
@@ -659,9 +662,9 @@ def _inflation(problem: Problem, weights: _Array) -> _Array:
     sums = np.zeros((4, columns.motors))
     for block in problem.blocks:
         for motor in motors:
-            rows = problem.rows(block.triangles, weights, motor)
-            left, right = rows.left @ roots[motor], rows.right[:, at] @ fit.root
-            residual = rows.target - rows.right @ fit.own
+            part = problem.rows(block.triangles, weights, motor)
+            left, right = part.left @ roots[motor], part.right[:, at] @ fit.root
+            residual = part.target - part.right @ fit.own
             sums[0, motor] += np.sum((left.T @ residual) ** 2)
             sums[1, motor] += np.sum(left**2) - np.sum((left.T @ right) ** 2)
             sums[2, motor] += np.sum(residual**2)

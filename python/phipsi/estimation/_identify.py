@@ -57,9 +57,11 @@ def identify(
         checked_mass(total_mass)
     if outliers is not None:
         if not (np.isfinite(outliers) and outliers >= LEAST):
-            raise of_argument(ArgumentError, "outliers", f"found {outliers}; expected a number of standard deviations, at least {LEAST:g}")
+            expected = f"expected a number of standard deviations, at least {LEAST:g}"
+            raise of_argument(ArgumentError, "outliers", f"found {outliers}; {expected}")
         if scene.constraint_names:
-            raise of_argument(ArgumentError, "outliers", "found a scene with connections, which determine sums of the torques; expected None")
+            found = "found a scene with connections, which determine sums of the torques"
+            raise of_argument(ArgumentError, "outliers", f"{found}; expected None")
     q, qd, qdd, tau = _log(scene, q, qd, qdd, tau)
     times = None if time is None else checked_time(time, len(q))
     if not np.isfinite(tau_delay) or (tau_delay != 0.0 and times is None):
@@ -76,7 +78,8 @@ def identify(
     if outliers is not None:
         given = {"fit": fit, "keep": keep, "friction_speed": friction_speed, "stribeck_speed": stribeck_speed}
         given |= {"transmission": transmission, "instruments": instruments, "blocks": blocks, "total_mass": total_mass}
-        return _without_outliers(scene, (q, qd, qdd, tau), outliers, given | {"noise": noise, "trust": trust, "time": time, "acceleration_noise": acceleration_noise})
+        given |= {"noise": noise, "trust": trust, "time": time, "acceleration_noise": acceleration_noise}
+        return _without_outliers(scene, (q, qd, qdd, tau), outliers, given)
 
     def accumulated(kinds: tuple[str, ...], load: Scene | None) -> Accumulator:
         length = max(1, -(-len(q) // max(int(blocks), 1))) if isinstance(blocks, (int, np.integer)) else 1
@@ -130,7 +133,8 @@ def _without_outliers(
             warnings.simplefilter("ignore", UserWarning)
             found = identify(scene, q, qd, qdd, np.where(rejected, np.nan, tau), **(given | {"time": None}))
         size = np.abs(tau - found.torques(q, qd, qdd))
-        sigma = TO_DEVIATION * np.array([np.median(one[np.isfinite(one)]) if np.isfinite(one).any() else np.nan for one in size.T])
+        measured = [one[np.isfinite(one)] for one in size.T]
+        sigma = TO_DEVIATION * np.array([np.median(one) if len(one) else np.nan for one in measured])
         # Residuals of the size of rounding have no outliers.
         beyond = size > deviations * np.maximum(sigma, found.noise * 1e-3)
         if np.array_equal(beyond, rejected):

@@ -400,7 +400,7 @@ class MomentumObserver:
         covariance = np.diag(self._variance)
         if len(self._parameters.columns):
             qdd = self.scene.forward_dynamics(q, qd, tau + self.joint_torque)
-            torques = self._parameters.torques(q, qd, qdd, self.scene)
+            torques = self._parameters._torques(q, qd, qdd, self.scene)
             covariance = np.asarray(covariance + np.einsum("s...i,s...j->...ij", torques, torques))
             check_result("covariance of the external joint torque", covariance)
         if self._connected:

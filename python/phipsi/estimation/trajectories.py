@@ -177,7 +177,7 @@ class _Propagation:
         self.initial = covariance_root("initial", initial)
         joints = _joint_covariance(self.scene, uncertainty.joints, self.parameters)
         #: Columns of the four parameters of each degree of freedom that belong to those of the bodies.
-        self.of_joints = self.parameters.joints(nv)
+        self.of_joints = self.parameters._joints(nv)
         #: Degree of freedom of each column, and the column of its four parameters.
         self.joints: list[tuple[int, _Array]] = []
         for row in range(nv if joints is not None else 0):

@@ -129,7 +129,7 @@ class ParameterCovariance:
         return self._columns
 
     @classmethod
-    def of_root(cls, model: Columns, root: _Array) -> ParameterCovariance:
+    def _of_root(cls, model: Columns, root: _Array) -> ParameterCovariance:
         """Covariance L L^T of the parameters of `model` from the root L, (width, number)."""
         found = cls(model.scene, None)
         bodies, number = 10 * len(model.free), root.shape[1]
@@ -217,17 +217,17 @@ class ParameterCovariance:
         >>> ParameterCovariance.from_arrays(scene, {"root": np.ones((3, 20))}).columns.shape
         (3, 2, 10)
         """
-        speeds = {name: float(arrays[name]) for name in ("friction_speed", "stribeck_speed") if name in arrays}
         fit = tuple(str(kind) for kind in np.ravel(arrays.get("fit", ())))
-        model = Columns(scene, fit, transmission=arrays.get("transmission"), **speeds)
+        slow, stribeck = float(arrays.get("friction_speed", 0.01)), float(arrays.get("stribeck_speed", 0.1))
+        model = Columns(scene, fit, (), slow, stribeck, arrays.get("transmission"))
         root = numbers("root", arrays["root"])
         if root.ndim != 2 or root.shape[1] != model.width:
             raise of_argument(ShapeError, "root", f"found shape {root.shape}; expected (number, {model.width})")
         if not np.isfinite(root).all():
             raise of_argument(NotFiniteError, "root", "found a NaN or an infinity; expected finite numbers")
-        return cls.of_root(model, root.T)
+        return cls._of_root(model, root.T)
 
-    def extra_torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
+    def _extra_torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
         """Joint torques of the changes of the parameters of joints and motors, (number, ..., nv)."""
         if self._model is None or not self.extras.any():
             return np.zeros(())
@@ -238,12 +238,12 @@ class ParameterCovariance:
         moved[:, finite] = np.einsum("se,kev->skv", self.extras, by_extra)
         return moved.reshape(len(moved), *batch, -1)
 
-    def torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, scene: Scene, errors: Any = "raise") -> _Array:
+    def _torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, scene: Scene, errors: Any = "raise") -> _Array:
         """Joint torques that the changes of the parameters cause in a scene at (q, qd, qdd), (number, ..., nv)."""
         of_bodies = np.einsum("...ibp,sbp->s...i", scene.regressor(q, qd, qdd, errors=errors), self.columns)
-        return np.asarray(of_bodies + self.extra_torques(q, qd, qdd))
+        return np.asarray(of_bodies + self._extra_torques(q, qd, qdd))
 
-    def joints(self, nv: int) -> _Array:
+    def _joints(self, nv: int) -> _Array:
         """Columns of armature, damping, friction and offset of each degree of freedom, (number, nv, 4).
 
         Raises ArgumentError for parameters that a simulation does not have.
@@ -317,8 +317,10 @@ def _joint_covariance(scene: Scene, joints: Any, parameters: ParameterCovariance
     given = {name for at, name in enumerate(JOINT_PARAMETERS) if found[:, at, at].any()}
     twice = [kind for _, kind in parameters.names if kind in given]
     if twice:
-        expected = "expected one of them, or parameters=found.covariance, which is that of the bodies alone"
-        raise of_argument(ArgumentError, "joints", f"found variances of {twice[0]}, which parameters has too; {expected}")
+        text = f"found variances of {twice[0]}, which parameters has too; expected one of them, or"
+        raise of_argument(
+            ArgumentError, "joints", f"{text} parameters=found.covariance, which is that of the bodies alone"
+        )
     return found
 
 
@@ -363,7 +365,7 @@ def _torque_covariance(
     errors: Literal["raise", "nan"],
 ) -> _Array:
     """Covariance of the torque errors at (q, qd, qdd), (..., nv, nv): of parameters, joint parameters and torques."""
-    torques = parameters.torques(*state, scene, errors)
+    torques = parameters._torques(*state, scene, errors)
     joints, slow = of_joints
     covariance = _joint_covariance(scene, joints, parameters)
     own = np.broadcast_to(noise, torques.shape[1:])
@@ -427,7 +429,7 @@ def forward_dynamics_variance(
         # An error of a joint parameter acts as a torque, at the acceleration found.
         pushed = zero
         if found.extras.any():
-            pushed = -found.extra_torques(q, qd, scene.forward_dynamics(q, qd, tau, wrenches=wrenches, errors=errors))
+            pushed = -found._extra_torques(q, qd, scene.forward_dynamics(q, qd, tau, wrenches=wrenches, errors=errors))
         moved = scene.forward_dynamics_jvp(
             q, qd, tau, zero, zero, pushed, dparameters=columns, wrenches=wrenches, errors=errors
         )
@@ -458,12 +460,20 @@ def inverse_dynamics_variance(
         return np.diagonal(spread, axis1=-2, axis2=-1).copy()
     independent = np.zeros((len(scene.body_names), 0, 10)) if found.blocks is None else found.blocks
     variance = scene._variance(
-        False, (q, qd, qdd), independent, noise, _joint_covariance(scene, joints, found), friction_speed, None, None, errors
+        False,
+        (q, qd, qdd),
+        independent,
+        noise,
+        _joint_covariance(scene, joints, found),
+        friction_speed,
+        None,
+        None,
+        errors,
     )
     if found.blocks is None:
         zero = np.zeros(scene.nv)
         columns = found.columns.reshape(-1, *(1,) * (variance.ndim - 1), *found.columns.shape[1:])
         moved = scene.inverse_dynamics_jvp(q, qd, qdd, zero, zero, zero, dparameters=columns, errors=errors)
-        moved = moved + found.extra_torques(q, qd, qdd)
+        moved = moved + found._extra_torques(q, qd, qdd)
         variance = variance + np.sum(moved**2, axis=0)
     return variance

@@ -95,7 +95,8 @@ def identify(
         if covariance is not None:
             # savez would append a suffix to the name of a path.
             with covariance.open("wb") as stream:
-                np.savez(stream, **found.parameter_covariance.arrays())
+                root: dict[str, Any] = {**found.parameter_covariance.arrays()}
+                np.savez(stream, **root)
         pages = [] if folder is None else _report(name, scene, found, with_derivatives(log, str(logs[0]), cutoff)[0], fitted or len(log["q"]), folder)
     for text in dict.fromkeys(str(one.message) for one in caught if not issubclass(one.category, (DeprecationWarning, PendingDeprecationWarning))):
         terminal.line(console, f"warning: {_as_options(text)}", "yellow")
