@@ -446,8 +446,10 @@ class Scene:
 
     @property
     def parameters(self) -> _Array:
-        """Inertial parameters of each link of body_names and the links fixed to it, (bodies, 10), in the order of regressor
-        and identify: (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), I about the link origin, in the link frame.
+        """Inertial parameters of each link of body_names, in the order of regressor and identify, (bodies, 10).
+
+        (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), I about the link origin, in the link frame; each body includes
+        the links fixed to it.
         """
     @property
     def link_names(self) -> tuple[str, ...]:
