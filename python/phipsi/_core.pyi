@@ -445,6 +445,13 @@ class Scene:
         """
 
     @property
+    def parameters(self) -> _Array:
+        """Inertial parameters of each link of body_names, in the order of regressor and identify, (bodies, 10).
+
+        (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), I about the link origin, in the link frame; each body includes
+        the links fixed to it.
+        """
+    @property
     def link_names(self) -> tuple[str, ...]:
         """Names of all links in depth-first order, including links on fixed joints."""
 
@@ -3905,7 +3912,7 @@ class Scene:
             `.covariance` of one of these shapes stands for it. Default: the parameters are known.
         joints : dict or (nv, 4, 4), optional
             Variances of "armature", "damping", "friction" and "offset" by name, a number or (nv,) each, or the
-            covariance of the four of each degree of freedom.
+            covariance of the four of each degree of freedom; not for those that `parameters` has.
         torque : (nv,) or float, optional
             Variance of the torque, (N m)^2 or N^2.
         links : str or sequence of str, optional
@@ -4030,7 +4037,8 @@ class Scene:
         false_alarms_per_hour : float, default 1
             Number of alarms per hour without any contact.
         parameters : array_like or Identification, optional
-            Covariance of the inertial parameters, as in forward_dynamics_variance. None: the parameters are exact.
+            Covariance of the parameters, as in forward_dynamics_variance. With the parameters of joints of an
+            Identification, `tau` given to the observer is without their friction. None: the parameters are exact.
         load : (str, (3,) array_like), optional
             Link and point in the link frame, m, of a load to detect. The alarm then tests its mass alone, which
             detects a load earlier than the test of all external torques.
@@ -4138,7 +4146,9 @@ class Scene:
         qdd: ArrayLike,
         tau: ArrayLike,
         *,
-        fit: Collection[Literal["armature", "damping", "friction", "offset", "stribeck", "load"]] = (),
+        fit: Collection[
+            Literal["armature", "damping", "friction", "offset", "stribeck", "load", "joint_damping", "joint_friction"]
+        ] = (),
         noise: ArrayLike | None = None,
         trust: float = 1.0,
         keep: Collection[str] = (),
@@ -4150,6 +4160,8 @@ class Scene:
         acceleration_noise: ArrayLike | None = None,
         instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
         blocks: int = 20,
+        total_mass: tuple[float, float] | None = None,
+        outliers: float | None = None,
     ) -> Identification:
         """Most probable inertial and joint parameters from measured motion and torques, with confidence intervals.
 
@@ -4165,20 +4177,22 @@ class Scene:
             Measured joint torques, N m or N; NaN: not measured. With `transmission`: motor torques, (k, motors).
         fit : collection of str, optional
             Joint parameters to identify too: "armature", "damping", "friction", "offset", "stribeck" (friction that
-            decreases with speed) and "load" (friction proportional to the joint torque). The others are those of the
-            scene.
+            decreases with speed) and "load" (friction proportional to the joint torque). With `transmission` these are
+            parameters of motors, and "joint_damping" and "joint_friction" are those of the joints that no motor moves
+            alone. The others are those of the scene.
         noise : float or (nv,) array_like, optional
             Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
             needs at least twice as many measured torques as parameters.
         trust : float, default 1
             Weight of the parameters of the scene: each parameter is expected within about 1 / sqrt(trust) of them,
-            relatively.
+            relatively. It does not apply to joint parameters that the scene lacks.
         keep : collection of str, optional
             Names in body_names whose inertias remain.
         friction_speed : float, default 0.01
-            Speed below which friction is viscous, rad/s or m/s.
+            Speed of a joint below which friction is viscous, rad/s or m/s. For a motor it is multiplied by the norm of
+            its row of `transmission`.
         stribeck_speed : float, default 0.1
-            Speed at which the friction of "stribeck" has decreased to 1/e, rad/s or m/s.
+            Speed of a joint at which the friction of "stribeck" has decreased to 1/e, rad/s or m/s; of a motor likewise.
         time : (k,) array_like, optional
             Times of the rows, s, increasing. With times, gaps, repeated times, inconsistent units and a delay between
             the clocks of q and tau are detected.
@@ -4196,6 +4210,12 @@ class Scene:
         blocks : int, default 20
             Number of time blocks of the jackknife. Neighboring blocks are merged, down to eight blocks, if their
             residuals are correlated or if they have fewer than two torques per parameter.
+        total_mass : (float, float), optional
+            Mass of all links of body_names together and its standard deviation, kg, for instance of scales.
+        outliers : float, optional
+            Number of standard deviations beyond which a torque is not used, at least 2, for instance 5. The standard
+            deviation is a robust one, of the median of the absolute residuals, and identification and rejection
+            alternate. None: all torques are used. Not for scenes with connections.
 
         Returns
         -------

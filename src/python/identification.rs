@@ -18,6 +18,18 @@ const PAIR: usize = 30;
 
 #[pymethods]
 impl PyScene {
+    /// Inertial parameters of each link of body_names, in the order of regressor and identify, (bodies, 10).
+    ///
+    /// (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), I about the link origin, in the link frame; each body includes
+    /// the links fixed to it.
+    #[getter]
+    fn parameters<'py>(slf: &Bound<'py, Self>) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi.estimation._bodies", "own_parameters")?.call1((slf,))
+    }
+}
+
+#[pymethods]
+impl PyScene {
     /// Joint torque regressor Y: inverse_dynamics(q, qd, qdd) = Y parameters + armature qdd.
     #[doc = parameters!(q qd qdd)]
     #[doc = entries!(errors)]
@@ -84,20 +96,22 @@ methods_in_python! {
     ///     Measured joint torques, N m or N; NaN: not measured. With `transmission`: motor torques, (k, motors).
     /// fit : collection of str, optional
     ///     Joint parameters to identify too: "armature", "damping", "friction", "offset", "stribeck" (friction that
-    ///     decreases with speed) and "load" (friction proportional to the joint torque). The others are those of the
-    ///     scene.
+    ///     decreases with speed) and "load" (friction proportional to the joint torque). With `transmission` these are
+    ///     parameters of motors, and "joint_damping" and "joint_friction" are those of the joints that no motor moves
+    ///     alone. The others are those of the scene.
     /// noise : float or (nv,) array_like, optional
     ///     Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
     ///     needs at least twice as many measured torques as parameters.
     /// trust : float, default 1
     ///     Weight of the parameters of the scene: each parameter is expected within about 1 / sqrt(trust) of them,
-    ///     relatively.
+    ///     relatively. It does not apply to joint parameters that the scene lacks.
     /// keep : collection of str, optional
     ///     Names in body_names whose inertias remain.
     /// friction_speed : float, default 0.01
-    ///     Speed below which friction is viscous, rad/s or m/s.
+    ///     Speed of a joint below which friction is viscous, rad/s or m/s. For a motor it is multiplied by the norm of
+    ///     its row of `transmission`.
     /// stribeck_speed : float, default 0.1
-    ///     Speed at which the friction of "stribeck" has decreased to 1/e, rad/s or m/s.
+    ///     Speed of a joint at which the friction of "stribeck" has decreased to 1/e, rad/s or m/s; of a motor likewise.
     /// time : (k,) array_like, optional
     ///     Times of the rows, s, increasing. With times, gaps, repeated times, inconsistent units and a delay between
     ///     the clocks of q and tau are detected.
@@ -115,6 +129,12 @@ methods_in_python! {
     /// blocks : int, default 20
     ///     Number of time blocks of the jackknife. Neighboring blocks are merged, down to eight blocks, if their
     ///     residuals are correlated or if they have fewer than two torques per parameter.
+    /// total_mass : (float, float), optional
+    ///     Mass of all links of body_names together and its standard deviation, kg, for instance of scales.
+    /// outliers : float, optional
+    ///     Number of standard deviations beyond which a torque is not used, at least 2, for instance 5. The standard
+    ///     deviation is a robust one, of the median of the absolute residuals, and identification and rejection
+    ///     alternate. None: all torques are used. Not for scenes with connections.
     #[doc = section!(Returns)]
     /// identification : Identification
     ///     The new scene, parameters, intervals, base parameters, residuals, and for each parameter the share that the
@@ -152,7 +172,7 @@ methods_in_python! {
     #[pyo3(text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), \
                   friction_speed=0.01, \
                   stribeck_speed=0.1, time=None, transmission=None, tau_delay=0.0, \
-                  acceleration_noise=None, instruments=None, blocks=20)")]
+                  acceleration_noise=None, instruments=None, blocks=20, total_mass=None, outliers=None)")]
     fn identify(q, qd, qdd, tau) = "phipsi.estimation._identify", "identify";
 
     /// Periodic joint trajectory within limits that excites the parameters: a D-optimal Fourier series.

@@ -58,7 +58,7 @@ methods_in_python! {
     ///     `.covariance` of one of these shapes stands for it. Default: the parameters are known.
     /// joints : dict or (nv, 4, 4), optional
     ///     Variances of "armature", "damping", "friction" and "offset" by name, a number or (nv,) each, or the
-    ///     covariance of the four of each degree of freedom.
+    ///     covariance of the four of each degree of freedom; not for those that `parameters` has.
     /// torque : (nv,) or float, optional
     ///     Variance of the torque, (N m)^2 or N^2.
     /// links : str or sequence of str, optional
@@ -148,7 +148,8 @@ methods_in_python! {
     /// false_alarms_per_hour : float, default 1
     ///     Number of alarms per hour without any contact.
     /// parameters : array_like or Identification, optional
-    ///     Covariance of the inertial parameters, as in forward_dynamics_variance. None: the parameters are exact.
+    ///     Covariance of the parameters, as in forward_dynamics_variance. With the parameters of joints of an
+    ///     Identification, `tau` given to the observer is without their friction. None: the parameters are exact.
     /// load : (str, (3,) array_like), optional
     ///     Link and point in the link frame, m, of a load to detect. The alarm then tests its mass alone, which
     ///     detects a load earlier than the test of all external torques.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from logs import NOISES, STEP, arm_of_three, fourier, residuals
+from logs import NOISES, STEP, arm_of_three, first_order, fourier, residuals
 from test_identify import arm, like, states
 from tolerances import assert_near, size
 
@@ -120,6 +120,66 @@ def test_where_data_decide_nothing_the_share_says_so() -> None:
     assert np.mean((low[5] <= truth) & (truth <= high[5])) >= 0.8
     with pytest.raises(ArgumentError, match=r"level: found 95; expected a probability"):
         alone.interval(95)
+
+
+@pytest.mark.parametrize("kept", [0, 5])
+def test_correlated_residuals_decide_less(kept: int) -> None:
+    """Rows whose residuals are correlated are fewer independent ones: the prior is weighed against those."""
+    scene, log, decided, inflation = arm(1), fourier(4 * STEP * np.arange(500), 6), [], []
+    for correlation in (0.0, 1.0):
+        draw, count = np.random.default_rng(0), []
+        for _ in range(3):
+            noise = draw.standard_normal((500, 6))
+            noise = first_order(noise, correlation / 4) if correlation else noise
+            found = scene.identify(*log, scene.inverse_dynamics(*log) + 0.5 * noise, keep=scene.body_names[:kept])
+            count.append(int(np.sum(found.share > 0.9)))
+            inflation.append(found.inflation)
+        decided.append(np.mean(count))
+    assert np.all(np.array(inflation) >= 1.0) and np.max(inflation[:3]) < 2.0 and np.min(inflation[3:]) > 4.0
+    assert decided[0] > 9.0 if kept else decided[0] < 1.0
+    assert decided[1] < max(0.8 * decided[0], 1.0)
+    assert "states of joint" in str(found) and found.scene.nv == 6
+
+
+def test_the_inflation_is_that_of_the_scores() -> None:
+    """With one column the score is a sum of residuals times it: its variance for an autoregression, from the definition."""
+    scene = phipsi.scenes.chain(1).with_properties(damping=0.0)
+    time = 0.02 * np.arange(6000)
+    q, qd, qdd = np.sin(time)[:, None], np.cos(time)[:, None], -np.sin(time)[:, None]
+    tau, keep = scene.inverse_dynamics(q, qd, qdd) + 0.5 * qd, np.exp(-0.02 / 0.1)
+    lag = np.arange(-400, 401)
+    # At the frequency of the motion, 1 rad/s.
+    expected = np.sum(keep ** np.abs(lag) * np.cos(0.02 * lag))
+    draw, found = np.random.default_rng(0), []
+    for _ in range(20):
+        residual = first_order(draw.standard_normal((6000, 1)), 0.1 * STEP / 0.02)
+        found.append(scene.identify(q, qd, qdd, tau + 0.1 * residual, fit=["damping"], keep=scene.body_names).inflation[0])
+    assert abs(np.mean(found) / expected - 1.0) < 4.0 * np.std(found) / expected / np.sqrt(20) + 0.05
+
+
+def test_joints_without_information_are_marked() -> None:
+    """Armature of a joint that hardly accelerates, and friction of one that does not move at all."""
+    scene = arm(9, bodies=3)
+    draw = np.random.default_rng(0)
+    q, qd, qdd = states(scene, 600)
+    qdd[:, 1] *= 1e-4
+    q[:, 2], qd[:, 2], qdd[:, 2] = 0.3, 0.0, 0.0
+    tau = scene.inverse_dynamics(q, qd, qdd) + 1.14 * qdd + 0.3 * qd + 0.5 * draw.standard_normal((600, 3))
+    found = scene.identify(q, qd, qdd, tau, fit=["armature", "damping"])
+    assert found.joint_share["armature"]["joint2"] < 0.1 and found.joint_share["damping"]["joint1"] > 0.9
+    undecided = found.undecided()
+    assert ("joint2", "armature") in undecided and ("joint3", "damping") in undecided and ("joint1", "damping") not in undecided
+    assert "joint3" not in found.joints["damping"]
+    low, high = found.joint_interval()["damping"]["joint1"]
+    assert low < 0.3 < high and high - low < 0.2
+    bodies, joints = found.marks()
+    assert joints["armature"]["joint2"].startswith("*") and joints["damping"]["joint1"] == ""
+    below = found.interval()[0] < 0.0
+    assert [("!" in mark) for mark in bodies[:, 0]] == below[:, 0].tolist() and below[:, 0].any()
+    assert "!" not in bodies[0, 1] and "*" in bodies[0, 0]
+    assert f"{int(below[:, 0].sum())} of 3 intervals of masses reach below zero" in str(found)
+    with pytest.raises(ArgumentError, match=r"level: found 95; expected a probability"):
+        found.joint_interval(95)
 
 
 def test_quantiles_of_students_distribution() -> None:

@@ -18,8 +18,9 @@ COUPLED = np.array([[1.0, 0.0, 0.0], [0.0, -2.0, 0.0], [0.0, 1.0, 1.0]])
 
 
 def rates(qd: np.ndarray, transmission: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Motor velocities and smooth signs: friction is viscous below 0.01 rad/s of a joint."""
     v = qd @ transmission.T
-    return v, v / np.sqrt(v**2 + 0.01**2)
+    return v, v / np.sqrt(v**2 + (0.01 * np.linalg.norm(transmission, axis=1)) ** 2)
 
 
 def test_coupled_motors() -> None:
@@ -47,6 +48,48 @@ def test_coupled_motors() -> None:
     expected += values["damping"] * v + values["friction"] * s + values["offset"]
     assert_near(found.torques(*new), expected, 5e-3 * size(expected))
     assert found.torques(*(one[0] for one in new)).shape == (3,)
+
+
+def test_speeds_of_friction_are_those_of_joints() -> None:
+    """A gear of 100 changes the units of the motor and nothing else."""
+    scene, gear = arm(2, bodies=3), np.diag([100.0, -50.0, 100.0])
+    q, qd, qdd = states(scene, 400)
+    qd[::2] *= 0.02
+    s = qd / np.sqrt(qd**2 + 0.05**2)
+    tau = scene.inverse_dynamics(q, qd, qdd) + 0.5 * s + 0.3 * s * np.exp(-((qd / 0.2) ** 2))
+    fit: dict[str, Any] = {"fit": ["friction", "stribeck"], "friction_speed": 0.05, "stribeck_speed": 0.2}
+    of_joints = scene.identify(q, qd, qdd, tau, noise=1e-3, **fit)
+    of_motors = scene.identify(q, qd, qdd, tau @ np.linalg.inv(gear), noise=1e-3 / np.abs(np.diag(gear)), transmission=gear, **fit)
+    assert np.all(of_motors.after * np.abs(np.diag(gear)) < 2e-3)
+    assert_near(of_motors.scene.friction, of_joints.scene.friction, 1e-4)
+    assert_near(of_motors.scene.friction, np.full(3, 0.5), 1e-3)
+    assert_near(of_motors.scene.friction_terms[1:3], of_joints.scene.friction_terms[1:3], 1e-4)
+
+
+def test_friction_of_joints_beside_that_of_motors() -> None:
+    """Motors 2 and 3 move joint 3 together, which has bearings of its own; joint 1 and its motor are one."""
+    scene = arm(2, bodies=3)
+    q, qd, qdd = states(scene, 800)
+    v, s = rates(qd, COUPLED)
+    own = 0.3 * s + 0.2 * v + (np.array([0.0, 0.0, 0.7]) * qd / np.sqrt(qd**2 + 0.01**2) + np.array([0.0, 0.0, 0.4]) * qd) @ np.linalg.inv(COUPLED)
+    tau = scene.inverse_dynamics(q, qd, qdd) @ np.linalg.inv(COUPLED) + own
+    fit = ["friction", "damping", "joint_friction", "joint_damping"]
+    with pytest.warns(IdentificationWarning, match=r"friction of joint2\+joint3"):
+        found = scene.identify(q, qd, qdd, tau, fit=fit, noise=1e-3, transmission=COUPLED)
+        without = scene.identify(q, qd, qdd, tau, fit=fit[:2], noise=1e-3, transmission=COUPLED)
+    assert np.all(found.after < 2e-3) and without.after.max() > 0.05
+    assert list(found.joints["joint_friction"]) == list(found.joints["joint_damping"]) == ["joint3"]
+    assert_near([found.joints["joint_friction"]["joint3"], found.joints["joint_damping"]["joint3"]], [0.7, 0.4], 0.01)
+    assert_near(list(found.joints["friction"].values()), np.full(3, 0.3), 0.01)
+    assert_near(found.scene.friction[2], 0.7, 0.01)
+    # The variance of predicted torques has both.
+    new = states(scene, 20, seed=9)
+    covariance = found.scene.inverse_dynamics_variance(*new, parameters=found)
+    columns = found.parameter_covariance._torques(*new, found.scene)
+    assert_near(covariance, np.sum(columns**2, axis=0), 1e-9 * size(covariance))
+    assert_near(found.torques_variance(*new), np.sum((columns @ np.linalg.inv(COUPLED)) ** 2, axis=0), 1e-9)
+    with pytest.raises(ArgumentError, match="fit: found 'joint_friction' without a transmission; expected 'friction'"):
+        scene.identify(q, qd, qdd, tau, fit=["joint_friction"], noise=1.0)
 
 
 def test_without_the_coupling_the_residual_is_larger() -> None:

@@ -99,7 +99,7 @@ def test_it_is_the_least_value_of_its_definition() -> None:
     assert rows is not None
 
     def value(x: np.ndarray) -> float:
-        left = (tau - np.einsum("kibp,bp->ki", rows, x)) / noise
+        left = (tau - np.einsum("kibp,bp->ki", rows, x)) / (noise * np.sqrt(found.inflation))
         moments = [to_moments(one) for one in x]
         return float(0.5 * np.sum(left**2) + 0.5 * trust * sum(np.trace(a @ b) - np.linalg.slogdet(b)[1] for a, b in zip(prior, moments, strict=True)))
 
@@ -138,14 +138,16 @@ def distance(scene: phipsi.Scene, given: Any, found: Any, trust: float) -> float
     q, qd, qdd, tau = given
     rows = scene.inverse_dynamics_vjp(q[:, None], qd[:, None], qdd[:, None], np.eye(scene.nv), parameters=True).parameters
     assert rows is not None
-    left, columns, pulls = (tau - np.einsum("kibp,bp->ki", rows, found.parameters)) / found.noise, [], []
+    # Rows count as n_eff of them.
+    noise = found.noise * np.sqrt(found.inflation)
+    left, columns, pulls = (tau - np.einsum("kibp,bp->ki", rows, found.parameters)) / noise, [], []
     for at, own in enumerate(own_parameters(scene)):
         root = np.linalg.cholesky(to_moments(found.parameters[at]))
         pull = root.T @ np.linalg.solve(to_moments(own), root) - np.eye(4)
         for i, j in zip(*np.triu_indices(4), strict=True):
             unit = np.zeros((4, 4))
             unit[i, j] = unit[j, i] = 1.0 if i == j else np.sqrt(0.5)
-            columns.append((rows[:, :, at] @ to_parameters(root @ unit @ root.T) / found.noise).ravel())
+            columns.append((rows[:, :, at] @ to_parameters(root @ unit @ root.T) / noise).ravel())
             pulls.append(np.sum(pull * unit))
     half = np.sqrt(0.5 * trust)
     matrix = np.concatenate([np.transpose(columns), half * np.eye(len(pulls))])

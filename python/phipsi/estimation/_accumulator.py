@@ -358,7 +358,13 @@ class Accumulator:
                 found.append(last)
         return found
 
-    def identify(self, *, noise: ArrayLike | None = None, trust: float = 1.0) -> Identification:
+    def identify(
+        self,
+        *,
+        noise: ArrayLike | None = None,
+        trust: float = 1.0,
+        total_mass: tuple[float, float] | None = None,
+    ) -> Identification:
         """Identify the parameters from all added states.
 
         Parameters
@@ -367,6 +373,8 @@ class Accumulator:
             Standard deviation of the torques, N m or N, as in Scene.identify.
         trust : float, default 1
             Weight of the parameters of the scene, as in Scene.identify.
+        total_mass : (float, float), optional
+            Mass of the robot and its standard deviation, kg, as in Scene.identify.
 
         Returns
         -------
@@ -390,7 +398,7 @@ class Accumulator:
         """
         from ._identification import solved
 
-        return solved(self, noise, trust)
+        return solved(self, noise, trust, total_mass=total_mass)
 
     def _like(self) -> Accumulator:
         """An empty accumulator of the same columns."""

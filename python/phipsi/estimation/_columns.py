@@ -3,7 +3,9 @@
 Each row belongs to a motor. With motor velocities = B qd, joint torques are B^T times motor torques, so that W = B^-T Y
 for the bodies (Y: Scene.regressor). The columns of motor i are armature (B qdd)_i, damping (B qd)_i, Coulomb friction
 s_i = smooth sign of (B qd)_i, offset 1, Stribeck friction s_i exp(-(v/vs)^2), and load-dependent friction s_i |model
-torque|. Without a transmission, B is the identity and the motors are the degrees of freedom.
+torque|. Without a transmission, B is the identity and the motors are the degrees of freedom. Speeds of friction are
+those of joints: for motor i they are multiplied by the norm of row i of B. Damping and Coulomb friction of joint j, in
+addition to those of motors, are the columns B^-T e_j qd_j and B^-T e_j s_j.
 
 With connections, whose forces are unknown, the rows are multiplied by the projector P = U U* on the motions of the
 motors that the connections allow: P tau = P (W x + known).
@@ -40,6 +42,9 @@ PROPERTIES = {
     "stribeck": "stribeck",
     "load": "load_friction",
 }
+#: Parameters of joints beside those of motors, with a transmission.
+OF_JOINTS = {"joint_damping": "damping", "joint_friction": "friction"}
+PROPERTIES |= OF_JOINTS
 KINDS = tuple(PROPERTIES)
 #: Parameters of either sign.
 SIGNED = ("offset", "stribeck")
@@ -100,6 +105,9 @@ class Columns:
                 raise of_argument(ArgumentError, argument, f"found {value}; expected a finite speed above zero")
         self.scene, self.fit, self.keep, self.load = scene, tuple(dict.fromkeys(fit)), tuple(keep), load
         self.slow, self.stribeck = float(friction_speed), float(stribeck_speed)
+        if transmission is None and (of_joints := [name for name in fit if name in OF_JOINTS]):
+            other = f"expected {OF_JOINTS[of_joints[0]]!r}, which without a transmission is that of the joints"
+            raise of_argument(ArgumentError, "fit", f"found {of_joints[0]!r} without a transmission; {other}")
         self.own = own_parameters(scene)
         is_kept = [[kind not in fit] for kind in ("offset", "stribeck", "stribeck", "load")]
         #: Friction that is not fitted: Coulomb friction, and the other terms.
@@ -109,7 +117,16 @@ class Columns:
         self.kept = [at for at in range(len(scene.body_names)) if at not in self.free]
         self.transmission = None if transmission is None else _checked_transmission(scene, transmission)
         self.inverse = None if self.transmission is None else np.linalg.inv(self.transmission)
+        #: Velocity of each motor at joint velocities of one.
+        self.ratios = np.ones(scene.nv) if self.transmission is None else np.linalg.norm(self.transmission, axis=1)
         self.motors = scene.nv
+        #: Joints that no motor moves alone. Friction of the other joints is not separate from that of their motors.
+        self.beside = np.zeros(scene.nv, dtype=bool)
+        if self.transmission is not None:
+            single = self.transmission[np.count_nonzero(self.transmission, axis=1) == 1]
+            self.beside = ~np.any(single, axis=0)
+        if "joint_friction" in fit:
+            self._coulomb = np.where(self.beside, 0.0, self._coulomb)
         #: True if torques are determined only as far as they act on motions that the connections allow.
         self.connected = bool(scene.constraint_names)
         self.motor_names = self._names()
@@ -152,6 +169,14 @@ class Columns:
                             tuple(range(of.start, of.stop)),
                             float(values[kind][of][0]),
                         )
+                continue
+            if kind in OF_JOINTS:
+                assert self.inverse is not None
+                for joint in scene.joint_names:
+                    at = scene.v_index(joint).start
+                    if self.beside[at]:
+                        rows = tuple(int(motor) for motor in np.flatnonzero(self.inverse[at]))
+                        yield Extra(kind, joint, rows, float(values[kind][at]))
                 continue
             for at, row in enumerate(self.transmission):
                 (entries,) = np.nonzero(row)
@@ -209,6 +234,10 @@ class Columns:
         projector = self.projector(q)
         return tau if projector is None else np.einsum("kij,kj->ki", projector, tau)
 
+    def to_joints(self, torques: _Array) -> _Array:
+        """Joint torques from motor torques, (..., motors)."""
+        return torques if self.transmission is None else torques @ self.transmission
+
     def to_motors(self, torques: _Array) -> _Array:
         """Motor torques from joint torques, (k, nv)."""
         return torques if self.inverse is None else torques @ self.inverse
@@ -218,9 +247,9 @@ class Columns:
         return qd if self.transmission is None else qd @ self.transmission.T
 
     def of_motors(self, q: _Array, qd: _Array, qdd: _Array) -> dict[str, _Array]:
-        """Motor columns of each kind in `fit`, (k, motors)."""
+        """Motor columns of each kind in `fit`, (k, motors), and columns of joints, (k, nv)."""
         v = self.rates(qd)
-        sliding = v / np.sqrt(v**2 + self.slow**2)
+        sliding = v / np.sqrt(v**2 + (self.slow * self.ratios) ** 2)
         found: dict[str, _Array] = {}
         for kind in self.fit:
             if kind == "armature":
@@ -232,11 +261,39 @@ class Columns:
             elif kind == "offset":
                 found[kind] = np.ones_like(v)
             elif kind == "stribeck":
-                found[kind] = sliding * np.exp(-((v / self.stribeck) ** 2))
+                found[kind] = sliding * np.exp(-((v / (self.stribeck * self.ratios)) ** 2))
+            elif kind == "joint_damping":
+                found[kind] = qd
+            elif kind == "joint_friction":
+                found[kind] = qd / np.sqrt(qd**2 + self.slow**2)
             else:
                 load = self.scene if self.load is None else self.load
                 found[kind] = sliding * np.abs(self.to_motors(load.inverse_dynamics(q, qd, qdd)))
         return found
+
+    def of_extras(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
+        """Columns of the motor parameters, (k, motors, extras)."""
+        kinds, found = self.of_motors(q, qd, qdd), np.zeros((len(q), self.motors, len(self.extras)))
+        for at, extra in enumerate(self.extras):
+            if extra.kind in OF_JOINTS:
+                assert self.inverse is not None
+                joint = self.scene.v_index(extra.name).start
+                found[:, :, at] = kinds[extra.kind][:, joint, None] * self.inverse[joint]
+                continue
+            rows = list(extra.rows)
+            found[:, rows, at] = kinds[extra.kind][:, rows]
+        return found
+
+    def of_joint(self, extra: Extra) -> tuple[str, float] | None:
+        """Joint of a motor parameter and the property of the joint per parameter; None if the motor moves several
+        joints."""
+        if self.transmission is None or extra.kind in OF_JOINTS:
+            return extra.name, 1.0
+        row = self.transmission[extra.rows[0]]
+        (entries,) = np.nonzero(row)
+        if len(entries) != 1:
+            return None
+        return self.scene.joint_names[int(entries[0])], per_joint(extra.kind, float(row[entries[0]]))
 
     def known(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
         """Motor torques that do not depend on the parameters: springs, and joint properties not in `fit`, (k,
@@ -245,7 +302,10 @@ class Columns:
         found = scene.stiffness * scene.difference(np.broadcast_to(scene.rest, q.shape), q)
         for name, column in {"armature": qdd, "damping": qd}.items():
             if name not in self.fit:
-                found = found + getattr(scene, name) * column
+                known = getattr(scene, name)
+                if f"joint_{name}" in self.fit:
+                    known = np.where(self.beside, 0.0, known)
+                found = found + known * column
         direction = qd / np.sqrt(qd**2 + self.slow**2)
         load = scene.inverse_dynamics(q, qd, qdd) if self._terms[3].any() else None
         return self.to_motors(found + opposing(scene, qd, direction, load, self._coulomb, self._terms))
@@ -270,22 +330,18 @@ class Columns:
         known = self.known(q, qd, qdd)
         if self.kept:
             known = known + np.einsum("kibp,bp->ki", of_bodies[:, :, self.kept], self.own[self.kept])
-        kinds = self.of_motors(q, qd, qdd)
-        bodies = 10 * len(self.free)
-        of_motors: list[_Array] = []
+        extras, bodies = self.of_extras(q, qd, qdd), 10 * len(self.free)
         if projector is not None:
-            extras = np.zeros((len(q), self.motors, len(self.extras)))
-            for at, extra in enumerate(self.extras):
-                rows = list(extra.rows)
-                extras[:, rows, at] = kinds[extra.kind][:, rows]
             size = of_bodies.shape[2:]
             of_bodies = (projector @ of_bodies.reshape(len(q), self.motors, -1)).reshape(len(q), self.motors, *size)
             of_motors = list(np.moveaxis(projector @ extras, 1, 0))
             known = np.einsum("kij,kj->ki", projector, known)
-            return Parts(np.ascontiguousarray(of_bodies).reshape(len(q), -1), [np.ascontiguousarray(own) for own in of_motors], known)
-        for motor, used in enumerate(self.used):
-            own = [kinds[self.extras[at - bodies].kind][:, motor] for at in used[used >= bodies]]
-            of_motors.append(np.stack(own, axis=1) if own else np.empty((len(q), 0)))
+            of_bodies = np.ascontiguousarray(of_bodies).reshape(len(q), -1)
+            return Parts(of_bodies, [np.ascontiguousarray(own) for own in of_motors], known)
+        of_motors = [
+            np.ascontiguousarray(extras[:, motor, used[used >= bodies] - bodies])
+            for motor, used in enumerate(self.used)
+        ]
         return Parts(of_bodies.reshape(len(q), -1), of_motors, known)
 
     def sensitivity(self, q: _Array, qd: _Array, qdd: _Array, joint: int) -> list[_Array]:
@@ -313,6 +369,26 @@ class Columns:
             and np.array_equal(self.own, other.own)
             and (self.slow, self.stribeck) == (other.slow, other.stribeck)
         )
+
+
+def flattened(
+    scene: Scene, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike
+) -> tuple[tuple[int, ...], tuple[_Array, _Array, _Array]]:
+    """Leading axes of states, broadcast, and the states with one leading axis."""
+    q, qd, qdd = (
+        np.asarray(_core._numbers(*one))
+        for one in (("q", q, scene, True), ("qd", qd, scene), ("qdd", qdd, scene))
+    )
+    try:
+        batch = np.broadcast_shapes(q.shape[:-1], qd.shape[:-1], qdd.shape[:-1])
+    except ValueError:
+        raise of_argument(
+            ShapeError,
+            "q",
+            f"found leading axes {q.shape[:-1]}, {qd.shape[:-1]} and {qdd.shape[:-1]}; expected ones that broadcast",
+        ) from None
+    q, qd, qdd = (np.broadcast_to(one, (*batch, one.shape[-1])).reshape(-1, one.shape[-1]) for one in (q, qd, qdd))
+    return batch, (q, qd, qdd)
 
 
 def _checked_transmission(scene: Scene, transmission: ArrayLike) -> _Array:

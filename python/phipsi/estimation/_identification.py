@@ -3,12 +3,18 @@
 Torques are linear in the parameters x: ten per body (mass, first moments, inertia about the link origin) and the
 fitted motor parameters. With rows W and measured torques y, both divided by their standard deviations, x minimizes
 
-    1/2 |y - W x|^2 + trust/2 sum over bodies (tr(J0^-1 J) - log det J)
+    1/2 |y - W x|^2 + trust/2 sum over bodies (tr(J0^-1 J) - log det J) + 1/2 sum over motors w (x/x0 - log(x/x0))
 
 The 4x4 matrix J, linear in x, holds the second moments of mass of a body. A body is physically consistent if J is
 positive definite, which the logarithm ensures. The second sum is a Wishart prior; its mode J0 is the body of the model.
+The third is a gamma distribution of armature, damping and friction with the mode x0 of the model and the weight w =
+trust. If the model has none, x0 is a tenth of the value that alone would explain the torques, and w at most 1.
 The function is convex. _most_probable minimizes it in coordinates z relative to the prior, J = L Z L^T with J0 = L L^T,
 in which the mode of the prior is Z = 1. A parameter of either sign is the difference of two positive ones.
+
+Rows of a log whose residuals are correlated in time count less than as many independent ones. The rows of each motor
+are therefore divided by the square root of n/n_eff, the variance of the scores of blocks of time over that of
+independent residuals. Otherwise the first term would outweigh the prior where the data say little.
 
 Intervals do not assume independent residuals. With the Hessian H at the minimum, deletion of block g of the log changes
 the estimate by d_g = -(H - B_g)^-1 s_g, with the information B_g and the score s_g of the block. The covariance is the
@@ -20,20 +26,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _core
+from .._arguments import numbers
 from ..errors import ArgumentError, IdentificationWarning, ShapeError, of_argument, warn
 from ._accumulator import Accumulator, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
 from ._bodies import with_parameters
-from ._columns import PROPERTIES, Columns, per_joint
+from ._columns import PROPERTIES, SIGNED, Columns, flattened
 from ._most_probable import most_probable
 from ._problem import UNKNOWN, Problem
 from ._student import student_quantile
+from .uncertainty import ParameterCovariance
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -45,6 +52,8 @@ _Array = NDArray[np.float64]
 #: Share of the variance from the data below which the interval of a parameter is the interval of the prior; and the
 #: bias, in standard deviations, above which a warning is raised.
 DECIDED, BIAS = 0.9, 0.2
+#: Lower bound of the weight of a prior relative to that of the bodies.
+LIGHTEST = 1e-12
 #: With fewer blocks, intervals assume independent residuals.
 FEWEST_BLOCKS = 4
 #: Neighboring blocks are merged if the correlation of their scores exceeds the first number, or if they have fewer
@@ -60,6 +69,8 @@ class Identification:
     """The linear model."""
     own: _Array = field(repr=False)
     """All parameters in the order of the columns."""
+    own_root: _Array = field(repr=False)
+    """Root L of the covariance L L^T of all parameters, (parameters, columns)."""
     scene: Scene
     """The robot with the estimates. The inertia of a body belongs to its link in body_names; links fixed to it have
     none."""
@@ -67,10 +78,11 @@ class Identification:
     """(m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, (bodies, 10); I about the link
     origin, in the link frame."""
     covariance: _Array
-    """Covariance of the parameters, (10 bodies, 10 bodies), from data and prior; zero for kept bodies.
-    Scene.forward_dynamics_variance accepts it, or this object."""
+    """Covariance of the parameters of the bodies alone, (10 bodies, 10 bodies), from data and prior; zero for kept
+    bodies. The parameters of joints and their correlation with the bodies are not part of it: give this object itself
+    as `parameters` of Scene.forward_dynamics_variance and others."""
     root: _Array
-    """Root L of the covariance L L^T of all parameters, (bodies, 10, columns)."""
+    """Root L of the covariance L L^T of the parameters of the bodies, (bodies, 10, columns)."""
     share: _Array
     """Share of the variance of each parameter that comes from the data, (bodies, 10). Below 0.9 the interval is the
     interval of the prior; NaN for kept bodies."""
@@ -79,6 +91,9 @@ class Identification:
     joint velocities."""
     joint_deviations: dict[str, dict[str, float]]
     """Standard deviations of `joints`."""
+    joint_share: dict[str, dict[str, float]]
+    """Share of the variance of each of `joints` that comes from the data. Below 0.9 the estimate and its interval are
+    those of the prior."""
     base: BaseParameters
     """Base parameters by least squares without the prior, with their intervals."""
     noise: _Array
@@ -96,8 +111,19 @@ class Identification:
     residuals."""
     states: int
     """Number of states."""
+    inflation: _Array
+    """n / n_eff of the torques of each motor, (motors,), at least 1: the number of states that count as one, because
+    their residuals are correlated in time. The prior is weighed against n_eff states. 1 without a jackknife."""
     clock_offset: float = float("nan")
     """Delay of the torques relative to q, s, estimated from the residuals; NaN without times."""
+    outliers: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Number of torques of each motor that were not used, (motors,), because they are outliers."""
+
+    @property
+    def parameter_covariance(self) -> ParameterCovariance:
+        """Covariance of the parameters of bodies and joints, which Scene.forward_dynamics_variance, Scene.simulate and
+        Scene.momentum_observer use for this object."""
+        return ParameterCovariance._of_root(self.columns, self.own_root)
 
     @property
     def deviations(self) -> _Array:
@@ -141,18 +167,98 @@ class Identification:
         >>> lower.shape, bool((lower < upper).all())
         ((2, 10), True)
         """
+        half = self._quantile(level, self.share) * self.deviations
+        return self.parameters - half, self.parameters + half
+
+    def joint_interval(self, level: float = 0.95) -> dict[str, dict[str, tuple[float, float]]]:
+        """Confidence intervals of the parameters of joints and motors.
+
+        Parameters
+        ----------
+        level : float, default 0.95
+            Probability that the interval contains the parameter.
+
+        Returns
+        -------
+        intervals : dict
+            (lower, upper) of each kind in `fit` by the name of the joint or motor, as `joints`.
+
+        Raises
+        ------
+        ArgumentError
+            A level that is not between 0 and 1.
+
+        Notes
+        -----
+        As `interval`: if `joint_share` is below 0.9, the interval is the interval of the prior.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd) + 0.3 * qd
+        >>> found = scene.identify(q, qd, qdd, tau, fit=["damping"], noise=0.01)
+        >>> lower, upper = found.joint_interval()["damping"]["j0"]
+        >>> lower < 0.3 < upper
+        True
+        """
+        return {
+            kind: {
+                name: (value - half, value + half)
+                for name, value in values.items()
+                for half in [float(self._quantile(level, shares[name])) * self.joint_deviations[kind][name]]
+            }
+            for kind, values in self.joints.items()
+            for shares in [self.joint_share[kind]]
+        }
+
+    def _quantile(self, level: float, share: ArrayLike) -> _Array:
+        """Half width of an interval in standard deviations."""
         if not 0.0 < level < 1.0:
             raise of_argument(
                 ArgumentError, "level", f"found {level}; expected a probability between 0 and 1, for instance 0.95"
             )
+        share = np.nan_to_num(share)
         with np.errstate(divide="ignore"):
-            degrees = np.where(
-                np.nan_to_num(self.share) > 0.0, max(self.blocks - 1, 1) / np.nan_to_num(self.share) ** 2, np.inf
-            )
-        if self.blocks < FEWEST_BLOCKS:
-            degrees = np.full_like(degrees, np.inf)
-        half = student_quantile(level, degrees) * self.deviations
-        return self.parameters - half, self.parameters + half
+            degrees = np.where(share > 0.0, max(self.blocks - 1, 1) / share**2, np.inf)
+        return student_quantile(level, np.full_like(degrees, np.inf) if self.blocks < FEWEST_BLOCKS else degrees)
+
+    def marks(self, level: float = 0.95) -> tuple[NDArray[np.str_], dict[str, dict[str, str]]]:
+        """Marks of estimates for tables: "*" for intervals of the prior, "!" for intervals that reach below zero.
+
+        Parameters
+        ----------
+        level : float, default 0.95
+            Level of the intervals.
+
+        Returns
+        -------
+        bodies : (bodies, 10) ndarray of str
+            Marks of the parameters: "", "*", "!" or "*!". "!" for mass and diagonal entries of the inertia, which are
+            positive: the interval is that of a normal distribution, which does not know.
+        joints : dict
+            Marks of `joints`; "!" for armature, damping, Coulomb friction and friction by load.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> found = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd), noise=0.01)
+        >>> str(found.marks()[0][0, 0])  # the mass of the first link has no effect
+        '*!'
+        """
+        below = (self.interval(level)[0] < 0.0) & np.isin(np.arange(10), (0, 4, 6, 9))
+        bodies = np.char.add(np.where(self.share < DECIDED, "*", ""), np.where(below, "!", ""))
+        joints = {
+            kind: {
+                name: "*" * (self.joint_share[kind][name] < DECIDED) + "!" * (kind not in SIGNED and lower < 0.0)
+                for name, (lower, _) in intervals.items()
+            }
+            for kind, intervals in self.joint_interval(level).items()
+        }
+        return bodies, joints
 
     def torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
         """Predict measured torques, with friction, offsets and the transmission.
@@ -186,21 +292,98 @@ class Identification:
         >>> bool(np.abs(found.torques(q, qd, qdd) - tau).max() < 0.01)
         True
         """
-        q, qd, qdd = (
-            np.asarray(_core._numbers(*one))
-            for one in (("q", q, self.scene, True), ("qd", qd, self.scene), ("qdd", qdd, self.scene))
-        )
-        try:
-            batch = np.broadcast_shapes(q.shape[:-1], qd.shape[:-1], qdd.shape[:-1])
-        except ValueError:
-            raise of_argument(
-                ShapeError,
-                "q",
-                f"found leading axes {q.shape[:-1]}, {qd.shape[:-1]} and {qdd.shape[:-1]}; expected ones that"
-                " broadcast",
-            ) from None
-        q, qd, qdd = (np.broadcast_to(one, (*batch, one.shape[-1])).reshape(-1, one.shape[-1]) for one in (q, qd, qdd))
-        return predicted(self.columns, self.own, q, qd, qdd).reshape(*batch, -1)
+        batch, states = flattened(self.scene, q, qd, qdd)
+        return predicted(self.columns, self.own, *states).reshape(*batch, -1)
+
+    def torques_variance(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
+        """Variances of the predicted torques, caused by the errors of all parameters of bodies and joints.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+
+        Returns
+        -------
+        variances : (..., motors) ndarray
+            Variances of `torques`, (N m)^2 or N^2. A measured torque differs from the prediction by the noise too:
+            its variance is larger by noise**2.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError
+            An invalid argument. The message names it.
+
+        Notes
+        -----
+        diag(W L L^T W^T) with the rows W of the state and the root L of the covariance of all parameters, which
+        contains the correlation of the parameters of joints with those of bodies. Torques are linear in the
+        parameters: nothing is approximate.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd) + 0.3 * qd
+        >>> found = scene.identify(q, qd, qdd, tau, fit=["damping"], noise=0.01)
+        >>> bool(np.all(found.torques_variance(q, qd, qdd) < 0.01**2))
+        True
+        """
+        batch, states = flattened(self.scene, q, qd, qdd)
+        return predicted(self.columns, self.own_root, *states).reshape(*batch, -1)
+
+    def explained_variance(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, tau: ArrayLike) -> _Array:
+        """Share of the variance of measured torques that the prediction explains.
+
+        Parameters
+        ----------
+        q : (k, nq) array_like
+            Joint positions, rad or m, of states that were not used for the identification: the share of those that
+            were used is larger.
+        qd : (k, nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (k, nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        tau : (k, motors) array_like
+            Measured motor torques, N m or N; NaN: not measured.
+
+        Returns
+        -------
+        shares : (motors,) ndarray
+            1 - mean((tau - torques)^2) / var(tau) of each motor; NaN for motors without measured torques. Negative if
+            the prediction is worse than a constant.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError
+            An invalid argument. The message names it.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 100, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd)
+        >>> found = scene.identify(q[:50], qd[:50], qdd[:50], tau[:50], noise=0.01)
+        >>> bool(np.all(found.explained_variance(q[50:], qd[50:], qdd[50:], tau[50:]) > 0.999))
+        True
+        """
+        torques, measured = self.torques(q, qd, qdd), numbers("tau", tau)
+        if measured.shape != torques.shape or torques.ndim != 2:
+            expected = f"expected (k, {torques.shape[-1]}), as many states as q has"
+            raise of_argument(ShapeError, "tau", f"found shape {measured.shape}; {expected}")
+        seen = np.isfinite(measured)
+        count = np.maximum(seen.sum(axis=0), 1)
+        off = np.where(seen, measured - torques, 0.0)
+        spread = np.where(seen, measured - np.where(seen, measured, 0.0).sum(axis=0) / count, 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = 1.0 - np.sum(off**2, axis=0) / np.sum(spread**2, axis=0)
+        return np.asarray(np.where(seen.any(axis=0), shares, np.nan))
 
     def undecided(self) -> list[tuple[str, str]]:
         """Parameters whose intervals are the intervals of the prior.
@@ -208,7 +391,8 @@ class Identification:
         Returns
         -------
         parameters : list of (str, str)
-            Link and parameter, for instance ("link1", "m*cx").
+            Link and parameter, for instance ("link1", "m*cx"), then joint or motor and kind, for instance ("joint1",
+            "armature"); also those of joints that did not move, which `joints` does not have.
 
         Examples
         --------
@@ -221,7 +405,12 @@ class Identification:
         """
         entries = ("m", "m*cx", "m*cy", "m*cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
         names = self.scene.body_names
-        return [(names[body], entries[entry]) for body, entry in np.argwhere(self.share < DECIDED)]
+        bodies = [(names[body], entries[entry]) for body, entry in np.argwhere(self.share < DECIDED)]
+        return bodies + [
+            (extra.name, extra.kind)
+            for extra in self.columns.extras
+            if self.joint_share[extra.kind].get(extra.name, 0.0) < DECIDED
+        ]
 
     def __str__(self) -> str:
         """Return a summary of a few lines."""
@@ -238,6 +427,20 @@ class Identification:
                 " those of the prior"
             ),
         ]
+        if self.columns.extras:
+            of_joints = sum(one >= DECIDED for shares in self.joint_share.values() for one in shares.values())
+            lines.append(f"{of_joints} of {len(self.columns.extras)} parameters of joints are determined by the data")
+        if self.outliers.any():
+            lines.append(f"{int(self.outliers.sum())} torques were not used, because they are outliers")
+        if (below := int(np.sum(np.char.find(self.marks()[0][:, 0], "!") >= 0))) > 0:
+            masses = f"{below} of {len(self.parameters)} intervals of masses"
+            lines.append(f"{masses} reach below zero, so that they are too wide")
+        if np.nanmax(self.inflation) >= 2.0:
+            motor = int(np.nanargmax(self.inflation))
+            lines.append(
+                f"residuals are correlated in time: {self.inflation[motor]:.2g} states of"
+                f" {self.columns.motor_names[motor]} count as one"
+            )
         ratios = self.base.bias / self.base.deviations
         if np.isfinite(ratios).any():
             worst = float(np.nanmax(np.abs(ratios)))
@@ -248,14 +451,33 @@ class Identification:
 
 
 def predicted(columns: Columns, own: _Array, q: _Array, qd: _Array, qdd: _Array, chunk: int = 4096) -> _Array:
-    """Motor torques for given parameters, (k, motors)."""
+    """Motor torques for given parameters, or their variances for a root of the covariance of the parameters, (k,
+    motors)."""
     found = np.empty((len(q), columns.motors))
     for begin in range(0, len(q), chunk):
         part = slice(begin, begin + chunk)
-        rows, found[part] = columns.rows(q[part], qd[part], qdd[part])
+        rows, known = columns.rows(q[part], qd[part], qdd[part])
         for motor, (block, used) in enumerate(zip(rows, columns.used, strict=True)):
-            found[part, motor] += block @ own[used]
+            torques = block @ own[used]
+            found[part, motor] = known[:, motor] + torques if own.ndim == 1 else np.sum(torques**2, axis=1)
     return found
+
+
+def checked_trust(trust: Any) -> float:
+    """Weight of the prior."""
+    if not (np.isfinite(trust) and trust > 0.0):
+        raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
+    return float(trust)
+
+
+def checked_mass(total_mass: Any) -> tuple[float, float]:
+    """Total mass and its standard deviation, kg."""
+    given = numbers("total_mass", total_mass)
+    if given.shape != (2,) or not (np.isfinite(given).all() and np.all(given > 0.0)):
+        expected = "expected the mass of all links of body_names and its standard deviation, kg,"
+        expected += " for instance (18.4, 0.1)"
+        raise of_argument(ArgumentError, "total_mass", f"found {total_mass}; {expected}")
+    return float(given[0]), float(given[1])
 
 
 def solved(
@@ -263,40 +485,57 @@ def solved(
     noise: ArrayLike | None,
     trust: float,
     *,
+    total_mass: Any = None,
     clock_offset: float = float("nan"),
+    outliers: NDArray[np.intp] | None = None,
 ) -> Identification:
     """Identify the parameters from all states of an accumulator."""
-    if not (np.isfinite(trust) and trust > 0.0):
-        raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
+    trust = checked_trust(trust)
     problem = Problem(accumulator)
     columns = problem.columns
     weights = problem.deviation() if noise is None else problem.checked_noise(noise)
-    rows, target = problem.least_squares(weights)
-    triangle = merged_triangles([np.column_stack([rows @ problem.to_own, target])])
-    z, root = most_probable(triangle[:, :-1], triangle[:, -1], problem.bodies, trust)
-    own = problem.to_own @ z
     # This call merges blocks that are too short.
     base = base_parameters(problem, weights)
-    by_data, by_prior = _columns_of_covariance(problem, weights, own, root)
-    parameters = columns.own.copy()
+    inflation = _inflation(problem, weights)
+    tempered = weights * np.sqrt(inflation)
+    rows, target = problem.least_squares(tempered)
+    triangle = merged_triangles([np.column_stack([rows @ problem.to_own, target])])
+    with_mass = triangle
+    if total_mass is not None:
+        # Knowledge beside the log, as the prior.
+        mass, deviation = checked_mass(total_mass)
+        own_masses = np.zeros(columns.width)
+        own_masses[: 10 * problem.bodies : 10] = 1.0
+        row = np.append(own_masses @ problem.to_own, mass - np.sum(columns.own[columns.kept, 0]))
+        with_mass = merged_triangles([triangle, row[None] / deviation])
+    # Trust in the model is no trust in the parameters that it lacks.
+    prior = np.where(problem.lacking, np.clip(1.0 / trust, LIGHTEST, 1.0), 1.0)
+    z, root = most_probable(with_mass[:, :-1], with_mass[:, -1], problem.bodies, trust, prior)
+    own = problem.to_own @ z
+    by_data, by_prior = _columns_of_covariance(problem, tempered, own, root)
+    parameters, own_root = columns.own.copy(), np.concatenate([by_data, by_prior], axis=1)
     full = np.zeros((len(parameters), 10, by_data.shape[1] + by_prior.shape[1]))
     share = np.full(parameters.shape, np.nan)
     for at, body in enumerate(columns.free):
         part = slice(10 * at, 10 * at + 10)
         parameters[body] = own[part]
-        full[body] = np.concatenate([by_data[part], by_prior[part]], axis=1)
+        full[body] = own_root[part]
         share[body] = np.sum(by_data[part] ** 2, axis=1) / np.sum(full[body] ** 2, axis=1)
     joints: dict[str, dict[str, float]] = {kind: {} for kind in columns.fit}
     spread: dict[str, dict[str, float]] = {kind: {} for kind in columns.fit}
+    shares: dict[str, dict[str, float]] = {kind: {} for kind in columns.fit}
     for at in problem.fitted:
         extra = columns.extras[at - 10 * problem.bodies]
         joints[extra.kind][extra.name] = float(own[at])
-        spread[extra.kind][extra.name] = float(np.sqrt(np.sum(by_data[at] ** 2) + np.sum(by_prior[at] ** 2)))
+        variance = float(np.sum(own_root[at] ** 2))
+        spread[extra.kind][extra.name] = float(np.sqrt(variance))
+        shares[extra.kind][extra.name] = float(np.sum(by_data[at] ** 2)) / variance
     singular = np.linalg.svd(triangle[:, :-1], compute_uv=False)
     blocks = len(problem.blocks) if len(problem.blocks) >= FEWEST_BLOCKS else 1
     found = Identification(
         columns,
         own,
+        own_root,
         _scene(columns, parameters, joints),
         parameters,
         _squared(full),
@@ -304,6 +543,7 @@ def solved(
         share,
         joints,
         spread,
+        shares,
         base,
         weights,
         problem.residual(problem.to_own @ problem.model),
@@ -311,7 +551,9 @@ def solved(
         int(np.sum(singular > UNKNOWN * singular[0])) if singular.size else 0,
         blocks,
         accumulator.states,
+        inflation,
         clock_offset,
+        np.zeros(columns.motors, dtype=np.intp) if outliers is None else outliers,
     )
     _warn_of_bias(found)
     return found
@@ -370,11 +612,21 @@ def _jackknife(moved: list[_Array]) -> _Array:
     return np.asarray(np.sqrt((len(moved) - 1) / len(moved)) * (changes - changes.mean(axis=1, keepdims=True)))
 
 
-def base_parameters(problem: Problem, weights: _Array) -> BaseParameters:
-    """Estimate base parameters by least squares, with their covariance and predicted bias."""
-    columns = problem.columns
-    found: Combinations = _combinations(columns)
-    at, count = found.columns, len(found.columns)
+class _LeastSquares(NamedTuple):
+    """Least squares of the base parameters."""
+
+    root: _Array
+    """Root of the inverse of the information, (base, rank)."""
+    values: _Array
+    """Estimates, (base,)."""
+    own: _Array
+    """The same as parameters in the order of the columns; the others are zero."""
+    determined: NDArray[np.bool_]
+    """True for estimates that the log determines, (base,)."""
+
+
+def _least_squares(problem: Problem, weights: _Array) -> _LeastSquares:
+    at = _combinations(problem.columns).columns
     rows, target = problem.least_squares(weights)
     scale = np.linalg.norm(rows[:, at], axis=0)
     determined = scale > 0.0
@@ -384,9 +636,53 @@ def base_parameters(problem: Problem, weights: _Array) -> BaseParameters:
     # Whitening: the estimates are root @ orthogonal^T @ target.
     root: _Array = right[kept].T / singular[kept] / scale[:, None]
     determined &= np.sum(right[kept] ** 2, axis=0) > 1.0 - 1e-6
-    values = root @ (orthogonal.T[kept] @ target)
-    own = np.zeros(columns.width)
-    own[at] = values
+    own = np.zeros(problem.columns.width)
+    own[at] = values = root @ (orthogonal.T[kept] @ target)
+    return _LeastSquares(root, values, own, determined)
+
+
+def _inflation(problem: Problem, weights: _Array) -> _Array:
+    """n/n_eff of each motor, (motors,), at least 1: how many rows of a log count as one.
+
+    The score of a block is that of the columns of the motor in coordinates in which its information is the identity.
+    Its expected square for independent residuals takes into account that the residuals are those of a fit.
+    """
+    columns, motors = problem.columns, range(problem.columns.motors)
+    if len(problem.blocks) < FEWEST_BLOCKS:
+        return np.ones(columns.motors)
+    at = _combinations(columns).columns
+    fit = _least_squares(problem, weights)
+    roots = []
+    for motor in motors:
+        rows = problem.rows(problem.whole, weights, motor).left
+        _, singular, right = np.linalg.svd(rows, full_matrices=False)
+        kept = singular > UNKNOWN * singular.max(initial=0.0)
+        roots.append(right[kept].T / singular[kept])
+    # Squares of the scores, their expectation, squares of the residuals, and their number.
+    sums = np.zeros((4, columns.motors))
+    for block in problem.blocks:
+        for motor in motors:
+            part = problem.rows(block.triangles, weights, motor)
+            left, right = part.left @ roots[motor], part.right[:, at] @ fit.root
+            residual = part.target - part.right @ fit.own
+            sums[0, motor] += np.sum((left.T @ residual) ** 2)
+            sums[1, motor] += np.sum(left**2) - np.sum((left.T @ right) ** 2)
+            sums[2, motor] += np.sum(residual**2)
+            sums[3, motor] += block.counts[motor] - np.sum(right**2)
+    if columns.connected:
+        # Connections mix the residuals of all motors.
+        sums = np.broadcast_to(sums.sum(axis=1, keepdims=True), sums.shape)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = sums[0] / sums[1] * sums[3] / sums[2]
+    return np.where(np.isfinite(found) & (sums[1] > 0.0) & (sums[3] > 0.0), np.maximum(found, 1.0), 1.0)
+
+
+def base_parameters(problem: Problem, weights: _Array) -> BaseParameters:
+    """Estimate base parameters by least squares, with their covariance and predicted bias."""
+    columns = problem.columns
+    found: Combinations = _combinations(columns)
+    at, count = found.columns, len(found.columns)
+    root, values, own, determined = _least_squares(problem, weights)
 
     def scores() -> Iterator[tuple[_Array, _Array, _Array]]:
         """Yield the whitened columns, left and right, and the score of each block."""
@@ -475,17 +771,14 @@ def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, flo
         value = joints.get(extra.kind, {}).get(extra.name)
         if value is None:
             continue
-        joint, ratio, name = extra.name, 1.0, PROPERTIES[extra.kind]
-        if columns.transmission is not None:
-            row = columns.transmission[extra.rows[0]]
-            (entries,) = np.nonzero(row)
-            if len(entries) != 1:
-                omitted.append(f"{extra.kind} of {extra.name}")
-                continue
-            joint, ratio = scene.joint_names[int(entries[0])], float(row[entries[0]])
-        properties.setdefault(name, {})[joint] = value * per_joint(extra.kind, ratio)
+        of_joint = columns.of_joint(extra)
+        if of_joint is None:
+            omitted.append(f"{extra.kind} of {extra.name}")
+            continue
+        joint, factor = of_joint
+        properties.setdefault(PROPERTIES[extra.kind], {})[joint] = value * factor
         if extra.kind == "stribeck":
-            properties.setdefault("stribeck_speed", {})[joint] = columns.stribeck / abs(ratio)
+            properties.setdefault("stribeck_speed", {})[joint] = columns.stribeck
     if omitted:
         text = (
             f"transmission: a scene has no {', '.join(omitted)}, which acts on several joints; Identification.torques"

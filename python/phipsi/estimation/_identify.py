@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +14,7 @@ from .._arguments import names_of
 from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, _log
 from ._checks import checked_time, clock_offset, shifted, warn_of_motion, warn_of_torques
-from ._identification import Identification, _combinations, solved
+from ._identification import Identification, _combinations, checked_mass, checked_trust, solved
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -20,6 +22,10 @@ if TYPE_CHECKING:
 __all__ = ["identify"]
 
 _Array = NDArray[np.float64]
+
+#: Smallest number of standard deviations of outliers; the largest number of rounds of rejection; and the standard
+#: deviation of a normal distribution per median of the absolute value.
+LEAST, ROUNDS, TO_DEVIATION = 2.0, 8, 1.4826
 
 
 
@@ -42,10 +48,20 @@ def identify(
     acceleration_noise: ArrayLike | None = None,
     instruments: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
     blocks: int = 20,
+    total_mass: tuple[float, float] | None = None,
+    outliers: float | None = None,
 ) -> Identification:
     """Implementation of Scene.identify."""
-    if not (np.isfinite(trust) and trust > 0.0):
-        raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
+    checked_trust(trust)
+    if total_mass is not None:
+        checked_mass(total_mass)
+    if outliers is not None:
+        if not (np.isfinite(outliers) and outliers >= LEAST):
+            expected = f"expected a number of standard deviations, at least {LEAST:g}"
+            raise of_argument(ArgumentError, "outliers", f"found {outliers}; {expected}")
+        if scene.constraint_names:
+            found = "found a scene with connections, which determine sums of the torques"
+            raise of_argument(ArgumentError, "outliers", f"{found}; expected None")
     q, qd, qdd, tau = _log(scene, q, qd, qdd, tau)
     times = None if time is None else checked_time(time, len(q))
     if not np.isfinite(tau_delay) or (tau_delay != 0.0 and times is None):
@@ -58,6 +74,12 @@ def identify(
     if tau_delay != 0.0 and times is not None:
         tau = shifted(tau, times, tau_delay)
     warn_of_motion(scene, times, q, qd, qdd)
+
+    if outliers is not None:
+        given = {"fit": fit, "keep": keep, "friction_speed": friction_speed, "stribeck_speed": stribeck_speed}
+        given |= {"transmission": transmission, "instruments": instruments, "blocks": blocks, "total_mass": total_mass}
+        given |= {"noise": noise, "trust": trust, "time": time, "acceleration_noise": acceleration_noise}
+        return _without_outliers(scene, (q, qd, qdd, tau), outliers, given)
 
     def accumulated(kinds: tuple[str, ...], load: Scene | None) -> Accumulator:
         length = max(1, -(-len(q) // max(int(blocks), 1))) if isinstance(blocks, (int, np.integer)) else 1
@@ -81,7 +103,7 @@ def identify(
         # Friction depends on the model torque, because the measured torque contains noise.
         others = tuple(kind for kind in kinds if kind != "load")
         if others or len(keep) < len(scene.body_names):
-            load = solved(accumulated(others, None), noise, trust).scene
+            load = solved(accumulated(others, None), noise, trust, total_mass=total_mass).scene
     accumulator = accumulated(kinds, load)
     tau = accumulator.columns.measured(q, tau)
     warn_of_torques(accumulator.columns, q, qd, qdd, tau)
@@ -93,4 +115,30 @@ def identify(
         offset = clock_offset(
             accumulator.columns, _combinations(accumulator.columns).columns, times, (q, qd, qdd, tau), weights
         )
-    return solved(accumulator, noise, trust, clock_offset=offset)
+    return solved(accumulator, noise, trust, total_mass=total_mass, clock_offset=offset)
+
+
+def _without_outliers(
+    scene: Scene, log: tuple[_Array, _Array, _Array, _Array], deviations: float, given: dict[str, Any]
+) -> Identification:
+    """Identify without the torques whose residuals exceed a number of robust standard deviations.
+
+    Rejection and identification alternate until the set of rejected torques stays the same.
+    """
+    q, qd, qdd, tau = log
+    rejected = np.zeros(tau.shape, dtype=bool)
+    for _ in range(ROUNDS):
+        with warnings.catch_warnings():
+            # The last identification issues them.
+            warnings.simplefilter("ignore", UserWarning)
+            found = identify(scene, q, qd, qdd, np.where(rejected, np.nan, tau), **(given | {"time": None}))
+        size = np.abs(tau - found.torques(q, qd, qdd))
+        measured = [one[np.isfinite(one)] for one in size.T]
+        sigma = TO_DEVIATION * np.array([np.median(one) if len(one) else np.nan for one in measured])
+        # Residuals of the size of rounding have no outliers.
+        beyond = size > deviations * np.maximum(sigma, found.noise * 1e-3)
+        if np.array_equal(beyond, rejected):
+            break
+        rejected = beyond
+    found = identify(scene, q, qd, qdd, np.where(rejected, np.nan, tau), **given)
+    return replace(found, outliers=np.sum(rejected, axis=0))

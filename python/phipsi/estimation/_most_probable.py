@@ -3,11 +3,11 @@
 The variables z are the entries on and above the diagonal of a symmetric 4x4 matrix Z for each body, then positive
 numbers x. The function
 
-    1/2 |target - triangle z|^2 + trust/2 sum (tr Z - log det Z) + trust/2 sum (x - log x)
+    1/2 |target - triangle z|^2 + trust/2 sum (tr Z - log det Z) + trust/2 sum w (x - log x)
 
-is convex. Let S = trust/2 + the gradient of the first term, as matrices. The gradient of the function is zero if
-Z S = mu 1 with mu = trust/2. The method keeps Z and S positive definite, linearizes Z S = mu 1 in Nesterov-Todd
-scaling, and decreases mu to trust/2. Because both matrices are updated, the number of steps hardly depends on the
+is convex, with a weight w of each x. Let S = trust/2 + the gradient of the first term, as matrices; trust/2 w for x. The
+gradient of the function is zero if Z S = mu 1, and x s = mu w, with mu = trust/2. The method keeps Z and S positive
+definite, linearizes Z S = mu 1 in Nesterov-Todd scaling, and decreases mu to trust/2. Because both matrices are updated, the number of steps hardly depends on the
 distance between start and minimum. Newton's method on Z alone needs thousands of steps if a body is far from its prior.
 """
 
@@ -82,7 +82,8 @@ def _transposed(matrices: _Array) -> _Array:
 class _Scaling:
     """Nesterov-Todd scaling: roots U with Z = U Lambda U^T and S = U^-T Lambda U^-1, Lambda diagonal."""
 
-    def __init__(self, primal: _Blocks, dual: _Blocks) -> None:
+    def __init__(self, primal: _Blocks, dual: _Blocks, weights: _Array) -> None:
+        self.weights = weights
         left, values, right = np.linalg.svd(_transposed(dual.bodies) @ primal.bodies)
         self.values = _Blocks(values, primal.rest * dual.rest)
         self._halves = np.sqrt(values)
@@ -93,11 +94,8 @@ class _Scaling:
 
     @property
     def mean(self) -> float:
-        """Mean of the eigenvalues of Z S."""
-        return (
-            float(np.concatenate([self.values.bodies.ravel(), self.values.rest]) ** 2 @ np.ones(self.order))
-            / self.order
-        )
+        """Mean of the eigenvalues of Z S, and of x s / w."""
+        return float(np.sum(self.values.bodies**2) + np.sum(self.values.rest**2 / self.weights)) / self.order
 
     @property
     def order(self) -> int:
@@ -122,25 +120,31 @@ class _Scaling:
         return found[0], found[1]
 
 
-def most_probable(triangle: _Array, target: _Array, bodies: int, trust: float) -> tuple[_Array, _Array]:
-    """Return the minimizer, (n,), and a root R, (n, n), of the inverse Hessian R R^T at the minimum."""
+def most_probable(
+    triangle: _Array, target: _Array, bodies: int, trust: float, weights: _Array
+) -> tuple[_Array, _Array]:
+    """Return the minimizer, (n,), and a root R, (n, n), of the inverse Hessian R R^T at the minimum.
+
+    `weights` are those of the variables after the bodies.
+    """
     size, last = triangle.shape[1], 0.5 * trust
+    relative = np.concatenate([np.ones(10 * bodies), weights])
     primal = _Blocks(np.tile(np.eye(4), (bodies, 1, 1)), np.ones(size - 10 * bodies))
-    dual = _start(triangle.T @ (triangle @ primal.z() - target), bodies, last)
+    dual = _start(triangle.T @ (triangle @ primal.z() - target), bodies, last * relative)
     before, fall, mu = np.inf, FALL, np.inf
     for _ in range(STEPS):
-        scaling = _Scaling(primal, dual)
+        scaling = _Scaling(primal, dual, weights)
         mu = max(last, fall * scaling.mean)
         scaled = triangle @ scaling.root.to_z()
         center = scaling.diagonal(-1)
-        pull = last * scaling.root.squares().coordinates() - mu * center.coordinates()
+        pull = relative * (last * scaling.root.squares().coordinates() - mu * center.coordinates())
         # A least-squares problem instead of the normal equations, to avoid squaring the condition number.
         rows = np.concatenate([scaled, np.eye(size)])
         orthogonal, upper = np.linalg.qr(rows)
         y = np.linalg.solve(upper, orthogonal.T @ np.concatenate([target - triangle @ primal.z(), -pull]))
         change = _Blocks.of(y, bodies)
         own = scaling.diagonal(1)
-        other = _Blocks(mu * center.bodies - own.bodies - change.bodies, mu * center.rest - own.rest - change.rest)
+        other = _Blocks(mu * center.bodies - own.bodies - change.bodies, mu * weights * center.rest - own.rest - change.rest)
         lowest = min(float(scaling.relative(one).min(initial=0.0)) for one in (change, other))
         length = 1.0 if lowest >= -WITHIN else -WITHIN / lowest
         primal, dual = scaling.moved(length, change, other)
@@ -148,7 +152,7 @@ def most_probable(triangle: _Array, target: _Array, bodies: int, trust: float) -
         moved = float(np.linalg.norm(rows @ y))
         # The iteration also ends if rounding prevents shorter steps.
         if mu == last and length == 1.0 and (moved <= TIGHT or (moved <= LOOSE and moved > 0.25 * before)):
-            return primal.z(), _root_of_covariance(triangle @ primal.to_z(), primal, trust)
+            return primal.z(), _root_of_covariance(triangle, primal, trust, relative)
         before = moved
     found = (
         f"no minimum in {STEPS} steps (Z S is {scaling.mean:.1e} of {last:.1e}, the last step {moved:.1e} standard"
@@ -158,15 +162,18 @@ def most_probable(triangle: _Array, target: _Array, bodies: int, trust: float) -
     raise PhipsiError(f"identify: found {found}; expected {expected}")
 
 
-def _start(gradient: _Array, bodies: int, least: float) -> _Blocks:
+def _start(gradient: _Array, bodies: int, least: _Array) -> _Blocks:
     """Initial root of S, with the norm of the gradient of each body."""
     norms = np.linalg.norm(gradient[: 10 * bodies].reshape(-1, 10), axis=1)
-    return _Blocks(np.sqrt(least + norms)[:, None, None] * np.eye(4), np.sqrt(least + np.abs(gradient[10 * bodies :])))
+    roots = np.sqrt(least[: 10 * bodies : 10] + norms)[:, None, None] * np.eye(4)
+    return _Blocks(roots, np.sqrt(least[10 * bodies :] + np.abs(gradient[10 * bodies :])))
 
 
-def _root_of_covariance(scaled: _Array, root: _Blocks, trust: float) -> _Array:
+def _root_of_covariance(triangle: _Array, root: _Blocks, trust: float, relative: _Array) -> _Array:
     """Root of the inverse Hessian with respect to z."""
-    _, singular, right = np.linalg.svd(scaled)
+    # In coordinates in which the second derivative of all priors is trust/2.
+    scaled = root.to_z() / np.sqrt(relative)
+    _, singular, right = np.linalg.svd(triangle @ scaled)
     variances = np.full(len(right), 2.0 / trust)
     variances[: len(singular)] = 1.0 / (singular**2 + 0.5 * trust)
-    return np.asarray(root.to_z() @ right.T * np.sqrt(variances))
+    return np.asarray(scaled @ right.T * np.sqrt(variances))

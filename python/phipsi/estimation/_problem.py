@@ -22,8 +22,9 @@ _Array = NDArray[np.float64]
 #: Relative singular value below which a combination of parameters counts as not determined by the motion.
 UNKNOWN = 1e-8
 #: Prior mode of armature, damping and friction that the model lacks, relative to the value that alone would explain the
-#: torques; and scale of offsets.
-SHARE, OFFSET = 1e-3, 0.05
+#: torques; scale of offsets; and smallest motion for that value, relative to the joint that moves most. The prior has a
+#: mean of three modes: a much smaller mode would pull a parameter that the motion hardly excites toward zero.
+SHARE, OFFSET, SLOWEST = 0.1, 0.05, 0.01
 #: Lower bound of the noise relative to the torques. It is a multiple of the rounding error of the regressor, which a
 #: smaller noise would treat as information.
 ROUNDING = 2.0**-36
@@ -57,26 +58,29 @@ class Problem:
         ]
         matrices, self.model = prior_of_bodies(columns.scene, columns.free)
         self.bodies = len(columns.free)
-        scales, places, model = [], [], []
-        for at, extra in enumerate(columns.extras, 10 * self.bodies):
-            rows = list(extra.rows)
-            moved = np.sqrt(sum(self._column_norm(motor, at) ** 2 for motor in rows))
+        scales, places, model, lacking = [], [], [], []
+        moved = [self._moved(at) for at in range(len(columns.extras))]
+        largest = {
+            kind: max(size for size, extra in zip(moved, columns.extras, strict=True) if extra.kind == kind)
+            for kind in {extra.kind for extra in columns.extras}
+        }
+        for at, extra in enumerate(columns.extras):
             # The parameters of a motor at rest cannot be identified.
-            if moved == 0.0:
+            if moved[at] == 0.0:
                 continue
-            squares, count = float(np.sum(accumulator._squares[rows])), float(np.sum(self.counts[rows]))
-            alone = np.sqrt(squares) / moved
-            scale = (
-                OFFSET * np.sqrt(squares / max(count, 1.0))
-                if extra.kind in SIGNED
-                else extra.model or SHARE * float(alone)
-            )
+            rows = list(extra.rows)
+            torque = float(np.sqrt(np.sum(accumulator._squares[rows]) / max(np.sum(self.counts[rows]), 1.0)))
+            alone = torque / max(moved[at], SLOWEST * largest[extra.kind])
+            scale = OFFSET * torque if extra.kind in SIGNED else extra.model or SHARE * alone
             if scale == 0.0:
                 continue
             signs = (1.0, -1.0) if extra.kind in SIGNED else (1.0,)
             scales += [sign * scale for sign in signs]
-            places += [at] * len(signs)
+            places += [10 * self.bodies + at] * len(signs)
             model += [extra.model / scale] if len(signs) == 1 else [1.0, 1.0]
+            lacking += [extra.model == 0.0 or len(signs) == 2] * len(signs)
+        #: True for variables after the bodies whose prior is not the model's.
+        self.lacking = np.array(lacking, dtype=bool)
         self.to_own = np.zeros((columns.width, 10 * self.bodies + len(scales)))
         for at, matrix in enumerate(matrices):
             self.to_own[10 * at : 10 * at + 10, 10 * at : 10 * at + 10] = matrix
@@ -94,6 +98,12 @@ class Problem:
         self.projections = (
             [self._projection(motor) for motor in range(columns.motors)] if accumulator.instruments else None
         )
+
+    def _moved(self, extra: int) -> float:
+        """Root mean square of the column of a motor parameter."""
+        rows, column = self.columns.extras[extra].rows, 10 * self.bodies + extra
+        count = max(float(np.sum(self.counts[list(rows)])), 1.0)
+        return float(np.sqrt(sum(self._column_norm(motor, column) ** 2 for motor in rows) / count))
 
     def _column_norm(self, motor: int, column: int) -> float:
         used = self.columns.used[motor]
@@ -114,13 +124,13 @@ class Problem:
         norms[norms == 0.0] = 1.0
         return np.asarray(np.linalg.lstsq(instruments / norms, columns, rcond=UNKNOWN)[0] / norms[:, None])
 
-    def rows(self, triangles: list[_Array], weights: _Array) -> Rows:
-        """All rows divided by their standard deviations, in physical parameters."""
+    def rows(self, triangles: list[_Array], weights: _Array, only: int | None = None) -> Rows:
+        """All rows, or those of one motor, divided by their standard deviations, in physical parameters."""
         lefts: list[_Array] = []
         rights: list[_Array] = []
         targets: list[_Array] = []
         for motor, (triangle, weight, used) in enumerate(zip(triangles, weights, self.columns.used, strict=True)):
-            if not (self.counts[motor] and len(triangle)):
+            if not (self.counts[motor] and len(triangle)) or only not in (None, motor):
                 continue
             plain = self._plain(triangle, motor) / weight
             left = (

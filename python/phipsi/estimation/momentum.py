@@ -14,7 +14,7 @@ from ..errors import ArgumentError, ShapeError, SingularTaskError, of_argument
 from ._allowed import allowed_motions, mobility
 from ._chi_square import chi_square_cdf
 from ._values import each
-from .uncertainty import ParameterCovariance, parameter_torques
+from .uncertainty import ParameterCovariance
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -398,10 +398,9 @@ class MomentumObserver:
     def _covariance(self, q: _Array, qd: _Array, tau: _Array) -> _Array:
         """Covariance of r without contact."""
         covariance = np.diag(self._variance)
-        columns = self._parameters.columns
-        if len(columns):
+        if len(self._parameters.columns):
             qdd = self.scene.forward_dynamics(q, qd, tau + self.joint_torque)
-            torques = parameter_torques(self.scene, (q, qd, qdd), columns)
+            torques = self._parameters._torques(q, qd, qdd, self.scene)
             covariance = np.asarray(covariance + np.einsum("s...i,s...j->...ij", torques, torques))
             check_result("covariance of the external joint torque", covariance)
         if self._connected:

@@ -175,7 +175,9 @@ class _Propagation:
             expected = f"{(2 * nv, 2 * nv)}, or {(2 * nv,)} for variances"
             raise of_argument(ShapeError, "initial", f"found shape {initial.shape}; expected {expected}")
         self.initial = covariance_root("initial", initial)
-        joints = _joint_covariance(self.scene, uncertainty.joints)
+        joints = _joint_covariance(self.scene, uncertainty.joints, self.parameters)
+        #: Columns of the four parameters of each degree of freedom that belong to those of the bodies.
+        self.of_joints = self.parameters._joints(nv)
         #: Degree of freedom of each column, and the column of its four parameters.
         self.joints: list[tuple[int, _Array]] = []
         for row in range(nv if joints is not None else 0):
@@ -366,12 +368,14 @@ class _Propagation:
         by_state = np.moveaxis(np.concatenate([found.q, found.qd], axis=-1), 0, -2)[..., 1:, :, :]
         by_tau = np.moveaxis(found.tau, 0, -3)[..., 1:, :, :, :]
         constant = np.zeros((*by_state.shape[:-1], 1))
+        offset = -np.sum(found.tau, axis=-2)
+        each = np.stack([found.armature, found.damping, found.friction, offset], axis=-1)
         if found.parameters is not None:
-            constant = np.moveaxis(np.einsum("...bp,sbp->...s", found.parameters, columns), 0, -2)
-            constant = constant[..., 1:, :, :]
+            by_columns = np.einsum("...bp,sbp->...s", found.parameters, columns)
+            if self.of_joints.any():
+                by_columns = by_columns + np.einsum("...ja,sja->...s", each, self.of_joints)
+            constant = np.moveaxis(by_columns, 0, -2)[..., 1:, :, :]
         if self.joints:
-            offset = -np.sum(found.tau, axis=-2)
-            each = np.stack([found.armature, found.damping, found.friction, offset], axis=-1)
             own = np.stack([each[..., row, :] @ column for row, column in self.joints], axis=-1)
             constant = np.concatenate([constant, np.moveaxis(own, 0, -2)[..., 1:, :, :]], axis=-1)
         margins = np.zeros((*batch, len(at) - 1, len(found.contacts)))
@@ -434,7 +438,7 @@ class _Propagation:
             if len(of_bodies)
             else self.scene
         )
-        changed = np.zeros((nv, 4))
+        changed = np.einsum("s,sja->ja", of_bodies, self.of_joints)
         for (row, column), amount in zip(self.joints, of_joints, strict=True):
             changed[row] += amount * column
         armature, damping, friction = (

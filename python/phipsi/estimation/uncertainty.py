@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import has_followers, numbers
 from ..errors import ArgumentError, NotFiniteError, ShapeError, of_argument
+from ._columns import OF_JOINTS, Columns, Extra, flattened
 from ._values import each
 
 if TYPE_CHECKING:
@@ -36,24 +37,56 @@ class AccelerationVariance(NamedTuple):
 
 
 class ParameterCovariance:
-    """Covariance of the inertial parameters of a scene as columns of its root, in the link frames.
+    """Covariance of the parameters of a scene as columns of its root: inertial parameters of bodies in the link frames,
+    and parameters of joints or motors that are correlated with them.
 
     Parameters
     ----------
     scene : Scene
         The scene.
-    parameters : (bodies, 10, 10), (10 bodies, 10 bodies), or an object with such a `.covariance`, or None
-        See Scene.forward_dynamics_variance.
+    parameters : array_like, Identification, ParameterCovariance or None
+        (bodies, 10, 10), (10 bodies, 10 bodies), an object with such a `.covariance`, or an object with the parameters
+        of joints too, for a scene with the same bodies and joints. See Scene.forward_dynamics_variance.
+
+    Raises
+    ------
+    ArgumentError
+        A matrix that is not a covariance; a covariance of the parameters of another robot.
+    ShapeError, NotFiniteError
+        An invalid array.
+
+    Examples
+    --------
+    >>> import numpy as np, phipsi
+    >>> from phipsi.estimation import ParameterCovariance
+    >>> scene = phipsi.scenes.chain(2)
+    >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+    >>> tau = scene.inverse_dynamics(q, qd, qdd) + 0.2 * qd
+    >>> found = scene.identify(q, qd, qdd, tau, fit=["damping"], noise=0.01)
+    >>> covariance = ParameterCovariance(found.scene, found)
+    >>> covariance.columns.shape[1:], covariance.extras.shape[1:]
+    ((2, 10), (2,))
     """
 
     blocks: _Array | None
-    """Roots of the covariances of the bodies, (bodies, rank, 10); None if bodies are correlated."""
+    """Roots of the covariances of the bodies, (bodies, rank, 10); None if bodies are correlated with each other or with
+    joints."""
+    extras: _Array
+    """Columns of the parameters of joints or motors, (number, extras), in the order of `names`; the inertial parameters
+    of the same errors are `columns`."""
 
     def __init__(self, scene: Scene, parameters: Any) -> None:
         bodies = len(scene.body_names)
         self.blocks = np.zeros((bodies, 0, 10))
+        self.extras = np.zeros((0, 0))
         self._columns: _Array | None = None
+        self._model: Columns | None = None
         if parameters is None:
+            return
+        whole = getattr(parameters, "parameter_covariance", parameters)
+        if isinstance(whole, ParameterCovariance):
+            whole._check_robot(scene)
+            self.__dict__.update(whole.__dict__)
             return
         given = numbers("parameters", getattr(parameters, "covariance", parameters))
         full = (10 * bodies, 10 * bodies)
@@ -94,6 +127,139 @@ class ParameterCovariance:
             self._columns = np.zeros((len(body), len(self.blocks), 10))
             self._columns[np.arange(len(body)), body] = self.blocks[body, column]
         return self._columns
+
+    @classmethod
+    def _of_root(cls, model: Columns, root: _Array) -> ParameterCovariance:
+        """Covariance L L^T of the parameters of `model` from the root L, (width, number)."""
+        found = cls(model.scene, None)
+        bodies, number = 10 * len(model.free), root.shape[1]
+        found._columns = np.zeros((number, len(model.scene.body_names), 10))
+        found._columns[:, model.free] = root[:bodies].T.reshape(number, -1, 10)
+        found.blocks, found.extras, found._model = None, np.ascontiguousarray(root[bodies:].T), model
+        return found
+
+    @property
+    def names(self) -> tuple[tuple[str, str], ...]:
+        """Joint or motor, and kind of parameter, of each entry of `extras`."""
+        return tuple((extra.name, extra.kind) for extra in self._extras)
+
+    @property
+    def _extras(self) -> list[Extra]:
+        return [] if self._model is None else self._model.extras
+
+    def _check_robot(self, scene: Scene) -> None:
+        """Raise ArgumentError for a scene with other bodies or joints."""
+        if self._model is None:
+            own, name = [str(self.columns.shape[1])], "number of bodies"
+            its = [str(len(scene.body_names))]
+        else:
+            own, its, name = list(self._model.scene.body_names), list(scene.body_names), "bodies"
+            if own == its:
+                own, its, name = list(self._model.scene.joint_names), list(scene.joint_names), "joints"
+        if own != its:
+            found = f"found the covariance of a robot with the {name} {', '.join(own)}"
+            raise of_argument(ArgumentError, "parameters", f"{found}; expected {', '.join(its)}, those of the scene")
+
+    def arrays(self) -> dict[str, _Array]:
+        """Arrays for numpy.savez, from which `from_arrays` restores the covariance.
+
+        Returns
+        -------
+        arrays : dict
+            "root", (number, 10 bodies + extras), and the settings of the identification for the extras.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> from phipsi.estimation import ParameterCovariance
+        >>> scene = phipsi.scenes.chain(2)
+        >>> covariance = ParameterCovariance(scene, np.diag([0.01] + [0.0] * 19))
+        >>> arrays = covariance.arrays()
+        >>> ParameterCovariance.from_arrays(scene, arrays).columns.shape
+        (1, 2, 10)
+        """
+        columns = self.columns
+        found = {"root": np.concatenate([columns.reshape(len(columns), -1), self.extras.reshape(len(columns), -1)], 1)}
+        if self._model is None:
+            return found
+        settings = {"fit": self._model.fit, "friction_speed": self._model.slow, "stribeck_speed": self._model.stribeck}
+        found |= {name: np.asarray(value) for name, value in settings.items() if self._model.fit}
+        if self._model.transmission is not None:
+            found["transmission"] = self._model.transmission
+        return found
+
+    @classmethod
+    def from_arrays(cls, scene: Scene, arrays: Mapping[str, Any]) -> ParameterCovariance:
+        """Restore a covariance from the arrays that `arrays` returns.
+
+        Parameters
+        ----------
+        scene : Scene
+            A scene with the bodies and joints of the robot.
+        arrays : mapping
+            The arrays, by name.
+
+        Returns
+        -------
+        covariance : ParameterCovariance
+            The covariance.
+
+        Raises
+        ------
+        ShapeError, ArgumentError
+            Arrays of another robot, or invalid ones.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> from phipsi.estimation import ParameterCovariance
+        >>> scene = phipsi.scenes.chain(2)
+        >>> ParameterCovariance.from_arrays(scene, {"root": np.ones((3, 20))}).columns.shape
+        (3, 2, 10)
+        """
+        fit = tuple(str(kind) for kind in np.ravel(arrays.get("fit", ())))
+        slow, stribeck = float(arrays.get("friction_speed", 0.01)), float(arrays.get("stribeck_speed", 0.1))
+        model = Columns(scene, fit, (), slow, stribeck, arrays.get("transmission"))
+        root = numbers("root", arrays["root"])
+        if root.ndim != 2 or root.shape[1] != model.width:
+            raise of_argument(ShapeError, "root", f"found shape {root.shape}; expected (number, {model.width})")
+        if not np.isfinite(root).all():
+            raise of_argument(NotFiniteError, "root", "found a NaN or an infinity; expected finite numbers")
+        return cls._of_root(model, root.T)
+
+    def _extra_torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
+        """Joint torques of the changes of the parameters of joints and motors, (number, ..., nv)."""
+        if self._model is None or not self.extras.any():
+            return np.zeros(())
+        batch, flat = flattened(self._model.scene, q, qd, qdd)
+        finite = np.logical_and.reduce([np.isfinite(one).all(axis=1) for one in flat])
+        moved = np.full((len(self.extras), len(finite), self._model.scene.nv), np.nan)
+        by_extra = self._model.to_joints(np.swapaxes(self._model.of_extras(*(one[finite] for one in flat)), 1, 2))
+        moved[:, finite] = np.einsum("se,kev->skv", self.extras, by_extra)
+        return moved.reshape(len(moved), *batch, -1)
+
+    def _torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, scene: Scene, errors: Any = "raise") -> _Array:
+        """Joint torques that the changes of the parameters cause in a scene at (q, qd, qdd), (number, ..., nv)."""
+        of_bodies = np.einsum("...ibp,sbp->s...i", scene.regressor(q, qd, qdd, errors=errors), self.columns)
+        return np.asarray(of_bodies + self._extra_torques(q, qd, qdd))
+
+    def _joints(self, nv: int) -> _Array:
+        """Columns of armature, damping, friction and offset of each degree of freedom, (number, nv, 4).
+
+        Raises ArgumentError for parameters that a simulation does not have.
+        """
+        found = np.zeros((len(self.columns), nv, 4))
+        for extra, column in zip(self._extras, self.extras.T, strict=True):
+            assert self._model is not None
+            joint = self._model.of_joint(extra)
+            kind = OF_JOINTS.get(extra.kind, extra.kind)
+            if joint is None or kind not in JOINT_PARAMETERS:
+                expected = "expected armature, damping, friction and offsets of single joints, or the covariance of the"
+                expected += " bodies alone (Identification.covariance)"
+                raise of_argument(ArgumentError, "parameters", f"found {extra.kind} of {extra.name!r}; {expected}")
+            rows = self._model.scene.v_index(joint[0])
+            found[:, rows, JOINT_PARAMETERS.index(kind)] += joint[1] * column[:, None]
+        return found
 
 
 def covariance_root(name: str, covariance: _Array) -> _Array:
@@ -140,10 +306,25 @@ def _per_joint(scene: Scene, name: str, value: ArrayLike) -> _Array:
     return each(name, value, scene.nv, refused)
 
 
-def _joint_covariance(scene: Scene, joints: Any) -> _Array | None:
-    """Joint covariance, (nv, 4, 4), from a mapping of variances or an array."""
+def _joint_covariance(scene: Scene, joints: Any, parameters: ParameterCovariance) -> _Array | None:
+    """Joint covariance, (nv, 4, 4), from a mapping of variances or an array.
+
+    Raises ArgumentError for parameters of joints whose covariance `parameters` has too.
+    """
     if joints is None:
         return None
+    found = _of_joints(scene, joints)
+    given = {name for at, name in enumerate(JOINT_PARAMETERS) if found[:, at, at].any()}
+    twice = [kind for _, kind in parameters.names if kind in given]
+    if twice:
+        text = f"found variances of {twice[0]}, which parameters has too; expected one of them, or"
+        raise of_argument(
+            ArgumentError, "joints", f"{text} parameters=found.covariance, which is that of the bodies alone"
+        )
+    return found
+
+
+def _of_joints(scene: Scene, joints: Any) -> _Array:
     if not isinstance(joints, Mapping):
         given = numbers("joints", joints)
         if given.shape != (scene.nv, 4, 4):
@@ -175,11 +356,6 @@ def _has_rows(scene: Scene) -> bool:
     return bool(scene.constraint_names) or has_followers(scene)
 
 
-def parameter_torques(scene: Scene, state: tuple[ArrayLike, ArrayLike, ArrayLike], columns: _Array, errors: Any = "raise") -> _Array:
-    """Joint torques that changes of the parameters cause at (q, qd, qdd), (number, ..., nv)."""
-    return np.asarray(np.einsum("...ibp,sbp->s...i", scene.regressor(*state, errors=errors), columns))
-
-
 def _torque_covariance(
     scene: Scene,
     state: tuple[ArrayLike, ArrayLike, ArrayLike],
@@ -189,9 +365,9 @@ def _torque_covariance(
     errors: Literal["raise", "nan"],
 ) -> _Array:
     """Covariance of the torque errors at (q, qd, qdd), (..., nv, nv): of parameters, joint parameters and torques."""
-    torques = parameter_torques(scene, state, parameters.columns, errors)
+    torques = parameters._torques(*state, scene, errors)
     joints, slow = of_joints
-    covariance = _joint_covariance(scene, joints)
+    covariance = _joint_covariance(scene, joints, parameters)
     own = np.broadcast_to(noise, torques.shape[1:])
     if covariance is not None:
         qd, qdd = (np.broadcast_to(np.asarray(x, float), own.shape) for x in state[1:])
@@ -237,7 +413,7 @@ def forward_dynamics_variance(
         (q, qd, tau),
         independent,
         noise,
-        _joint_covariance(scene, joints),
+        _joint_covariance(scene, joints, found),
         friction_speed,
         names or None,
         wrenches,
@@ -250,8 +426,12 @@ def forward_dynamics_variance(
     if found.blocks is None:
         zero = np.zeros(scene.nv)
         columns = found.columns.reshape(-1, *(1,) * (both.ndim - 1), *found.columns.shape[1:])
+        # An error of a joint parameter acts as a torque, at the acceleration found.
+        pushed = zero
+        if found.extras.any():
+            pushed = -found._extra_torques(q, qd, scene.forward_dynamics(q, qd, tau, wrenches=wrenches, errors=errors))
         moved = scene.forward_dynamics_jvp(
-            q, qd, tau, zero, zero, zero, dparameters=columns, wrenches=wrenches, errors=errors
+            q, qd, tau, zero, zero, pushed, dparameters=columns, wrenches=wrenches, errors=errors
         )
         of_joints += np.sum(moved**2, axis=0)
         for name, covariance in of_links.items():
@@ -280,11 +460,20 @@ def inverse_dynamics_variance(
         return np.diagonal(spread, axis1=-2, axis2=-1).copy()
     independent = np.zeros((len(scene.body_names), 0, 10)) if found.blocks is None else found.blocks
     variance = scene._variance(
-        False, (q, qd, qdd), independent, noise, _joint_covariance(scene, joints), friction_speed, None, None, errors
+        False,
+        (q, qd, qdd),
+        independent,
+        noise,
+        _joint_covariance(scene, joints, found),
+        friction_speed,
+        None,
+        None,
+        errors,
     )
     if found.blocks is None:
         zero = np.zeros(scene.nv)
         columns = found.columns.reshape(-1, *(1,) * (variance.ndim - 1), *found.columns.shape[1:])
         moved = scene.inverse_dynamics_jvp(q, qd, qdd, zero, zero, zero, dparameters=columns, errors=errors)
+        moved = moved + found._extra_torques(q, qd, qdd)
         variance = variance + np.sum(moved**2, axis=0)
     return variance

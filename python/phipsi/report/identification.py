@@ -102,21 +102,30 @@ def _parameters(report: IdentificationReport) -> Sequence[Block]:
 
     found, model = report.found, own_parameters(report.model)
     low, high = found.interval(report.level)
+    (marks, of_joints), intervals = found.marks(report.level), found.joint_interval(report.level)
     names = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
     rows = []
     for body, link in enumerate(found.scene.body_names):
         for at, entry in enumerate(names):
             share = found.share[body, at]
-            by = "kept" if not np.isfinite(share) else f"{share:.2f}" + ("" if share >= DECIDED else ", prior")
+            by = "kept" if not np.isfinite(share) else _by_data(share, marks[body, at])
             rows.append((link if at == 0 else "", entry, f"{model[body, at]:.4g}", _with_bar(found.parameters[body, at], low[body, at], high[body, at]), by))
     blocks: list[Block] = [
-        f"Intervals of {100 * report.level:g} %, in SI units, about the link's origin. The last column is the share of the variance that the data decide: below {DECIDED} the interval is that of the prior.",
+        f"Intervals of {100 * report.level:g} %, in SI units, about the link's origin. The last column is the share of the variance that the data decide: below {DECIDED} the interval is that of the prior. \"Too wide\": the interval reaches below zero, where the parameter cannot be.",
         Table(("link", "parameter", "model", "identified", "decided by data"), rows, 2),
     ]
     if any(found.joints.values()):
-        each = [(motor, kind, f"{value:.4g} ± {2 * found.joint_deviations[kind][motor]:.2g}") for kind, values in found.joints.items() for motor, value in values.items()]
-        blocks.append(Table(("motor", "kind", "identified, ± two standard deviations"), each, 2))
+        each = [
+            (motor, kind, _with_bar(value, *intervals[kind][motor]), _by_data(found.joint_share[kind][motor], of_joints[kind][motor]))
+            for kind, values in found.joints.items()
+            for motor, value in values.items()
+        ]
+        blocks.append(Table(("motor", "kind", "identified", "decided by data"), each, 2))
     return blocks
+
+
+def _by_data(share: float, mark: str) -> str:
+    return f"{share:.2f}" + (", prior" if "*" in mark else "") + (", too wide" if "!" in mark else "")
 
 
 def _base(report: IdentificationReport) -> Sequence[Block]:
@@ -156,10 +165,10 @@ def _unknown(report: IdentificationReport) -> Sequence[Block]:
     undecided: dict[str, list[str]] = {}
     for link, entry in found.undecided():
         undecided.setdefault(link, []).append(entry)
-    total = int(np.sum(np.isfinite(found.share)))
+    total = found.columns.width
     count = sum(map(len, undecided.values()))
     blocks: list[Block] = [
-        f"Of {found.columns.width} parameters the motion determines {found.known} combinations; {count} of {total} single parameters of bodies are not decided by the data. "
+        f"Of {found.columns.width} parameters the motion determines {found.known} combinations; {count} of {total} single parameters of bodies and joints are not decided by the data. "
         "No experiment at the joints can separate them: they appear in torques only together with others. Their intervals are those of the prior.",
     ]
     if undecided:

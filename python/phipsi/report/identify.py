@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from ..estimation import Accumulator, accumulate_logs, read_log
 from ..estimation._columns import KINDS
-from ..estimation._identification import DECIDED, Identification, predicted
+from ..estimation._identification import Identification, predicted
 from ..estimation._logs import with_derivatives
 from . import pipeline, terminal
 from .commands import JSON, FLOATING, BadInput, _as_options, _load, _typed_errors, check_pages, echo_json, group
@@ -21,7 +21,7 @@ from .identification import REPORT, IdentificationReport
 from .progress import Silent
 
 #: Fields of the result in the JSON.
-NUMBERS = ("parameters", "deviations", "share", "joints", "joint_deviations", "noise", "before", "after", "known", "blocks", "states", "clock_offset")
+NUMBERS = ("parameters", "deviations", "share", "joints", "joint_deviations", "joint_share", "noise", "before", "after", "known", "blocks", "states", "inflation", "clock_offset")
 
 
 @group.command()
@@ -29,7 +29,7 @@ NUMBERS = ("parameters", "deviations", "share", "joints", "joint_deviations", "n
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @FLOATING
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write the robot with the estimates as a URDF.")
-@click.option("--covariance", type=click.Path(path_type=Path, dir_okay=False), help="Write the covariance of the inertial parameters as .npz, for phipsi simulate --covariance.")
+@click.option("--covariance", type=click.Path(path_type=Path, dir_okay=False), help="Write the covariance of the parameters of bodies and joints as .npz, for phipsi simulate --covariance.")
 @click.option("--report", "folder", type=click.Path(path_type=Path, file_okay=False), help="Write a page about the identification into this folder.")
 @click.option("--fit", type=click.Choice(KINDS), multiple=True, help="Of the joints, too; may be given several times.")
 @click.option("--noise", type=float, help="Standard deviation of the torques, N m or N.  [default: that of the residuals]")
@@ -95,7 +95,8 @@ def identify(
         if covariance is not None:
             # savez would append a suffix to the name of a path.
             with covariance.open("wb") as stream:
-                np.savez(stream, parameters=found.covariance)
+                root: dict[str, Any] = {**found.parameter_covariance.arrays()}
+                np.savez(stream, **root)
         pages = [] if folder is None else _report(name, scene, found, with_derivatives(log, str(logs[0]), cutoff)[0], fitted or len(log["q"]), folder)
     for text in dict.fromkeys(str(one.message) for one in caught if not issubclass(one.category, (DeprecationWarning, PendingDeprecationWarning))):
         terminal.line(console, f"warning: {_as_options(text)}", "yellow")
@@ -154,17 +155,17 @@ def _show(found: Identification, links: tuple[str, ...]) -> None:
     console = Console()
     low, high = found.interval()
     half = 0.5 * (high - low)
-    title = "Bodies about the link's origin, with intervals of 95 % (* the prior's: the data do not decide)"
+    marks, of_joints = found.marks()
+    title = "Bodies about the link's origin, with intervals of 95 % (* the prior's: the data do not decide; ! reaches below zero)"
     for heads, entries in ((("m, kg", "m cx, kg m", "m cy", "m cz"), (0, 1, 2, 3)), (("Ixx, kg m^2", "Iyy", "Izz"), (4, 6, 9))):
         body = []
-        for link, values, bars, share in zip(links, found.parameters, half, found.share, strict=True):
-            mark = ["" if not np.isfinite(one) or one >= DECIDED else "*" for one in share]
+        for link, values, bars, mark in zip(links, found.parameters, half, marks, strict=True):
             body.append((escape(link), *(f"{values[at]:.3g} ± {bars[at]:.2g}{mark[at]}" for at in entries)))
         terminal.table(console, title, ("link", *heads), body, 1)
         title = ""
     motors = found.columns.motor_names
     each = [
-        (escape(motor), *(f"{value:.3g}" for value in values), *(f"{of[motor]:.4g}" if motor in of else "" for of in found.joints.values()))
+        (escape(motor), *(f"{value:.3g}" for value in values), *(f"{of[motor]:.4g}{of_joints[kind][motor]}" if motor in of else "" for kind, of in found.joints.items()))
         for motor, *values in zip(motors, found.noise, found.before, found.after, strict=True)
     ]
     terminal.table(console, "Torques, rms", ("motor", "noise", "off before", "off after", *found.joints), each, 1)

@@ -13,7 +13,7 @@ from .. import _core, errors
 from .._core import Scene
 from .._forces import of_motion
 from .._motion import Trajectory
-from ..estimation import MotionUncertainty
+from ..estimation import MotionUncertainty, ParameterCovariance
 from ..estimation._tables import by_names
 from .draw import View, segments
 from .plotting import COLORS, Part, Space
@@ -24,6 +24,8 @@ from .structure import Tree
 KEYS = ("q", "qd", "tau")
 #: Keys of a file of uncertainties.
 UNCERTAINTY_KEYS = ("parameters", "joints", "initial", "torque_noise")
+#: Keys of ParameterCovariance.arrays, in place of "parameters".
+ROOT_KEYS = ("root", "fit", "friction_speed", "stribeck_speed", "transmission")
 #: Largest integration error, relative to the exchanged energy, without a warning.
 SHARE = 0.01
 #: Number of poses in a stroboscopic picture.
@@ -52,12 +54,19 @@ def read_state(path: Path | None, scene: Scene, keyframe: str | None = None) -> 
     return state
 
 
-def read_uncertainty(path: Path | None, torque_noise: float | None) -> MotionUncertainty | None:
+def read_uncertainty(path: Path | None, torque_noise: float | None, scene: Scene) -> MotionUncertainty | None:
     """Uncertainty of a simulation from a file, JSON or npz, and from a density of torque noise; None without both.
 
     Raises ArgumentError with file and key.
     """
-    given = {} if path is None else dict(_read(path, "uncertainties", UNCERTAINTY_KEYS))
+    given = {} if path is None else dict(_read(path, "uncertainties", (*UNCERTAINTY_KEYS, *ROOT_KEYS)))
+    of_root = {name: given.pop(name) for name in ROOT_KEYS if name in given}
+    if of_root:
+        if "parameters" in given or "root" not in of_root:
+            found = f"{path}: found {next(iter(of_root))!r} {'and' if 'parameters' in given else 'without'}"
+            other = "parameters" if "parameters" in given else "root"
+            raise errors.ArgumentError(f"{found} {other!r}; expected parameters, or all arrays of phipsi identify")
+        given["parameters"] = ParameterCovariance.from_arrays(scene, of_root)
     if torque_noise is not None:
         if "torque_noise" in given:
             raise errors.ArgumentError(f"{path}: found 'torque_noise' and --noise; expected one of them")

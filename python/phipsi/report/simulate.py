@@ -101,7 +101,7 @@ def simulate(
     code, path, said = 0, None, None
     with _typed_errors(), folder(output):
         start = motion.read_state(state, scene, keyframe)
-        uncertainty = motion.read_uncertainty(unsure, noise)
+        uncertainty = motion.read_uncertainty(unsure, noise, scene)
         if check is not None:
             if uncertainty is None:
                 raise BadInput(f"--check: found {check} without uncertainties; expected --covariance or --noise")
