@@ -4258,15 +4258,16 @@ class Scene:
         duration : float
             Length of the trajectory, one period, s.
         limits : Limits, optional
-            Limits of positions, velocities and torques. None: those of the scene. A position without a limit stays
-            within 1 rad or 0.2 m of its neutral value.
+            Limits of positions, velocities, accelerations, jerk and torques, of which the trajectory uses 90 %. None:
+            those of the scene. A position without a limit stays within 1 rad or 0.2 m of its neutral value.
         harmonics : int, default 5
             Number of frequencies of the series, multiples of 1 / duration.
         fit : collection of str, optional
             Joint parameters to identify too, as in identify.
         noise : float or (nv,) array_like, optional
-            Standard deviation of the torques for the predicted standard deviations, N m or N. None: 1 % of the largest
-            torque.
+            Standard deviation of the torques, N m or N, for the information that the search maximizes and for the
+            predicted standard deviations. None: 1 % of the limit of effort; without a limit, of the largest torque of
+            the first random motion.
         rate : float, default 100
             Samples per second.
         iterations : int, default 300
@@ -4277,12 +4278,19 @@ class Scene:
         Returns
         -------
         excitation : Excitation
-            Times, q, qd, qdd, the torques of the scene, and the predicted standard deviations of the base parameters.
+            Times, q, qd, qdd, the torques of the scene, the predicted standard deviations of the base parameters, and the
+            noise.
 
         Raises
         ------
         ArgumentError
             A scene with joints of several axes, or limits that no trajectory meets.
+
+        Notes
+        -----
+        Bayesian D-optimality: the log-determinant of the information of the whole trajectory about the base parameters,
+        with rows divided by `noise`, plus the information of the prior of `identify`. The motion is as large as the
+        limits allow. Bodies without mass and joint parameters that the scene lacks have no prior.
 
         Examples
         --------
