@@ -90,7 +90,8 @@ def excitation(
         if not (isinstance(count, (int, np.integer)) and count >= 1):
             raise of_argument(ArgumentError, name, f"found {count!r}; expected a whole number, at least 1")
     if duration * rate > MOST:
-        raise of_argument(ArgumentError, "rate", f"found {duration * rate:.3g} samples in all; expected at most {MOST:g}")
+        found = f"found {duration * rate:.3g} samples in all; expected at most {MOST:g}"
+        raise of_argument(ArgumentError, "rate", found)
     if 2 * harmonics > duration * rate:
         raise of_argument(
             ArgumentError,
@@ -105,7 +106,7 @@ def excitation(
             "found joints that are not of one axis; expected joints of one axis only (Scene.lock removes others)",
         )
     time, random = np.arange(round(duration * rate)) / rate, np.random.default_rng(seed)
-    search = _Search(scene, time, limits, int(harmonics), names_of(fit))
+    search = _Search(scene, (float(duration), len(time)), limits, int(harmonics), names_of(fit))
     start = search.start(random)
     deviation = _noise(scene, noise, search, start)
     best, gain = search.run(int(iterations), deviation, start, random)
@@ -165,8 +166,10 @@ class _Search:
     motion does not excite.
     """
 
-    def __init__(self, scene: Scene, time: _Array, limits: Limits | None, harmonics: int, fit: tuple[str, ...]) -> None:
-        self.scene, self.samples, duration = scene, len(time), len(time) * (time[1] - time[0])
+    def __init__(
+        self, scene: Scene, size: tuple[float, int], limits: Limits | None, harmonics: int, fit: tuple[str, ...]
+    ) -> None:
+        self.scene, (duration, self.samples) = scene, size
         #: Angular frequencies of the harmonics, times the imaginary unit.
         self.waves = 2j * np.pi / duration * np.arange(1, harmonics + 1)
         self.columns = Columns(scene, fit)
@@ -203,8 +206,8 @@ class _Search:
             raise of_argument(
                 ArgumentError,
                 "limits",
-                f"found too little torque for joint {scene.joint_names[int(np.argmax(held))]!r} to hold the middle of its"
-                " range; expected more effort, or a range around another position",
+                f"found too little torque for joint {scene.joint_names[int(np.argmax(held))]!r} to hold the middle of"
+                " its range; expected more effort, or a range around another position",
             )
 
     def motion(self, coefficients: _Array, time: _Array, derivatives: int = 2) -> list[_Array]:
