@@ -4177,8 +4177,8 @@ class Scene:
         stribeck_speed : float, default 0.1
             Speed at which the friction of "stribeck" has decreased to 1/e, rad/s or m/s.
         time : (k,) array_like, optional
-            Times of the rows, s, increasing. With times, gaps, repeated times, inconsistent units and a delay between
-            the clocks of q and tau are detected.
+            Times of the rows, s, increasing. With times, gaps, repeated times, inconsistent units and a delay of up to
+            1 s between the clocks of q and tau are detected, and the delay has a standard deviation.
         transmission : (motors, nv) array_like, optional
             Matrix B of motor velocities = B qd, with motors = nv: joint torques are B^T times motor torques. Armature,
             damping, friction, offsets and noise then are those of the motors.
@@ -4211,7 +4211,10 @@ class Scene:
         Warns
         -----
         LogWarning
-            Inconsistent units or clocks, gaps, repeated times.
+            Inconsistent units or clocks, gaps, repeated times; torques of another unit or sign than the model's, of
+            exchanged joints or without gravity; accelerations by differences; friction or armature that is not fitted;
+            torques that no bodies of positive mass explain. Each names the joint, the numbers found and expected, and
+            the fix.
         IdentificationWarning
             A predicted bias above 0.2 standard deviations.
         InertiaWarning

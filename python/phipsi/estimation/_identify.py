@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from .._arguments import names_of
 from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, _log
-from ._checks import checked_time, clock_offset, shifted, warn_of_motion, warn_of_torques
+from ._checks import checked_time, shifted, warn_of_motion
+from ._faults import Clock, warn_of_faults
 from ._identification import Identification, _combinations, solved
+from ._problem import Problem
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -20,7 +22,6 @@ if TYPE_CHECKING:
 __all__ = ["identify"]
 
 _Array = NDArray[np.float64]
-
 
 
 def identify(
@@ -57,7 +58,7 @@ def identify(
         )
     if tau_delay != 0.0 and times is not None:
         tau = shifted(tau, times, tau_delay)
-    warn_of_motion(scene, times, q, qd, qdd)
+    sound = warn_of_motion(scene, times, q, qd, qdd)
 
     def accumulated(kinds: tuple[str, ...], load: Scene | None) -> Accumulator:
         length = max(1, -(-len(q) // max(int(blocks), 1))) if isinstance(blocks, (int, np.integer)) else 1
@@ -84,13 +85,11 @@ def identify(
             load = solved(accumulated(others, None), noise, trust).scene
     accumulator = accumulated(kinds, load)
     tau = accumulator.columns.measured(q, tau)
-    warn_of_torques(accumulator.columns, q, qd, qdd, tau)
-    offset = float("nan")
-    if times is not None:
-        weights = np.where(np.isfinite(tau).any(axis=0), 1.0, np.nan) * np.maximum(
-            np.sqrt(accumulator._squares / len(q)), 1e-300
-        )
-        offset = clock_offset(
-            accumulator.columns, _combinations(accumulator.columns).columns, times, (q, qd, qdd, tau), weights
-        )
-    return solved(accumulator, noise, trust, clock_offset=offset)
+    clock = Clock(float("nan"), float("nan"))
+    if sound:
+        used = _combinations(accumulator.columns).columns
+        given = None if noise is None else Problem(accumulator).checked_noise(noise)
+        # Otherwise the bias is predicted or removed.
+        differences = acceleration_noise is None and instruments is None
+        clock, sound = warn_of_faults(accumulator.columns, used, times, (q, qd, qdd, tau), given, differences)
+    return solved(accumulator, noise, trust, clock=clock, check=sound)

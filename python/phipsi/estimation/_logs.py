@@ -15,6 +15,8 @@ from .._install import command
 from ..errors import ArgumentError, of_argument, warn
 from ._accumulator import Accumulator, _log
 from ._checks import checked_time, in_seconds, warn_of_motion
+from ._faults import warn_of_faults
+from ._identification import _combinations as combinations_of
 from ._smooth import smooth
 from ._tables import ALIASES, LABELS, arrays_of, by_names, listed, read_csv, times_of
 
@@ -272,10 +274,15 @@ def _accumulated(scene: Scene, log: str, cutoff: float | None, settings: dict[st
     """Accumulator of one log."""
     arrays, _ = with_derivatives(read_log(log, scene), log, cutoff)
     # Only warnings of this process reach the user.
-    q, qd, qdd, _ = _log(scene, arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
+    q, qd, qdd, tau = _log(scene, arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
     time = checked_time(arrays["time"], len(q)) if "time" in arrays else None
-    warn_of_motion(scene, time, q, qd, qdd)
-    return Accumulator(scene, **settings).add(arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
+    accumulator = Accumulator(scene, **settings)
+    if warn_of_motion(scene, time, q, qd, qdd):
+        columns = accumulator.columns
+        differences = accumulator.acceleration_noise is None
+        used = combinations_of(columns).columns
+        warn_of_faults(columns, used, time, (q, qd, qdd, columns.measured(q, tau)), None, differences)
+    return accumulator.add(arrays["q"], arrays["qd"], arrays["qdd"], arrays["tau"])
 
 
 def _on_processes(
