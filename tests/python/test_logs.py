@@ -290,3 +290,22 @@ def test_times_that_could_be_in_ms(written: Written) -> None:
     with pytest.warns(LogWarning, match=r"time: found a median step of 5, which is 200 Hz in ms; expected s: 1e-3 \* time if it is in ms"):
         found = phipsi.smooth(1e3 * written[2]["t"] + 1e-4, written[2]["q"], cutoff=5e-3)
     assert found.time[-1] > 4e3
+
+
+def test_positions_alone_have_little_noise_in_their_accelerations(written: Written, tmp_path: Path) -> None:
+    """3e-4 of the variance, or less if the likelihood is for a lower bandwidth; torques pass the same filter."""
+    scene, _, arrays = written
+    draw = np.random.default_rng(1)
+    q = arrays["q"] + 1e-4 * draw.standard_normal(arrays["q"].shape)
+    tau = arrays["tau"].copy()
+    tau[100:103, 1], tau[:, 2] = np.nan, np.nan
+    found, smoothed = _logs.with_derivatives({"time": arrays["t"], "q": q, "tau": tau}, "log")
+    assert smoothed is not None
+    share = np.var(found["qdd"] - arrays["qdd"], axis=0) / np.var(arrays["qdd"], axis=0)
+    assert np.all(smoothed.acceleration_noise**2 < 4e-4 * np.var(found["qdd"], axis=0)) and np.all(share < 0.01)
+    # Missing torques stay missing; white noise above the bandwidth is removed.
+    np.testing.assert_array_equal(np.isnan(found["tau"]), np.isnan(tau))
+    clean = arrays["tau"][:, 0] - 0.1 * np.random.default_rng(0).standard_normal((900, 3))[:, 0]
+    assert np.std(found["tau"][50:-50, 0] - clean[50:-50]) < 0.06
+    same, none = _logs.with_derivatives(arrays | {"time": arrays["t"]}, "log")
+    assert none is None and same["tau"] is arrays["tau"]
