@@ -17,7 +17,7 @@ from phipsi.errors import LogWarning
 Array = np.ndarray
 FIT = ("damping", "friction")
 #: Standard deviation of encoders, rad.
-ENCODER = 3e-5
+ENCODER = 1e-4
 
 
 def arm_of_four() -> phipsi.Scene:

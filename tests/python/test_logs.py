@@ -293,7 +293,7 @@ def test_times_that_could_be_in_ms(written: Written) -> None:
 
 
 def test_positions_alone_have_little_noise_in_their_accelerations(written: Written, tmp_path: Path) -> None:
-    """3e-4 of the variance, or less if the likelihood is for a lower bandwidth; torques pass the same filter."""
+    """3e-5 of the variance, or less if the likelihood is for a lower bandwidth; torques pass the same filter."""
     scene, _, arrays = written
     draw = np.random.default_rng(1)
     q = arrays["q"] + 1e-4 * draw.standard_normal(arrays["q"].shape)
@@ -302,7 +302,7 @@ def test_positions_alone_have_little_noise_in_their_accelerations(written: Writt
     found, smoothed = _logs.with_derivatives({"time": arrays["t"], "q": q, "tau": tau}, "log")
     assert smoothed is not None
     share = np.var(found["qdd"] - arrays["qdd"], axis=0) / np.var(arrays["qdd"], axis=0)
-    assert np.all(smoothed.acceleration_noise**2 < 4e-4 * np.var(found["qdd"], axis=0)) and np.all(share < 0.01)
+    assert np.all(smoothed.acceleration_noise**2 < 5e-5 * np.var(found["qdd"], axis=0)) and np.all(share < 0.01)
     # Missing torques stay missing; white noise above the bandwidth is removed.
     np.testing.assert_array_equal(np.isnan(found["tau"]), np.isnan(tau))
     clean = arrays["tau"][:, 0] - 0.1 * np.random.default_rng(0).standard_normal((900, 3))[:, 0]

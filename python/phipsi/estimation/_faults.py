@@ -35,15 +35,16 @@ BETTER, FEWEST = 0.25, 20
 MISSING = 0.4
 #: Share of the variance of the accelerations that is noise, and largest coefficient of the noise in the torques
 #: relative to that of the accelerations at all frequencies.
-NOISY, FOLLOWED = 1e-3, 0.3
+NOISY, FOLLOWED = 4e-3, 0.3
 #: Number of blocks of time for standard deviations; false positives of a test of one parameter of one motor; least
 #: decrease of the variance of the residuals by this parameter, and least torque of it relative to that of the motor,
 #: and to the given noise.
 BLOCKS, UNLIKELY, EXPLAINED, SMALL, SMALL_NOISE = 20, 1e-6, 0.03, 1e-4, 0.1
 #: Least share of a column that other parameters do not explain; least number of blocks in which it is not zero.
 COLLINEAR, FEWEST_BLOCKS = 0.1, 5.0
-#: Stribeck friction is looked for above this multiple of the speed below which friction is viscous in the columns.
-ABOVE = 2.0
+#: Stribeck friction is looked for above this multiple of the speed below which friction is viscous in the columns, and
+#: reported above this share of the dry friction: a sign that is not smooth has about half of it.
+ABOVE, EXCESS = 2.0, 0.15
 #: Maximum delay between the clocks, s, as a share of the log, and in samples of the fine search; minimum relative
 #: reduction of the residual variance, and of standard deviations, for a warning.
 LONGEST, OF_LOG, LAGS, REDUCED, CERTAIN = 1.0, 0.1, 40, 0.03, 4.0
@@ -377,6 +378,10 @@ class _LeastSquares:
         """Values, (motors k,), projected on the complement of the columns."""
         return np.asarray(values - self.orthogonal @ (self.orthogonal.T @ values))
 
+    def _solved(self, target: _Array) -> _Array:
+        """Least-squares estimate of the base parameters."""
+        return np.asarray(self.right[self.kept].T @ ((self.orthogonal.T @ target) / self.singular) / self.norms)
+
     def _of_blocks(self, free: _Array) -> tuple[float, float]:
         """Coefficient of a further column, projected on the complement of the columns, and its standard deviation by
         blocks of time."""
@@ -393,6 +398,15 @@ class _LeastSquares:
         sums = [part.sum() for part in np.array_split((free**2).reshape(self.columns.motors, -1).sum(axis=0), BLOCKS)]
         return float(np.sum(sums) ** 2 / max(np.sum(np.square(sums)), 1e-300))
 
+    def _dry_friction(self) -> _Array:
+        """Fitted dry friction of each motor, or that of the scene; zero if it is not known."""
+        columns, solution = self.columns, self._solved(self.target)
+        found = np.zeros(columns.motors) if columns.transmission is not None else columns.scene.friction.copy()
+        for at, extra in enumerate(columns.extras, 10 * len(columns.free)):
+            if extra.kind == "friction":
+                found[list(extra.rows)] = solution[self.used == at].sum()
+        return np.asarray(found)
+
     def of_friction(self, noise: _Array) -> tuple[float, list[str]]:
         """Residuals that a parameter of a motor explains that is not fitted.
 
@@ -405,7 +419,7 @@ class _LeastSquares:
         kinds = [kind for kind in ("friction", "stribeck", "damping", "armature") if kind not in columns.fit]
         q, qd, qdd, _ = (one[self.at] for one in self.arrays)
         all_columns = columns.of_motors(q, qd, qdd, kinds)
-        quantile = float(student_quantile(1.0 - UNLIKELY, BLOCKS - 1.0))
+        quantile, dry = float(student_quantile(1.0 - UNLIKELY, BLOCKS - 1.0)), self._dry_friction()
         own = {"armature": columns.scene.armature, "damping": columns.scene.damping, "friction": columns.scene.friction}
         found, gains = [], dict.fromkeys(kinds, 0.0)
         for kind in kinds:
@@ -423,8 +437,10 @@ class _LeastSquares:
                 torque = abs(value) * float(np.linalg.norm(free))
                 least = max(SMALL, SMALL_NOISE * noise[motor] / self.scale[motor])
                 # The smooth sign of the columns is not exact: only excess friction at low speed is Stribeck friction.
+                if kind == "stribeck":
+                    value = value if value > EXCESS * dry[motor] else 0.0
                 if (
-                    (value if kind == "stribeck" else abs(value)) > quantile * deviation
+                    abs(value) > quantile * deviation
                     and torque**2 > EXPLAINED * squares[motor]
                     and torque > least * np.sqrt(len(self.at))
                 ):
@@ -490,7 +506,7 @@ class _LeastSquares:
         """Standard deviation of the delay, by blocks of time: that of the coefficient of the rate of the torques."""
         assert self.time is not None
         target = self._target(shifted(self.torques, self.time, delay)[self.at])
-        solution = self.right[self.kept].T @ ((self.orthogonal.T @ target) / self.singular) / self.norms
+        solution = self._solved(target)
         ahead, behind = (np.clip(self.at + one, 0, len(self.time) - 1) for one in (1, -1))
         (rows, known), (rows_before, known_before) = self._rows(ahead), self._rows(behind)
         change = (rows - rows_before) @ solution + ((known - known_before) / self.scale).T

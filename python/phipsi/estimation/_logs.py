@@ -31,9 +31,9 @@ _Array = NDArray[np.float64]
 
 #: Number of attempts to read a log whose process is terminated.
 ATTEMPTS = 3
-#: Share of the variance of the accelerations that is noise after smoothing; larger shares bias estimates by more than
-#: 0.2 standard deviations. Least number of torques that are filtered.
-NOISE, FEWEST = 3e-4, 10
+#: Share of the variance of the accelerations that is noise after smoothing. In logs of 10 s with 0.1 N m of noise, shares
+#: above 3e-4 bias the estimates by more than 0.2 standard deviations. Least number of torques that are filtered.
+NOISE, FEWEST = 3e-5, 10
 
 
 def read_log(path: str | Path, scene: Scene) -> dict[str, _Array]:
@@ -264,7 +264,7 @@ def accumulate_logs(
     client : distributed.Client, optional
         Client of a Dask cluster whose workers have access to the files.
     cutoff : array_like, optional
-        Bandwidth, Hz, as in phipsi.smooth. None: by maximum likelihood, reduced until noise is 3e-4 of the variance of
+        Bandwidth, Hz, as in phipsi.smooth. None: by maximum likelihood, reduced until noise is 3e-5 of the variance of
         the accelerations.
     tau_delay : float, default 0
         Delay of the torques relative to q, s, as in Scene.identify.
