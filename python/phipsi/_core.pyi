@@ -4281,8 +4281,8 @@ class Scene:
         Returns
         -------
         excitation : Excitation
-            Times, q, qd, qdd, the torques of the scene, the predicted standard deviations of the base parameters, and the
-            noise.
+            Times, q, qd, qdd, the torques of the scene, the predicted standard deviations of the base parameters, and
+            the noise.
 
         Raises
         ------

@@ -181,8 +181,8 @@ methods_in_python! {
     ///     Seed of its random steps.
     #[doc = section!(Returns)]
     /// excitation : Excitation
-    ///     Times, q, qd, qdd, the torques of the scene, the predicted standard deviations of the base parameters, and the
-    ///     noise.
+    ///     Times, q, qd, qdd, the torques of the scene, the predicted standard deviations of the base parameters, and
+    ///     the noise.
     #[doc = section!(Raises)]
     /// ArgumentError
     ///     A scene with joints of several axes, or limits that no trajectory meets.
