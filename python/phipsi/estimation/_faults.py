@@ -24,10 +24,10 @@ _Array = NDArray[np.float64]
 
 #: Number of states used.
 SAMPLED = 3000
-#: Factor between measured and model torques of all motors beyond which their unit is suspected; the least correlation
-#: for it, without nuisances; least correlation, or share of the variance, for a suspicion of the sign or the place;
-#: largest ratio of factors above one that are those of a unit.
-FACTOR, ALIKE, OPPOSED, SPREAD = 1.6, 0.9, 0.8, 3.0
+#: Factor between measured and model torques of all motors beyond which their unit is suspected; least correlation of
+#: them, without nuisances, or share of the variance, for a suspicion; largest ratio of factors above one that are those
+#: of a unit.
+FACTOR, OPPOSED, SPREAD = 1.6, 0.8, 3.0
 #: Least share of the variance of a torque that is a term, and largest share of the unexplained variance that remains
 #: when two torques are exchanged; least number of states.
 BETTER, FEWEST = 0.25, 20
@@ -208,7 +208,7 @@ def _of_model(columns: Columns, found: _Compared) -> list[str]:
             f"tau: found torques of the opposite sign of the model's, with the factors {listed}; expected 1, torques"
             f" that accelerate a joint in the direction of q: change the sign of {of}{'' if of_all else ' in tau'}"
         ]
-    alike = np.flatnonzero(found.correlation > ALIKE)
+    alike = np.flatnonzero(found.correlation > OPPOSED)
     factors, sizes = found.factor[alike], found.size[alike] ** 2
     most = len(alike) and sizes.sum() > 0.5 * np.sum(found.size**2)
     for beyond in (factors > FACTOR, factors < 1.0 / FACTOR):
