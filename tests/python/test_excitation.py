@@ -102,7 +102,7 @@ def test_it_has_more_information_than_the_best_of_200_random_motions(name: str) 
     basis = right[: int(np.sum(singular > 1e-9 * singular[0]))].T
     time = np.arange(100) * 0.1
     best = max(information(scene, random_motion(scene, time, draw, scene.limits), noise, basis) for _ in range(200))
-    plan = scene.excitation(10.0, noise=0.2, rate=10.0, iterations=150)
+    plan = scene.excitation(10.0, noise=0.2, rate=10.0, iterations=100)
     assert information(scene, (plan.q, plan.qd, plan.qdd), noise, basis) > best + 3.0
 
 
