@@ -48,6 +48,8 @@ ABOVE, EXCESS = 2.0, 0.15
 #: Maximum delay between the clocks, s, as a share of the log, and in samples of the fine search; minimum relative
 #: reduction of the residual variance, and of standard deviations, for a warning.
 LONGEST, OF_LOG, LAGS, REDUCED, CERTAIN = 1.0, 0.1, 40, 0.03, 4.0
+#: Delay, s, from which the residuals of noise alone have several minima, and minimum reduction there.
+NEAR, REDUCED_FAR = 0.05, 0.1
 #: Largest step between the states, s.
 SLOWEST = 0.008
 #: Maximum number of matrix entries for the comparison with least squares.
@@ -492,7 +494,8 @@ class _LeastSquares:
         bend = before - 2.0 * here + after
         offset = float((lags[best] + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)) * step)
         deviation = self._deviation(lags[best] * step)
-        if zero > (1.0 + REDUCED) * here and abs(offset) > max(0.5 * step, CERTAIN * deviation):
+        least = REDUCED if abs(offset) < NEAR else REDUCED_FAR
+        if zero > (1.0 + least) * here and abs(offset) > max(0.5 * step, CERTAIN * deviation):
             text = (
                 f"tau: found torques that {'lag' if offset > 0.0 else 'lead'} q by {abs(1e3 * offset):.3g} +-"
                 f" {1e3 * deviation:.2g} ms: this delay reduces the variance of the residuals by"
