@@ -31,8 +31,8 @@ _Array = NDArray[np.float64]
 
 #: Number of attempts to read a log whose process is terminated.
 ATTEMPTS = 3
-#: Share of the variance of the accelerations that is noise after smoothing. In logs of 10 s with 0.1 N m of noise, shares
-#: above 3e-4 bias the estimates by more than 0.2 standard deviations. Least number of torques that are filtered.
+#: Share of the variance of the accelerations that is noise after smoothing. In logs of 10 s with 0.1 N m of noise,
+#: shares above 3e-4 bias the estimates by more than 0.2 standard deviations. Least number of torques that are filtered.
 NOISE, FEWEST = 3e-5, 10
 
 
