@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 
 import phipsi
 
-__all__ = ["NOISES", "arm_of_three", "fourier", "residuals"]
+__all__ = ["ENCODER", "FIT", "NOISES", "ROBOTS", "arm_of_four", "arm_of_three", "fourier", "gross_faults", "motion", "recorded", "residuals"]
+
+Array = np.ndarray
 
 #: Step of the logs, s.
 STEP = 0.005
+#: Joint parameters that are fitted to the logs of `recorded`, and standard deviation of encoders, rad.
+FIT, ENCODER = ("damping", "friction"), 1e-4
 
 
 def arm_of_three() -> phipsi.Scene:
@@ -74,3 +80,71 @@ def low_pass(draw: np.random.Generator, count: int, joints: int, hertz: float) -
 
 
 NOISES = ("white", "AR(1) 0.25 s", "low pass 10 Hz", "drift of 1 s")
+
+
+def arm_of_four() -> phipsi.Scene:
+    """Another arm: a slide and three rotations, with other losses."""
+    builder = phipsi.SceneBuilder().link("base")
+    joints = (("lift", "prismatic", (0, 0, 1)), ("shoulder", "revolute", (0, 1, 0)), ("elbow", "revolute", (0, 1, 0.2)), ("wrist", "revolute", (1, 0, 0)))
+    for at, (name, kind, axis) in enumerate(joints):
+        builder.link(f"{name}_link", 4.0 - at, (0.1, 0.05, 0.12), np.diag([0.03, 0.04, 0.02]))
+        rest = {"lower": -1.5, "upper": 1.5, "velocity": 5.0, "effort": 500.0}
+        builder.joint(name, kind, "base" if at == 0 else f"{joints[at - 1][0]}_link", f"{name}_link", xyz=(0.3, 0, 0.1), axis=axis, damping=0.8, friction=1.5 - 0.3 * at, armature=0.1, **rest)
+    return builder.build()
+
+
+ROBOTS: dict[str, Callable[[], phipsi.Scene]] = {"three": arm_of_three, "four": arm_of_four, "arm": lambda: phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)}
+
+
+def built_like(scene: phipsi.Scene, draw: np.random.Generator) -> phipsi.Scene:
+    """A robot whose bodies are up to 15 % and 1 cm off those of the model."""
+    return scene.with_inertias(
+        {
+            name: (link.mass * draw.uniform(0.85, 1.15), link.com + draw.uniform(-0.01, 0.01, 3), link.inertia * draw.uniform(0.85, 1.15))
+            for name, link in scene.links.items()
+            if link.mass and name in scene.body_names
+        }
+    )
+
+
+def motion(joints: int, time: Array, seed: int) -> tuple[Array, Array, Array]:
+    """Five harmonics of 0.1 Hz, within 1 rad or m."""
+    amplitudes = np.random.default_rng(seed).uniform(-1, 1, (5, joints)) * np.exp(1j * np.random.default_rng(seed + 1).uniform(0, 6, (5, joints)))
+    amplitudes /= np.sum(np.abs(amplitudes), axis=0)
+    w = 2j * np.pi * 0.1 * np.arange(1, 6)
+    q, qd, qdd = ((np.exp(np.outer(time, w)) * w**order @ amplitudes).real for order in range(3))
+    return q, qd, qdd
+
+
+def recorded(scene: phipsi.Scene, seed: int, *, kind: str = "white", noise: float = 0.02, delay: float = 0.0, stribeck: float = 0.0, seconds: float = 20.0) -> dict[str, Array]:
+    """A log of a robot that is built like the model, with noise relative to each torque."""
+    time = np.arange(round(100 * seconds)) * 0.01
+    draw = np.random.default_rng(seed)
+    built = built_like(scene, draw)
+    q, qd, qdd = motion(scene.nv, time - delay, seed)
+    friction = scene.friction * (1.0 + stribeck * np.exp(-((qd / 0.08) ** 2)))
+    exact = built.inverse_dynamics(q, qd, qdd) + scene.damping * qd + friction * qd / np.sqrt(qd**2 + 0.01**2)
+    tau = exact + noise * np.sqrt(np.mean(exact**2, axis=0)) * residuals(kind, len(time), scene.nv, draw)
+    return dict(zip(("q", "qd", "qdd"), motion(scene.nv, time, seed), strict=True)) | {"tau": tau, "time": time}
+
+
+def gross_faults(scene: phipsi.Scene, seed: int) -> Iterator[tuple[str, phipsi.Scene, dict[str, Array], tuple[str, ...]]]:
+    """Ten faults of a log: name, model, log, and joint parameters to fit."""
+    draw = np.random.default_rng(seed)
+    log, one = recorded(scene, seed), int(draw.integers(scene.nv))
+    other = (one + 1 + int(draw.integers(scene.nv - 1))) % scene.nv
+    tau, time = log["tau"], log["time"]
+    yield "torques twice as large", scene, log | {"tau": 2.2 * tau}, FIT
+    yield "currents", scene, log | {"tau": 0.02 * tau}, FIT
+    yield "opposite sign", scene, log | {"tau": -tau}, FIT
+    yield "opposite sign of one joint", scene, log | {"tau": np.where(np.arange(scene.nv) == one, -tau, tau)}, FIT
+    exchanged = tau.copy()
+    exchanged[:, [one, other]] = tau[:, [other, one]]
+    yield "two joints exchanged", scene, log | {"tau": exchanged}, FIT
+    yield "gravity left out", scene, log | {"tau": tau - scene.gravity_torque(log["q"])}, FIT
+    yield "300 ms late", scene, recorded(scene, seed, delay=0.3), FIT
+    q = log["q"] + ENCODER * draw.standard_normal(tau.shape)
+    qd = np.gradient(q, time, axis=0)
+    yield "accelerations by differences", scene, log | {"q": q, "qd": qd, "qdd": np.gradient(qd, time, axis=0)}, FIT
+    yield "Stribeck friction", scene, recorded(scene, seed, stribeck=0.8), FIT
+    yield "half of the dry friction", scene.with_properties(friction=0.5 * scene.friction), log, ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -165,6 +166,80 @@ def test_identify_with_a_transmission(measured: Path, tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     refused = run("identify", robot, str(measured), "--transmission", str(tmp_path / "none.npy"))
     assert refused.exit_code == 2 and "--transmission: found" in refused.output
+
+
+@pytest.fixture(scope="module")
+def mobile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A mobile manipulator, and a log of its arm alone, as a table of positions and torques."""
+    builder = phipsi.SceneBuilder().link("floor")
+    joints = {"drive": "prismatic", "steer": "continuous", "shoulder": "revolute", "elbow": "revolute"}
+    parent = "floor"
+    for at, (name, kind) in enumerate(joints.items()):
+        builder.link(f"{name}_link", 3.0 - 0.5 * at, (0.05, 0.02, 0.1), np.diag([0.03, 0.02, 0.01]))
+        rest = {"lower": -2.0, "upper": 2.0} if kind != "continuous" else {}
+        builder.joint(name, kind, parent, f"{name}_link", xyz=(0.1, 0, 0.2), axis=(0, 0, 1) if at < 2 else (0, 1, 0.1), damping=0.3, friction=0.4, **rest)
+        parent = f"{name}_link"
+    folder = tmp_path_factory.mktemp("mobile")
+    scene = builder.build()
+    scene.to_urdf(folder / "robot.urdf", name="mobile")
+    arm = scene.lock(["drive", "steer"], scene.neutral())
+    t = np.arange(3000) * 0.005
+    turns = np.outer(t, [2.0, 3.1])
+    q, qd, qdd = np.sin(turns), turns[1] / t[1] * np.cos(turns), -((turns[1] / t[1]) ** 2) * np.sin(turns)
+    tau = arm.inverse_dynamics(q, qd, qdd) + arm.damping * qd + arm.friction * qd / np.sqrt(qd**2 + 0.03**2)
+    draw = np.random.default_rng(0)
+    q, tau = q + 1e-4 * draw.standard_normal(q.shape), np.roll(tau, 4, axis=0) + 0.02 * draw.standard_normal(tau.shape)
+    lines = ["time,shoulder.q,elbow.q,shoulder.tau,elbow.tau", *(",".join(map(repr, map(float, row))) for row in np.column_stack([t, q, tau])[4:])]
+    (folder / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return folder
+
+
+def test_identify_an_arm_of_a_mobile_manipulator(mobile: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From a table, without polars."""
+    monkeypatch.setitem(sys.modules, "polars", None)
+    robot, log = str(mobile / "robot.urdf"), str(mobile / "log.csv")
+    refused = run("identify", robot, log)
+    assert refused.exit_code == 2 and "found no column q of joint 'drive'" in refused.output and "--lock" in refused.output
+    given = ("--fit", "damping", "--fit", "friction", "--tau-delay", "0.02", "--friction-speed", "0.03", "--held-out", "0.4")
+    found = {}
+    for name, option in {"lock": ("--lock", "drive=0.5", "--lock", "steer"), "joint": ("--joint", "shoulder", "--joint", "elbow")}.items():
+        result = run("identify", robot, log, *option, *given, "--json")
+        assert result.exit_code == 0, result.output
+        found[name] = json.loads(result.stdout)
+    # The drive lifts nothing: its place does not matter.
+    np.testing.assert_allclose(found["lock"]["after"], found["joint"]["after"], rtol=1e-6)
+    numbers = found["joint"]
+    assert list(numbers["joints"]["friction"]) == ["shoulder", "elbow"]
+    np.testing.assert_allclose(list(numbers["joints"]["friction"].values()), 0.4, rtol=0.1)
+    assert min(numbers["explained_held_out"]) > 0.99 and min(numbers["explained"]) > 0.99
+    assert abs(numbers["clock_offset"]) < 5 * numbers["clock_deviation"] < 0.005
+    assert len(numbers["cutoff"]) == 2 and np.isfinite(numbers["base"]["bias"]).all()
+
+
+def test_identify_prints_the_bandwidth_and_the_explained_variance(mobile: Path) -> None:
+    robot, log = str(mobile / "robot.urdf"), str(mobile / "log.csv")
+    given = ("--joint", "shoulder", "--joint", "elbow", "--fit", "damping", "--fit", "friction", "--friction-speed", "0.03")
+    late = run("identify", robot, log, *given)
+    assert late.exit_code == 0 and re.search(r"tau: found torques that lag q by (19|20)[.\d]* \+- ", late.output), late.output
+    result = run("identify", robot, log, *given, "--tau-delay", "0.02", "--held-out", "0.3")
+    assert re.search(r"with a bandwidth in Hz of shoulder [\d.]+, elbow [\d.]+; torques at [\d.]+ Hz", result.output), result.output
+    assert "LogWarning" not in result.output and "tau: found" not in result.output and "held out" in result.output and "predicted bias by noise in the accelerations" in result.output
+    several = run("identify", robot, log, log, *given, "--tau-delay", "0.02", "--json")
+    assert several.exit_code == 0 and json.loads(several.stdout)["states"] == 2 * 2996, several.output
+    slow = run("identify", robot, log, *given, "--tau-delay", "0.02", "--cutoff", "4")
+    assert "in Hz of shoulder 4, elbow 4; torques at 4 Hz" in slow.output
+
+
+def test_identify_with_wrong_joints(mobile: Path) -> None:
+    robot, log = str(mobile / "robot.urdf"), str(mobile / "log.csv")
+    for options, message in (
+        (("--lock", "wheel"), "--lock: found 'wheel'; expected one of drive, steer, shoulder, elbow"),
+        (("--joint", "wheel"), "--joint: found 'wheel'"),
+        (("--lock", "drive=far"), "--lock: found 'far' for 'drive'; expected a number"),
+        (("--joint", "drive", "--lock", "drive"), "--lock: found 'drive', which --joint names too"),
+    ):
+        refused = run("identify", robot, log, *options)
+        assert refused.exit_code == 2 and message in refused.output, refused.output
 
 
 def test_identify_without_torques(measured: Path, tmp_path: Path) -> None:

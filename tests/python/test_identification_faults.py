@@ -58,9 +58,9 @@ FAULTS: dict[str, tuple[Any, str]] = {
     "inches": (lambda log: log | {"qdd": 39.4 * log["qdd"]}, "qdd: found a numerical derivative of qd that is 0.025.* times qdd at joint 'joint1': their units are inconsistent"),
     "milliseconds": (lambda log: log | {"time": 1e3 * log["time"]}, "qd: found a numerical derivative of q that is 0.001 times qd at joint 'joint1': time is probably in ms"),
     "counts": (lambda log: log | {"q": np.round(log["q"] * 65536 / (2 * np.pi))}, "q: found whole numbers up to .* at joint 'joint1', probably encoder counts; expected rad: multiply by 2 pi / counts"),
-    "currents": (lambda log: log | {"tau": 0.02 * log["tau"], "noise": 0.001}, "tau: found torques proportional to those of the model with the factors .*, probably motor currents; expected N m or N: multiply"),
-    "late torques": (lambda log: late(log, 0.02), r"tau: found torques that lag q by (19|20|21)(\.\d+)? ms: .* for q and tau: tau_delay=0.0\d+ corrects it"),
-    "early torques": (lambda log: late(log, -0.013), r"tau: found torques that lead q by 1\d(\.\d+)? ms: .*: tau_delay=-0.01\d* corrects it"),
+    "currents": (lambda log: log | {"tau": 0.02 * log["tau"], "noise": 0.001}, "tau: found torques proportional to those of the model with the factors .*, probably motor currents; expected N m or N, with factors of about 1: multiply"),
+    "late torques": (lambda log: late(log, 0.02), r"tau: found torques that lag q by (19|20|21)(\.\d+)? \+- 0\.\d+ ms: .* for q and tau: tau_delay=0.0\d+ corrects it"),
+    "early torques": (lambda log: late(log, -0.013), r"tau: found torques that lead q by 1\d(\.\d+)? \+- 0\.\d+ ms: .*: tau_delay=-0.01\d* corrects it"),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[phipsi.Scene, lis
     """Three parts of a log."""
     scene, folder = arm_of_three(), tmp_path_factory.mktemp("logs")
     q, qd, qdd = fourier(STEP * np.arange(900))
-    arrays = {"t": STEP * np.arange(900), "q": q, "qd": qd, "qdd": qdd, "tau": scene.inverse_dynamics(q, qd, qdd) + 0.1 * np.random.default_rng(0).standard_normal((900, 3))}
+    tau = scene.inverse_dynamics(q, qd, qdd) + scene.damping * qd + scene.friction * qd / np.sqrt(qd**2 + 0.01**2)
+    arrays = {"t": STEP * np.arange(900), "q": q, "qd": qd, "qdd": qdd, "tau": tau + 0.1 * np.random.default_rng(0).standard_normal((900, 3))}
     files = []
     for part in range(3):
         files.append(folder / f"part{part}.npz")
@@ -277,7 +279,8 @@ def test_times_in_other_units_are_converted_with_a_warning(unit: str, length: fl
     assert np.max(np.abs(found.qd[50:-50] - arrays["qd"][50:-50])) < 0.1
     offsets = []
     for given in (time, arrays["t"]):
-        with pytest.warns(LogWarning) as caught:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", LogWarning)
             offsets.append(scene.identify(*(arrays[name] for name in ("q", "qd", "qdd", "tau")), time=given).clock_offset)
         assert any(f"read as {unit}" in str(one.message) for one in caught) == (given is time)
     assert abs(offsets[0] - offsets[1]) < 0.1 * STEP
@@ -287,3 +290,22 @@ def test_times_that_could_be_in_ms(written: Written) -> None:
     with pytest.warns(LogWarning, match=r"time: found a median step of 5, which is 200 Hz in ms; expected s: 1e-3 \* time if it is in ms"):
         found = phipsi.smooth(1e3 * written[2]["t"] + 1e-4, written[2]["q"], cutoff=5e-3)
     assert found.time[-1] > 4e3
+
+
+def test_positions_alone_have_little_noise_in_their_accelerations(written: Written, tmp_path: Path) -> None:
+    """3e-5 of the variance, or less if the likelihood is for a lower bandwidth; torques pass the same filter."""
+    scene, _, arrays = written
+    draw = np.random.default_rng(1)
+    q = arrays["q"] + 1e-4 * draw.standard_normal(arrays["q"].shape)
+    tau = arrays["tau"].copy()
+    tau[100:103, 1], tau[:, 2] = np.nan, np.nan
+    found, smoothed = _logs.with_derivatives({"time": arrays["t"], "q": q, "tau": tau}, "log")
+    assert smoothed is not None
+    share = np.var(found["qdd"] - arrays["qdd"], axis=0) / np.var(arrays["qdd"], axis=0)
+    assert np.all(smoothed.acceleration_noise**2 < 5e-5 * np.var(found["qdd"], axis=0)) and np.all(share < 0.01)
+    # Missing torques stay missing; white noise above the bandwidth is removed.
+    np.testing.assert_array_equal(np.isnan(found["tau"]), np.isnan(tau))
+    clean = arrays["tau"][:, 0] - 0.1 * np.random.default_rng(0).standard_normal((900, 3))[:, 0]
+    assert np.std(found["tau"][50:-50, 0] - clean[50:-50]) < 0.06
+    same, none = _logs.with_derivatives(arrays | {"time": arrays["t"]}, "log")
+    assert none is None and same["tau"] is arrays["tau"]

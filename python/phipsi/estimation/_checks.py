@@ -1,4 +1,4 @@
-"""Checks of times, units and clocks of logs. Errors and LogWarnings name the argument and the joint."""
+"""Checks of times, units and derivatives of logs. Errors and LogWarnings name the argument and the joint."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..errors import ArgumentError, LogWarning, ShapeError, of_argument, warn
-from ._columns import Columns
 
 if TYPE_CHECKING:
     from .._core import Scene
 
-__all__ = ["checked_time", "clock_offset", "in_seconds", "shifted", "warn_of_motion", "warn_of_torques"]
+__all__ = ["checked_time", "in_seconds", "shifted", "warn_of_motion"]
 
 _Array = NDArray[np.float64]
 
@@ -27,12 +26,6 @@ GAP = 10.0
 RATIO, CORRELATED = 1.5, 0.9
 #: Largest plausible angle of a joint with limits, rad; integers beyond the second value are encoder counts.
 FAR, FEW = 1e3, 20.0
-#: Ratio of measured to model torques beyond which a constant factor is suspected, and minimum correlation for it.
-FACTOR, ALIKE = 4.0, 0.97
-#: Maximum lag, in samples; number of states used; minimum relative reduction of the residual variance.
-LAGS, SAMPLED, REDUCED = 40, 3000, 0.02
-#: Maximum number of matrix entries for the comparison of clocks.
-ENTRIES = 5_000_000
 
 
 def in_seconds(time: ArrayLike) -> _Array:
@@ -109,9 +102,10 @@ def _one_axis(scene: Scene) -> list[_Joint]:
     return found
 
 
-def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd: _Array) -> None:
-    """Warn about positions in degrees or encoder counts, and about inconsistent derivatives."""
-    limits = scene.limits
+def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd: _Array) -> bool:
+    """Warn about positions in degrees or encoder counts, and about inconsistent derivatives; return whether there was no
+    warning."""
+    limits, texts = scene.limits, []
     for joint in _one_axis(scene):
         values = q[:, joint.q]
         low, high = float(limits.lower[joint.v]), float(limits.upper[joint.v])
@@ -124,10 +118,7 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
             found = f"{reach:.3g} at joint {joint.name!r} with limits of {low:.3g} and {high:.3g} rad"
             if whole:
                 found = f"whole numbers up to {reach:.3g} at joint {joint.name!r}, probably encoder counts"
-            warn(
-                f"q: found {found}; expected rad: multiply by 2 pi / counts per revolution",
-                LogWarning,
-            )
+            texts.append(f"q: found {found}; expected rad: multiply by 2 pi / counts per revolution")
         elif limited:
             beyond = max(low - float(values.min()), float(values.max()) - high)
             # Within the limits as degrees, and far outside of them as radians.
@@ -140,13 +131,11 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
                     f"q: found {reach:.3g} at joint {joint.name!r}, outside its limits of {low:.3g} and {high:.3g} rad,"
                     " but within them if q is in degrees; expected rad: np.deg2rad(q)"
                 )
-                warn(text, LogWarning)
-    if time is None or len(time) < 10:
-        return
-    steps = np.diff(time)
-    usual = float(np.median(steps))
+                texts.append(text)
+    steps = np.zeros(0) if time is None else np.diff(time)
+    usual = float(np.median(steps)) if len(steps) else 0.0
     near = (steps > 0.0) & (steps < GAP * usual)
-    for joint in _one_axis(scene):
+    for joint in _one_axis(scene) if len(steps) > 8 else ():
         for name, of, values, derivative in (
             ("qd", "q", q[:, joint.q], qd[:, joint.v]),
             ("qdd", "qd", qd[:, joint.v], qdd[:, joint.v]),
@@ -168,7 +157,10 @@ def warn_of_motion(scene: Scene, time: _Array | None, q: _Array, qd: _Array, qdd
                     f"{name}: found a numerical derivative of {of} that is {ratio:.3g} times {name} at joint"
                     f" {joint.name!r}: {hint}; expected rad, s and their derivatives"
                 )
-                warn(text, LogWarning)
+                texts.append(text)
+    for text in texts:
+        warn(text, LogWarning)
+    return not texts
 
 
 def _ratio(found: _Array, expected: _Array) -> float | None:
@@ -179,88 +171,9 @@ def _ratio(found: _Array, expected: _Array) -> float | None:
     return both / others
 
 
-def warn_of_torques(columns: Columns, q: _Array, qd: _Array, qdd: _Array, tau: _Array) -> None:
-    """Warn about torques proportional to the model torques: currents, or torques of the other side of a gear."""
-    some = slice(None, None, max(1, len(q) // SAMPLED))
-    q, qd, qdd, tau = q[some], qd[some], qdd[some], tau[some]
-    model = columns.measured(q, columns.to_motors(columns.scene.inverse_dynamics(q, qd, qdd)))
-    found, shown = [], 0
-    for motor in range(columns.motors):
-        seen = np.isfinite(tau[:, motor])
-        measured, expected = tau[seen, motor], model[seen, motor]
-        squares, others, both = float(measured @ measured), float(expected @ expected), float(measured @ expected)
-        if len(measured) < 20 or squares == 0.0 or others <= 1e-12 * float(np.sum(model**2)):
-            continue
-        shown += 1
-        correlation, factor = both / np.sqrt(squares * others), both / others
-        if abs(correlation) > ALIKE and not 1.0 / FACTOR < factor < FACTOR:
-            found.append(f"{columns.motor_names[motor]!r}: {factor:.3g}")
-    # A payload can have this effect at some joints.
-    if 2 * len(found) > shown:
-        text = (
-            f"tau: found torques proportional to those of the model with the factors {', '.join(found)}, probably motor"
-            " currents; expected N m or N: multiply by torque constant and gear ratio"
-        )
-        warn(text, LogWarning)
-
-
 def shifted(tau: _Array, time: _Array, delay: float) -> _Array:
     """Torques with a delay removed by linear interpolation; NaN outside of the log and next to missing torques."""
     found = np.empty_like(tau)
     for motor in range(tau.shape[1]):
         found[:, motor] = np.interp(time + delay, time, tau[:, motor], left=np.nan, right=np.nan)
     return found
-
-
-def clock_offset(
-    columns: Columns,
-    used: NDArray[np.intp],
-    time: _Array,
-    arrays: tuple[_Array, _Array, _Array, _Array],
-    weights: _Array,
-) -> float:
-    """Estimate the delay of the torques relative to q, s.
-
-    The delay minimizes the least-squares residual in the base parameters. Warn if the residual indicates a delay.
-    """
-    q, qd, qdd, tau = arrays
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    if step <= 0.0 or len(time) < 20 * LAGS:
-        return float("nan")
-    count = int(min(SAMPLED, max(10 * LAGS, ENTRIES // (columns.motors * columns.width))))
-    first = max(0, (len(time) - count) // 2)
-    middle = slice(first, first + count)
-    rows, known = columns.rows(q[middle], qd[middle], qdd[middle])
-    known_at = np.isfinite(weights)
-    stacked = []
-    for motor, (block, at) in enumerate(zip(rows, columns.used, strict=True)):
-        whole = np.zeros((len(block), columns.width))
-        if known_at[motor]:
-            whole[:, at] = block / weights[motor]
-        stacked.append(whole[:, used])
-    matrix = np.concatenate(stacked)
-    orthogonal = np.linalg.svd(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300), full_matrices=False)[0]
-    scale = np.where(known_at, weights, 1.0)
-
-    def residual(delay: float) -> float:
-        """Mean square residual of the torques."""
-        torque = shifted(tau, time, delay)[middle] - known
-        torque = np.where(np.isfinite(torque) & known_at, torque, 0.0) / scale
-        target = torque.T.ravel()
-        return float((target @ target - np.sum((orthogonal.T @ target) ** 2)) / max(len(target), 1))
-
-    lags = np.arange(-LAGS, LAGS + 1)
-    values = np.array([residual(lag * step) for lag in lags])
-    best = int(np.argmin(values))
-    if best in (0, len(lags) - 1):
-        return float("nan")
-    before, here, after = values[best - 1 : best + 2]
-    bend = before - 2.0 * here + after
-    offset = (lags[best] + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)) * step
-    if values[LAGS] > (1.0 + REDUCED) * here and abs(offset) > 0.5 * step:
-        text = (
-            f"tau: found torques that {'lag' if offset > 0.0 else 'lead'} q by {abs(1e3 * offset):.3g} ms: this delay"
-            f" reduces the variance of the residuals by {100 * (1 - here / values[LAGS]):.2g} %; expected one clock"
-        )
-        warn(f"{text} for q and tau: tau_delay={offset:.3g} corrects it", LogWarning)
-    return float(offset)

@@ -246,12 +246,15 @@ class Columns:
         """Motor velocities from joint velocities, (k, nv)."""
         return qd if self.transmission is None else qd @ self.transmission.T
 
-    def of_motors(self, q: _Array, qd: _Array, qdd: _Array) -> dict[str, _Array]:
-        """Motor columns of each kind in `fit`, (k, motors), and columns of joints, (k, nv)."""
+    def of_motors(
+        self, q: _Array, qd: _Array, qdd: _Array, kinds: Collection[str] | None = None
+    ) -> dict[str, _Array]:
+        """Motor columns of each kind, of those in `fit` by default, (k, motors), and columns of joints,
+        (k, nv)."""
         v = self.rates(qd)
         sliding = v / np.sqrt(v**2 + (self.slow * self.ratios) ** 2)
         found: dict[str, _Array] = {}
-        for kind in self.fit:
+        for kind in self.fit if kinds is None else kinds:
             if kind == "armature":
                 found[kind] = self.rates(qdd)
             elif kind == "damping":

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import warnings
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from .._arguments import check_tree, names_of, numbers
 from .._friction import opposing
-from ..errors import ArgumentError, ShapeError, of_argument
+from ..errors import ArgumentError, InertiaWarning, ShapeError, of_argument
 from ._base import combinations
+from ._bodies import prior_of_bodies
 from ._columns import Columns
 
 if TYPE_CHECKING:
@@ -33,8 +35,10 @@ STEP = (0.5, 0.02)
 LEAST = 1e-3
 #: Largest number of samples of a trajectory, and smallest and largest noise whose square does not overflow or vanish.
 MOST, NOISES = 10**8, (1e-100, 1e100)
-#: Default noise of the torques, relative to the largest torque.
+#: Default noise of the torques, relative to the limits of effort.
 NOISE = 0.01
+#: Standard deviation of a parameter without a prior, SI units.
+WIDE = 1e3
 
 
 class Excitation(NamedTuple):
@@ -60,7 +64,9 @@ class Excitation(NamedTuple):
     condition: float
     """Condition number of the normalized columns."""
     improvement: float
-    """Increase of the log-determinant of the information matrix by the search."""
+    """Increase of the log-determinant of the information matrix, with the prior, by the search."""
+    noise: _Array
+    """Standard deviation of the torques, (nv,), N m or N: as given, or the default."""
 
 
 def excitation(
@@ -84,7 +90,8 @@ def excitation(
         if not (isinstance(count, (int, np.integer)) and count >= 1):
             raise of_argument(ArgumentError, name, f"found {count!r}; expected a whole number, at least 1")
     if duration * rate > MOST:
-        raise of_argument(ArgumentError, "rate", f"found {duration * rate:.3g} samples in all; expected at most {MOST:g}")
+        found = f"found {duration * rate:.3g} samples in all; expected at most {MOST:g}"
+        raise of_argument(ArgumentError, "rate", found)
     if 2 * harmonics > duration * rate:
         raise of_argument(
             ArgumentError,
@@ -98,25 +105,15 @@ def excitation(
             "excitation",
             "found joints that are not of one axis; expected joints of one axis only (Scene.lock removes others)",
         )
-    search = _Search(scene, float(duration), limits, int(harmonics), names_of(fit))
-    best, gain = search.run(int(iterations), np.random.default_rng(seed))
-    time = np.arange(round(duration * rate)) / rate
+    time, random = np.arange(round(duration * rate)) / rate, np.random.default_rng(seed)
+    search = _Search(scene, (float(duration), len(time)), limits, int(harmonics), names_of(fit))
+    start = search.start(random)
+    deviation = _noise(scene, noise, search, start)
+    best, gain = search.run(int(iterations), deviation, start, random)
     q, qd, qdd = search.motion(best, time)
     columns = search.columns
     tau = _torques(scene, (q, qd, qdd), qd / np.sqrt(qd**2 + columns.slow**2))
-    largest = np.max(np.abs(tau), axis=0)
-    deviation = (
-        NOISE * np.maximum(largest, 1e-6 * largest.max())
-        if noise is None
-        else np.asarray(_core._numbers("noise", noise))
-    )
-    if deviation.shape not in ((), (scene.nv,)) or not np.all(deviation > 0.0):
-        raise of_argument(
-            ShapeError, "noise", f"found shape {deviation.shape}; expected () or ({scene.nv},), above zero"
-        )
-    if not np.all((deviation >= NOISES[0]) & (deviation <= NOISES[1])):
-        raise of_argument(ArgumentError, "noise", f"found {deviation}; expected from {NOISES[0]:g} to {NOISES[1]:g}")
-    matrix = search.matrix(q, qd, qdd, np.broadcast_to(deviation, (scene.nv,)))
+    matrix = search.matrix((q, qd, qdd), deviation)
     scale = np.linalg.norm(matrix, axis=0)
     singular, right = np.linalg.svd(matrix / scale, full_matrices=False)[1:]
     deviations = np.sqrt(np.sum((right / singular[:, None]) ** 2, axis=0)) / scale
@@ -133,7 +130,23 @@ def excitation(
         model,
         float(singular[0] / singular[-1]),
         gain,
+        deviation,
     )
+
+
+def _noise(scene: Scene, noise: ArrayLike | None, search: _Search, start: _Array) -> _Array:
+    """Standard deviations of the torques, (nv,): given, or a share of the limits of effort, without limits of the
+    torques of the first motion."""
+    if noise is None:
+        largest = np.max(np.abs(search.torques(start)), axis=0)
+        unlimited = np.maximum(largest, 1e-6 * largest.max())
+        return NOISE * np.where(np.isfinite(search.effort), search.effort / USED, unlimited)
+    found = np.asarray(_core._numbers("noise", noise))
+    if found.shape not in ((), (scene.nv,)) or not np.all(found > 0.0):
+        raise of_argument(ShapeError, "noise", f"found shape {found.shape}; expected () or ({scene.nv},), above zero")
+    if not np.all((found >= NOISES[0]) & (found <= NOISES[1])):
+        raise of_argument(ArgumentError, "noise", f"found {found}; expected from {NOISES[0]:g} to {NOISES[1]:g}")
+    return np.broadcast_to(found, (scene.nv,))
 
 
 def _torques(scene: Scene, motion: tuple[_Array, _Array, _Array], direction: _Array) -> _Array:
@@ -145,85 +158,79 @@ def _torques(scene: Scene, motion: tuple[_Array, _Array, _Array], direction: _Ar
 
 
 class _Search:
-    """Random search over Fourier coefficients, scaled to satisfy the limits."""
+    """Random search over Fourier coefficients, scaled to satisfy the limits.
+
+    The objective is Bayesian D-optimality, log det(1 + V^T V). The rows V are those of the whole trajectory, divided by
+    the noise of the torques, for base parameters in coordinates in which their prior has unit covariance. The noise is
+    the same for all motions, so that strong motion pays; the prior makes the determinant finite for parameters that a
+    motion does not excite.
+    """
 
     def __init__(
-        self, scene: Scene, duration: float, limits: Limits | None, harmonics: int, fit: tuple[str, ...]
+        self, scene: Scene, size: tuple[float, int], limits: Limits | None, harmonics: int, fit: tuple[str, ...]
     ) -> None:
-        self.scene, self.harmonics, self.frequency = scene, harmonics, 2.0 * np.pi / duration
+        self.scene, (duration, self.samples) = scene, size
+        #: Angular frequencies of the harmonics, times the imaginary unit.
+        self.waves = 2j * np.pi / duration * np.arange(1, harmonics + 1)
         self.columns = Columns(scene, fit)
         self.base = combinations(self.columns)
+        self.prior = _prior(self.columns, self.base.matrix)
         given = scene.limits if limits is None else limits
         try:
-            lower, upper, velocity, effort = (
+            lower, upper, effort, *rates = (
                 np.broadcast_to(numbers(f"limits.{name}", getattr(given, name)), (scene.nv,))
-                for name in ("lower", "upper", "velocity", "effort")
+                for name in ("lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk")
             )
         except (AttributeError, ValueError):
             raise of_argument(
-                ArgumentError,
-                "limits",
-                f"found {limits!r}; expected phipsi.Limits(lower, upper, velocity, effort), each (nv,)",
+                ArgumentError, "limits", f"found {limits!r}; expected phipsi.Limits(lower, upper, ...), each (nv,)"
             ) from None
         half = np.array([LENGTH if scene.joints[name].type == "prismatic" else ANGLE for name in scene.joint_names])
         low = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * half, -half))
         high = np.where(np.isfinite(upper), upper, low + 2.0 * half)
-        room = (high > low) & (velocity > 0.0) & (effort > 0.0)
+        room = (high > low) & (effort > 0.0) & np.all([limit > 0.0 for limit in rates], axis=0)
         if not room.all():
             raise of_argument(
                 ArgumentError,
                 "limits",
-                f"found no room for joint {scene.joint_names[int(np.argmin(room))]!r}; expected lower < upper, velocity"
-                " and effort above zero",
+                f"found no room for joint {scene.joint_names[int(np.argmin(room))]!r}; expected lower < upper, and the"
+                " others above zero",
             )
-        self.middle, self.half = 0.5 * (low + high), 0.5 * USED * (high - low)
-        self.velocity, self.effort = USED * velocity, USED * effort
+        velocity, acceleration, deceleration, jerk = rates
+        self.middle, self.half, self.effort = 0.5 * (low + high), 0.5 * USED * (high - low), USED * effort
+        #: Limits of the first three derivatives of the positions.
+        self.rates = USED * np.stack([velocity, np.minimum(acceleration, deceleration), jerk])
         self.times = np.arange(SEARCHED) / SEARCHED * duration
-        if np.any(np.abs(self._torques(*self.motion(np.zeros(self._shape()), self.times))) > self.effort):
-            found = np.max(
-                np.abs(self._torques(*self.motion(np.zeros(self._shape()), self.times))) / self.effort, axis=0
-            )
-            joint = scene.joint_names[int(np.argmax(found))]
+        held = np.abs(self.torques(np.zeros((2 * harmonics + 1, scene.nv)))).max(axis=0) / self.effort
+        if np.any(held > 1.0):
             raise of_argument(
                 ArgumentError,
                 "limits",
-                f"found too little torque for joint {joint!r} to hold the middle of its range; expected more effort, or"
-                " a range around another position",
+                f"found too little torque for joint {scene.joint_names[int(np.argmax(held))]!r} to hold the middle of"
+                " its range; expected more effort, or a range around another position",
             )
 
-    def _shape(self) -> tuple[int, int]:
-        """Shape of the coefficients: for each joint the offset, then the sine and the cosine of each harmonic."""
-        return (2 * self.harmonics + 1, self.scene.nv)
+    def motion(self, coefficients: _Array, time: _Array, derivatives: int = 2) -> list[_Array]:
+        """Positions and their derivatives. Coefficients are relative to half the range: for each joint the offset,
+        then the sine and the cosine of each harmonic, (2 harmonics + 1, nv)."""
+        waves, amplitudes = np.exp(np.outer(time, self.waves)), coefficients[2::2] - 1j * coefficients[1::2]
+        found = [(waves * self.waves**order @ amplitudes).real * self.half for order in range(derivatives + 1)]
+        found[0] += self.middle + self.half * coefficients[0]
+        return found
 
-    def motion(self, coefficients: _Array, time: _Array) -> tuple[_Array, _Array, _Array]:
-        """Positions, velocities and accelerations. Coefficients are amplitudes relative to half the range."""
-        found = [
-            np.tile(self.middle + self.half * coefficients[0], (len(time), 1)),
-            np.zeros((len(time), self.scene.nv)),
-            np.zeros((len(time), self.scene.nv)),
-        ]
-        for harmonic in range(1, self.harmonics + 1):
-            w = harmonic * self.frequency
-            s, c = np.sin(w * time)[:, None], np.cos(w * time)[:, None]
-            a, b = (self.half * coefficients[at] for at in (2 * harmonic - 1, 2 * harmonic))
-            found[0] = found[0] + a * s + b * c
-            found[1] = found[1] + w * (a * c - b * s)
-            found[2] = found[2] - w * w * (a * s + b * c)
-        return found[0], found[1], found[2]
-
-    def _torques(self, q: _Array, qd: _Array, qdd: _Array) -> _Array:
+    def torques(self, coefficients: _Array) -> _Array:
+        q, qd, qdd = self.motion(coefficients, self.times)
         return _torques(self.scene, (q, qd, qdd), np.sign(qd))
 
     def fitted(self, coefficients: _Array) -> _Array:
-        """Scale each joint to satisfy position and velocity limits; then scale all joints to satisfy torque limits."""
+        """Scale each joint to satisfy the limits of its position and derivatives; then scale all joints to satisfy
+        those of the torques."""
         found = coefficients.copy()
         found[0] = np.clip(found[0], -0.5, 0.5)
-        q, qd, _ = self.motion(found, self.times)
+        q, *rates = self.motion(found, self.times, 3)
         waves = np.abs(q - self.middle - self.half * found[0]).max(axis=0)
-        room = self.half * (1.0 - np.abs(found[0]))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            scale = np.fmin(1.0, np.fmin(room / waves, self.velocity / np.abs(qd).max(axis=0)))
-        found[1:] *= scale
+        scales = [limit / np.abs(rate).max(axis=0) for limit, rate in zip(self.rates, rates, strict=True)]
+        found[1:] *= np.min([self.half * (1.0 - np.abs(found[0])) / waves, *scales], axis=0)
         if self._allowed(found):
             return found
         low, high = 0.0, 1.0
@@ -231,7 +238,7 @@ class _Search:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self._allowed(middle * found) else (low, middle)
         if low < LEAST:
-            moved = np.abs(self._torques(*self.motion(LEAST * found, self.times))).max(axis=0)
+            moved = np.abs(self.torques(LEAST * found)).max(axis=0)
             joint = self.scene.joint_names[int(np.argmax(moved / self.effort))]
             raise of_argument(
                 ArgumentError,
@@ -243,39 +250,58 @@ class _Search:
 
     def _allowed(self, coefficients: _Array) -> bool:
         """Return whether torques are within limits."""
-        return bool(np.all(np.abs(self._torques(*self.motion(coefficients, self.times))) <= self.effort))
+        return bool(np.all(np.abs(self.torques(coefficients)) <= self.effort))
 
-    def matrix(self, q: _Array, qd: _Array, qdd: _Array, deviation: _Array) -> _Array:
+    def matrix(self, motion: Sequence[_Array], noise: _Array) -> _Array:
         """Independent columns at all states, divided by the noise."""
-        rows, _ = self.columns.rows(q, qd, qdd)
-        found = np.zeros((self.scene.nv, len(q), self.columns.width))
+        rows, _ = self.columns.rows(*motion)
+        found = np.zeros((self.scene.nv, len(motion[0]), self.columns.width))
         for motor, (block, used) in enumerate(zip(rows, self.columns.used, strict=True)):
-            found[motor][:, used] = block / deviation[motor]
+            found[motor][:, used] = block / noise[motor]
         return np.asarray(found.reshape(-1, self.columns.width)[:, self.base.columns])
 
-    def value(self, coefficients: _Array) -> float:
-        """Log-determinant of the information matrix."""
-        q, qd, qdd = self.motion(coefficients, self.times)
-        torques = self._torques(q, qd, qdd)
-        largest = np.abs(torques).max(axis=0)
-        singular = np.linalg.svd(
-            self.matrix(q, qd, qdd, np.maximum(largest, 1e-6 * largest.max(initial=1e-300))), compute_uv=False
-        )
-        return float(2.0 * np.sum(np.log(np.maximum(singular, 1e-300))))
+    def value(self, coefficients: _Array, noise: _Array) -> float:
+        """Log-determinant of the information matrix of the trajectory and the prior, relative to that of the prior."""
+        # Each state of the search stands for several samples of the trajectory.
+        each = np.sqrt(SEARCHED / self.samples) * noise
+        rows = self.matrix(self.motion(coefficients, self.times), each) @ self.prior
+        return float(np.linalg.slogdet(np.eye(rows.shape[1]) + rows.T @ rows)[1])
 
-    def run(self, iterations: int, random: np.random.Generator) -> tuple[_Array, float]:
+    def start(self, random: np.random.Generator) -> _Array:
+        """Random coefficients within the limits."""
+        return self.fitted(random.standard_normal((2 * len(self.waves) + 1, self.scene.nv)))
+
+    def run(self, iterations: int, noise: _Array, best: _Array, random: np.random.Generator) -> tuple[_Array, float]:
         """Best coefficients of a random search with decreasing steps, and the increase over the start."""
-        best = self.fitted(random.standard_normal(self._shape()) / np.sqrt(self.harmonics))
-        first = value = self.value(best)
+        first = value = self.value(best, noise)
         for at in range(iterations):
             size = STEP[0] * (STEP[1] / STEP[0]) ** (at / iterations)
-            step = size * random.standard_normal(self._shape())
+            step = size * random.standard_normal(best.shape)
             # Every second step changes only one joint.
             if at % 2:
                 only = np.zeros(self.scene.nv)
                 only[random.integers(self.scene.nv)] = 1.0
                 step = step * only
             tried = self.fitted(best + step)
-            if (found := self.value(tried)) > value:
+            if (found := self.value(tried, noise)) > value:
                 best, value = tried, found
         return best, value - first
+
+
+def _prior(columns: Columns, base: _Array) -> _Array:
+    """Root L of the prior covariance L L^T of the base parameters, (base, base), as in Scene.identify; without a prior
+    for bodies without mass and joint parameters that the scene lacks."""
+    width = columns.width
+    root = np.zeros((width, width))
+    for at, body in enumerate(columns.free):
+        part = slice(10 * at, 10 * at + 10)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InertiaWarning)
+            try:
+                root[part, part] = prior_of_bodies(columns.scene, [body])[0][0]
+            except ArgumentError:
+                root[part, part] = WIDE * np.eye(10)
+    for at, extra in enumerate(columns.extras, 10 * len(columns.free)):
+        root[at, at] = extra.model or WIDE
+    # The Hessian of the prior is 1/2 in these coordinates.
+    return np.asarray(np.linalg.qr(np.sqrt(2.0) * (base @ root).T)[1].T)

@@ -31,12 +31,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _core
 from .._arguments import numbers
-from ..errors import ArgumentError, IdentificationWarning, ShapeError, of_argument, warn
+from ..errors import ArgumentError, IdentificationWarning, PhipsiError, ShapeError, of_argument, warn
 from ._accumulator import Accumulator, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
 from ._bodies import with_parameters
-from ._columns import PROPERTIES, SIGNED, Columns, flattened
+from ._columns import PROPERTIES, SIGNED, Columns, flattened, per_joint
+from ._faults import BEYOND, Clock, beyond_bodies, warn_of_bodies
 from ._most_probable import most_probable
 from ._problem import UNKNOWN, Problem
 from ._student import student_quantile
@@ -59,6 +61,8 @@ FEWEST_BLOCKS = 4
 #: Neighboring blocks are merged if the correlation of their scores exceeds the first number, or if they have fewer
 #: torques per parameter than the second, until the third number of blocks is reached.
 CORRELATED, ROWS, FEWEST_LONG = 0.1, 2.0, 8
+#: Weight of the prior with which it is checked whether possible bodies explain the torques.
+FLAT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +120,8 @@ class Identification:
     their residuals are correlated in time. The prior is weighed against n_eff states. 1 without a jackknife."""
     clock_offset: float = float("nan")
     """Delay of the torques relative to q, s, estimated from the residuals; NaN without times."""
+    clock_deviation: float = float("nan")
+    """Standard deviation of `clock_offset`, s, by blocks of time; NaN without times."""
     outliers: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     """Number of torques of each motor that were not used, (motors,), because they are outliers."""
 
@@ -446,7 +452,8 @@ class Identification:
             worst = float(np.nanmax(np.abs(ratios)))
             lines.append(f"predicted bias by noise in the accelerations: at most {worst:.2g} standard deviations")
         if np.isfinite(self.clock_offset):
-            lines.append(f"torques are {1e3 * self.clock_offset:.3g} ms later than positions")
+            spread = f"{1e3 * self.clock_offset:.3g} +- {1e3 * self.clock_deviation:.2g} ms"
+            lines.append(f"torques are {spread} later than positions")
         return "\n".join(lines)
 
 
@@ -486,8 +493,9 @@ def solved(
     trust: float,
     *,
     total_mass: Any = None,
-    clock_offset: float = float("nan"),
+    clock: Clock = Clock(float("nan"), float("nan")),
     outliers: NDArray[np.intp] | None = None,
+    check: bool = True,
 ) -> Identification:
     """Identify the parameters from all states of an accumulator."""
     trust = checked_trust(trust)
@@ -552,9 +560,12 @@ def solved(
         blocks,
         accumulator.states,
         inflation,
-        clock_offset,
+        clock.offset,
+        clock.deviation,
         np.zeros(columns.motors, dtype=np.intp) if outliers is None else outliers,
     )
+    if check:
+        _check_bodies(problem, triangle, weights, found)
     _warn_of_bias(found)
     return found
 
@@ -563,6 +574,23 @@ def _squared(root: _Array) -> _Array:
     """Covariance L L^T of a root L, (bodies, 10, columns)."""
     flat = root.reshape(-1, root.shape[2])
     return np.asarray(flat @ flat.T)
+
+
+def _check_bodies(problem: Problem, triangle: _Array, weights: _Array, found: Identification) -> None:
+    """Warn if the residuals of possible bodies exceed those of least squares, with a prior of almost no weight."""
+    independent = np.zeros(problem.columns.width)
+    independent[_combinations(problem.columns).columns] = found.base.values
+    free, after = problem.residual(independent), found.after
+    if beyond_bodies(weights, free, after).max(initial=0.0) <= BEYOND:
+        return
+    try:
+        alike = np.ones(triangle.shape[1] - 1 - 10 * problem.bodies)
+        z, _ = most_probable(triangle[:, :-1], triangle[:, -1], problem.bodies, FLAT, alike)
+        after = problem.residual(problem.to_own @ z)
+    except PhipsiError:
+        pass
+    if (beyond := beyond_bodies(weights, free, after)).max(initial=0.0) > BEYOND:
+        warn_of_bodies(problem.columns.motor_names, beyond, free, after)
 
 
 def _warn_of_bias(found: Identification) -> None:

@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from .._arguments import names_of
 from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, _log
-from ._checks import checked_time, clock_offset, shifted, warn_of_motion, warn_of_torques
+from ._checks import checked_time, shifted, warn_of_motion
+from ._faults import Clock, warn_of_faults
 from ._identification import Identification, _combinations, checked_mass, checked_trust, solved
+from ._problem import Problem
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -26,7 +28,6 @@ _Array = NDArray[np.float64]
 #: Smallest number of standard deviations of outliers; the largest number of rounds of rejection; and the standard
 #: deviation of a normal distribution per median of the absolute value.
 LEAST, ROUNDS, TO_DEVIATION = 2.0, 8, 1.4826
-
 
 
 def identify(
@@ -73,7 +74,7 @@ def identify(
         )
     if tau_delay != 0.0 and times is not None:
         tau = shifted(tau, times, tau_delay)
-    warn_of_motion(scene, times, q, qd, qdd)
+    sound = warn_of_motion(scene, times, q, qd, qdd)
 
     if outliers is not None:
         given = {"fit": fit, "keep": keep, "friction_speed": friction_speed, "stribeck_speed": stribeck_speed}
@@ -106,16 +107,14 @@ def identify(
             load = solved(accumulated(others, None), noise, trust, total_mass=total_mass).scene
     accumulator = accumulated(kinds, load)
     tau = accumulator.columns.measured(q, tau)
-    warn_of_torques(accumulator.columns, q, qd, qdd, tau)
-    offset = float("nan")
-    if times is not None:
-        weights = np.where(np.isfinite(tau).any(axis=0), 1.0, np.nan) * np.maximum(
-            np.sqrt(accumulator._squares / len(q)), 1e-300
-        )
-        offset = clock_offset(
-            accumulator.columns, _combinations(accumulator.columns).columns, times, (q, qd, qdd, tau), weights
-        )
-    return solved(accumulator, noise, trust, total_mass=total_mass, clock_offset=offset)
+    clock = Clock(float("nan"), float("nan"))
+    if sound:
+        used = _combinations(accumulator.columns).columns
+        weights = None if noise is None else Problem(accumulator).checked_noise(noise)
+        # Otherwise the bias is predicted or removed.
+        differences = acceleration_noise is None and instruments is None
+        clock, sound = warn_of_faults(accumulator.columns, used, times, (q, qd, qdd, tau), weights, differences)
+    return solved(accumulator, noise, trust, total_mass=total_mass, clock=clock, check=sound)
 
 
 def _without_outliers(

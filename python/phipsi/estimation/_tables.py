@@ -111,7 +111,7 @@ def arrays_of(columns: Mapping[str, _Array | list[str]], scene: Scene) -> dict[s
         lacking = [at for at in range(scene.nv) if at not in of_joints]
         if lacking:
             joint = scene.joint_names[lacking[0]] if len(scene.joint_names) == scene.nv else f"number {lacking[0]}"
-            expected = f"{joint}.{kind} or {kind}{lacking[0] + 1}"
+            expected = f"{joint}.{kind} or {kind}{lacking[0] + 1}, or a joint that does not move: Scene.lock, --lock"
             text = f"found no column {kind} of joint {joint!r} in the columns {listed(columns)}; expected {expected}"
             raise of_argument(ArgumentError, "log", text)
         arrays[kind] = np.stack([_numbers(of_joints[at], columns) for at in range(scene.nv)], axis=1)
@@ -176,7 +176,7 @@ def _in_order(kind: str, by_index: dict[int, str], columns: Mapping[str, _Array 
 def by_names(what: str, names: Sequence[str], values: Any, scene: Scene, coordinates: bool) -> Any:
     """Columns of an array of a file, (..., nq) or (..., nv), in the order of the scene, from the names of the joints in the file; other joints are omitted."""
     index, known, array = (scene.q_index if coordinates else scene.v_index), list(map(str, names)), np.asarray(values)
-    expected = f"those of the scene: {', '.join(scene.joint_names)}"
+    expected = f"those of the scene: {', '.join(scene.joint_names)}, without joints that do not move (Scene.lock, --lock)"
     if lacking := [joint for joint in scene.joint_names if joint not in known]:
         raise of_argument(ArgumentError, what, f"found no joint {lacking[0]!r} in the joint_names {listed(known)}; expected {expected}")
     if len(set(known)) < len(known):

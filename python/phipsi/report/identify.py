@@ -11,7 +11,9 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
+from .._core import Scene
 from ..estimation import Accumulator, accumulate_logs, read_log
+from ..estimation._checks import shifted
 from ..estimation._columns import KINDS
 from ..estimation._identification import Identification, predicted
 from ..estimation._logs import with_derivatives
@@ -21,7 +23,7 @@ from .identification import REPORT, IdentificationReport
 from .progress import Silent
 
 #: Fields of the result in the JSON.
-NUMBERS = ("parameters", "deviations", "share", "joints", "joint_deviations", "joint_share", "noise", "before", "after", "known", "blocks", "states", "inflation", "clock_offset")
+NUMBERS = ("parameters", "deviations", "share", "joints", "joint_deviations", "joint_share", "noise", "before", "after", "known", "blocks", "states", "inflation", "clock_offset", "clock_deviation")
 
 
 @group.command()
@@ -36,7 +38,12 @@ NUMBERS = ("parameters", "deviations", "share", "joints", "joint_deviations", "j
 @click.option("--trust", type=float, default=1.0, show_default=True, help="Weight of the model's own inertias.")
 @click.option("--keep", multiple=True, metavar="LINK", help="A link whose inertia stays; may be given several times.")
 @click.option("--transmission", type=click.Path(path_type=Path, dir_okay=False), help="Matrix of motor velocities by joint velocities, as .npy or text.")
-@click.option("--cutoff", type=float, help="Bandwidth of the smoother of positions, Hz.  [default: by the likelihood]")
+@click.option("--lock", "locked", multiple=True, metavar="JOINT[=Q]", help="A joint that does not move, at Q in rad or m; may be given several times.  [default: its neutral position]")
+@click.option("--joint", "joints", multiple=True, metavar="JOINT", help="A joint of the log; all others are locked; may be given several times.")
+@click.option("--friction-speed", type=float, default=0.01, show_default=True, help="Speed below which friction is viscous, rad/s or m/s.")
+@click.option("--stribeck-speed", type=float, default=0.1, show_default=True, help="Speed at which Stribeck friction has decreased to 1/e, rad/s or m/s.")
+@click.option("--tau-delay", type=float, default=0.0, show_default=True, help="Delay of the torques relative to the positions, s.")
+@click.option("--cutoff", type=float, help="Bandwidth of the smoother of positions and of the filter of torques, Hz.  [default: by likelihood and noise, printed]")
 @click.option("--blocks", type=click.IntRange(4), default=20, show_default=True, help="Blocks of time for the intervals.")
 @click.option("--held-out", type=click.FloatRange(0.0, 0.9), default=0.0, show_default=True, help="Share of a single log, at its end, that is not fitted but predicted.")
 @click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes that read several logs.")
@@ -54,6 +61,11 @@ def identify(
     trust: float,
     keep: tuple[str, ...],
     transmission: Path | None,
+    locked: tuple[str, ...],
+    joints: tuple[str, ...],
+    friction_speed: float,
+    stribeck_speed: float,
+    tau_delay: float,
     cutoff: float | None,
     blocks: int,
     held_out: float,
@@ -63,33 +75,36 @@ def identify(
 ) -> None:
     """Identify a robot's inertias from logs of measured motion and torques, with intervals.
 
-    LOG: .npz with q, qd, qdd, tau and t, a row per state, in the order of joint_names if it has them; .csv or .parquet (needs polars) with columns time and JOINT.q, JOINT.qd,
-    JOINT.qdd, JOINT.tau, or those of PlotJuggler and ROS; .mcap or a folder of rosbag2 with sensor_msgs/JointState (needs rosbags). Without velocities or accelerations positions are smoothed, which takes times. NaN in tau is a torque that was not
+    LOG: .npz with q, qd, qdd, tau and t, a row per state, in the order of joint_names if it has them; .csv, or .parquet (needs polars), with columns time and JOINT.q, JOINT.qd,
+    JOINT.qdd, JOINT.tau, or those of PlotJuggler and ROS; .mcap or a folder of rosbag2 with sensor_msgs/JointState (needs rosbags). Without velocities or accelerations positions are smoothed, which takes times, and torques pass the same filter; the noise of the accelerations then predicts the bias of the estimates. --joint and --lock are for logs of some of the joints, such as the arm of a mobile manipulator. NaN in tau is a torque that was not
     measured. Several logs are accumulated one by one, so that memory does not grow with them. Identified inertias are ones that bodies can have.
     """
     if folder is not None:
         check_pages()
     scene, name, _, _ = _load(robot, floating_base)
+    scene = _locked(scene, locked, joints)
     console = Console(stderr=True)
-    settings: dict[str, Any] = {"fit": fit, "keep": keep, "blocks": blocks}
+    settings: dict[str, Any] = {"fit": fit, "keep": keep, "blocks": blocks, "friction_speed": friction_speed, "stribeck_speed": stribeck_speed, "tau_delay": tau_delay}
     with _typed_errors(), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         if transmission is not None:
             settings["transmission"] = _matrix(transmission)
-        smoothed = False
+        log, smoothed = with_derivatives(read_log(logs[0], scene), str(logs[0]), cutoff)
+        fitted = len(log["q"])
         if len(logs) == 1:
-            log, smoothed = with_derivatives(read_log(logs[0], scene), str(logs[0]), cutoff)
-            fitted = max(1, round((1.0 - held_out) * len(log["q"])))
+            fitted = max(1, round((1.0 - held_out) * fitted))
             arrays = [log[key][:fitted] for key in ("q", "qd", "qdd", "tau")]
             times = log["time"][:fitted] if "time" in log else None
-            found = scene.identify(*arrays, time=times, noise=noise, trust=trust, **settings)
+            noisy = None if smoothed is None else smoothed.acceleration_noise
+            found = scene.identify(*arrays, time=times, noise=noise, trust=trust, acceleration_noise=noisy, **settings)
         else:
             if held_out:
                 raise BadInput("--held-out: found several logs; expected one")
             if "load" in fit:
                 raise BadInput("--fit: found load with several logs, which takes two passes; expected one log, or others")
-            found = _accumulated(scene, logs, (workers, scheduler), cutoff, settings).identify(noise=noise, trust=trust)
-            log, fitted = read_log(logs[0], scene), 0
+            # All logs pass the filter of the first one.
+            used = None if smoothed is None else smoothed.cutoff
+            found = _accumulated(scene, logs, (workers, scheduler), used, settings).identify(noise=noise, trust=trust)
         if output is not None:
             found.scene.to_urdf(output, name=robot.stem)
         if covariance is not None:
@@ -97,20 +112,24 @@ def identify(
             with covariance.open("wb") as stream:
                 root: dict[str, Any] = {**found.parameter_covariance.arrays()}
                 np.savez(stream, **root)
-        pages = [] if folder is None else _report(name, scene, found, with_derivatives(log, str(logs[0]), cutoff)[0], fitted or len(log["q"]), folder)
+        shown = _shown(name, scene, found, log, fitted, tau_delay)
+        pages = [] if folder is None else pipeline.write(REPORT, pipeline.collect(REPORT, shown, Silent()), folder)
     for text in dict.fromkeys(str(one.message) for one in caught if not issubclass(one.category, (DeprecationWarning, PendingDeprecationWarning))):
         terminal.line(console, f"warning: {_as_options(text)}", "yellow")
     if as_json:
         numbers = {field: getattr(found, field) for field in NUMBERS}
         low, high = found.interval()
-        about = {"name": name, "links": scene.body_names, "smoothed": smoothed, "file": None if output is None else str(output)}
+        about = {"name": name, "links": scene.body_names, "smoothed": smoothed is not None, "file": None if output is None else str(output)}
+        about |= {"cutoff": None if smoothed is None else smoothed.cutoff, "explained": shown.explained(slice(0, fitted))}
+        about |= {"explained_held_out": shown.explained(slice(fitted, None)) if held_out else None}
         base = {key: getattr(found.base, key) for key in ("names", "values", "deviations", "bias", "model")}
         echo_json(about | numbers | {"low": low, "high": high, "base": base, "pages": list(map(str, pages))})
         return
-    _show(found, scene.body_names)
+    _show(found, scene.body_names, shown)
     click.echo(f"{name}: {found}")
-    if smoothed:
-        click.echo("velocities and accelerations are from the smoothed positions")
+    if smoothed is not None:
+        hertz = ", ".join(f"{joint} {value:.3g}" for joint, value in zip(_axes(scene), smoothed.cutoff, strict=True))
+        click.echo(f"velocities and accelerations are from the smoothed positions, with a bandwidth in Hz of {hertz}; torques at {smoothed.cutoff.max():.3g} Hz")
     for file in [*(one for one in (output, covariance) if one is not None), *pages]:
         click.echo(file)
 
@@ -122,7 +141,7 @@ def _matrix(path: Path) -> Any:
         raise BadInput(f"--transmission: found {error}; expected a matrix as .npy, or as text") from None
 
 
-def _accumulated(scene: Any, logs: tuple[Path, ...], where: tuple[int, str | None], cutoff: float | None, settings: dict[str, Any]) -> Accumulator:
+def _accumulated(scene: Scene, logs: tuple[Path, ...], where: tuple[int, str | None], cutoff: Any, settings: dict[str, Any]) -> Accumulator:
     workers, scheduler = where
     if scheduler is None:
         return accumulate_logs(scene, logs, workers=workers, cutoff=cutoff, **settings)
@@ -142,16 +161,48 @@ def of_scheduler(address: str, error: Exception) -> BadInput:
     return BadInput(f"--scheduler: found {error} at {address!r}; expected the address of a Dask scheduler, for instance tcp://host:8786")
 
 
-def _report(name: str, scene: Any, found: Identification, log: dict[str, Any], fitted: int, folder: Path) -> list[Path]:
+def _locked(scene: Scene, locked: tuple[str, ...], joints: tuple[str, ...]) -> Scene:
+    """The scene with locked joints: those of --lock, and all but those of --joint."""
+    places = dict(one.partition("=")[::2] for one in locked)
+    for option, names in (("--lock", tuple(places)), ("--joint", joints)):
+        if unknown := [joint for joint in names if joint not in scene.joint_names]:
+            raise BadInput(f"{option}: found {unknown[0]!r}; expected one of {', '.join(scene.joint_names)}")
+    if both := [joint for joint in joints if joint in places]:
+        raise BadInput(f"--lock: found {both[0]!r}, which --joint names too; expected one of them")
+    still = [joint for joint in scene.joint_names if joint in places or (joints and joint not in joints)]
+    q = scene.neutral()
+    for joint, value in places.items():
+        at = scene.q_index(joint)
+        if not value:
+            continue
+        try:
+            if at.stop - at.start != 1:
+                raise ValueError
+            q[at.start] = float(value)
+        except ValueError:
+            raise BadInput(f"--lock: found {value!r} for {joint!r}; expected a number, rad or m, of a joint of one axis") from None
+    with _typed_errors():
+        return scene.lock(still, q) if still else scene
+
+
+def _axes(scene: Scene) -> list[str]:
+    """Names of the coordinates of q."""
+    of = {joint: scene.q_index(joint) for joint in scene.joint_names}
+    return [joint if at.stop - at.start == 1 else f"{joint}[{row}]" for joint, at in of.items() for row in range(at.stop - at.start)]
+
+
+def _shown(name: str, scene: Scene, found: Identification, log: dict[str, Any], fitted: int, delay: float) -> IdentificationReport:
+    """The identification and the first log, with predicted torques."""
     q, qd, qdd, tau = (log[key] for key in ("q", "qd", "qdd", "tau"))
     columns = found.columns
     before = predicted(columns, np.append(columns.own[columns.free].ravel(), [extra.model for extra in columns.extras]), q, qd, qdd)
     time = log.get("time", np.arange(len(q), dtype=float))
-    page = IdentificationReport(False, name, scene, found, time, tau, found.torques(q, qd, qdd), before, fitted)
-    return pipeline.write(REPORT, pipeline.collect(REPORT, page, Silent()), folder)
+    if delay:
+        tau = shifted(tau, time, delay)
+    return IdentificationReport(False, name, scene, found, time, columns.measured(q, tau), found.torques(q, qd, qdd), before, fitted)
 
 
-def _show(found: Identification, links: tuple[str, ...]) -> None:
+def _show(found: Identification, links: tuple[str, ...], shown: IdentificationReport) -> None:
     console = Console()
     low, high = found.interval()
     half = 0.5 * (high - low)
@@ -164,8 +215,16 @@ def _show(found: Identification, links: tuple[str, ...]) -> None:
         terminal.table(console, title, ("link", *heads), body, 1)
         title = ""
     motors = found.columns.motor_names
-    each = [
-        (escape(motor), *(f"{value:.3g}" for value in values), *(f"{of[motor]:.4g}{of_joints[kind][motor]}" if motor in of else "" for kind, of in found.joints.items()))
-        for motor, *values in zip(motors, found.noise, found.before, found.after, strict=True)
-    ]
-    terminal.table(console, "Torques, rms", ("motor", "noise", "off before", "off after", *found.joints), each, 1)
+    shares, explained = ["explained"], [shown.explained(slice(0, shown.held_out))]
+    if shown.held_out < len(shown.time):
+        shares.append("held out")
+        explained.append(shown.explained(slice(shown.held_out, None)))
+    each = [(escape(motor), *(f"{value:.3g}" for value in values)) for motor, *values in zip(motors, found.noise, found.before, found.after, *explained, strict=True)]
+    terminal.table(console, "Torques: rms, and explained share of their variance", ("motor", "noise", "off before", "off after", *shares), each, 1)
+    if found.joints:
+        names = dict.fromkeys([*motors, *(name for of in found.joints.values() for name in of)])
+        each = [
+            (escape(name), *(f"{of[name]:.4g} ± {2 * found.joint_deviations[kind][name]:.2g}{of_joints[kind][name]}" if name in of else "" for kind, of in found.joints.items()))
+            for name in names
+        ]
+        terminal.table(console, "Motors and joints, with two standard deviations", ("name", *found.joints), each, 1)
