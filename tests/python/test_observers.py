@@ -152,17 +152,21 @@ def run_slider(delay: int = 0) -> tuple[Observer, list, np.ndarray, np.ndarray]:
     n, nv = 2 + 2 + 6 + 3, 2
     inverse = np.linalg.inv(scene.mass_matrix([0.0, 0.0]))
     by_force = inverse @ np.array([1.0, 1.0])
-    # x1 = F x + B n + walk, with x = (q, qd, wrench, bias).
+    # x1 = F x + B n + G walk, with x = (q, qd, wrench, bias) and the mean of the wrenches at both ends.
     a = np.zeros((nv, n + nv))
     a[:, 7], a[:, n:] = by_force, inverse
+    start, growth = a.copy(), np.eye(n)
+    a[:, 7] *= 0.5 * (1.0 + np.exp(-dt / 0.7))
+    growth[2:4, 7], growth[:2, 7] = 0.5 * dt * by_force, 0.25 * dt**2 * by_force
     flow = np.zeros((n, n + nv))
     flow[2:4] = dt * a
     flow[2:4, 2:4] += np.eye(2)
-    flow[:2] = dt * flow[2:4]
+    flow[:2] = 0.5 * dt * flow[2:4]
+    flow[:2, 2:4] += 0.5 * dt * np.eye(2)
     flow[:2, :2] += np.eye(2)
     flow[4:10, 4:10], flow[10:, 10:13] = np.exp(-dt / 0.7) * np.eye(6), np.eye(3)
     accelerate = np.zeros((3, n + nv))
-    accelerate[0] = a.sum(axis=0)
+    accelerate[0] = start.sum(axis=0)
     accelerate[:, 10:13] += np.eye(3)
     encode = np.zeros((1, n + nv))
     encode[0, 0] = 1.0
@@ -184,7 +188,7 @@ def run_slider(delay: int = 0) -> tuple[Observer, list, np.ndarray, np.ndarray]:
         rows[:, at + nv + n : at + per] += np.eye(4)
         readings.append(rows)
         state = flow @ wide
-        state[:, at + nv : at + nv + n] += np.eye(n)
+        state[:, at + nv : at + nv + n] += growth
         at += per
     mean = np.concatenate([[0.1, -0.2], np.zeros(size - 2)])
     drawn = mean + sigma * rng.normal(size=size)
@@ -254,12 +258,25 @@ def test_a_copy_of_an_observer_is_independent() -> None:
 
 @pytest.mark.parametrize("case", [bench.arm_case(False), bench.arm_case(True), bench.floating_case()], ids=lambda case: case.name)
 def test_innovations_are_what_the_filter_states(case: bench.Case) -> None:
+    """The truth moves by steps of order 4 at a quarter of the filter's step, and wrenches change within it."""
     found = bench.consistency(case, runs=30, steps=30, seed=2, smooth=False)
     low, high = found.bounds
     # Bounds of 95 %: twice as wide here, so that another rounding does not decide.
     assert 1.0 - 2.0 * (1.0 - low) <= found.nis <= 1.0 + 2.0 * (high - 1.0)
     assert 0.85 <= found.nees <= 1.15
     assert abs(found.correlation) <= 4.0 / np.sqrt(900)
+
+
+@pytest.mark.parametrize(("imu", "dt", "steps"), [(False, 2e-3, 60), (False, 4e-3, 50), (False, 1e-2, 40), (True, 4e-3, 50)])
+def test_errors_on_fast_motion_are_those_that_the_filter_states(imu: bool, dt: float, steps: int) -> None:
+    """14 rad/s^2, truth by steps of order 4 at a quarter of dt: a step of order 1 has NEES/n of 6, 20, 131; 437 with an IMU."""
+    found = bench.consistency(bench.swift_case(imu, dt), runs=60, steps=steps, seed=5, smooth=dt == 1e-2)
+    assert 12.0 <= found.acceleration <= 18.0
+    low, high = found.nees - 3.0 * found.nees_error, found.nees + 3.0 * found.nees_error
+    assert low <= 1.0 <= high or 0.95 <= found.nees <= 1.05, found
+    assert 0.9 <= found.nees <= 1.1, found
+    assert not found.smoothed > 1.1, found
+    assert 1.0 - 2.0 * (1.0 - found.bounds[0]) <= found.nis <= 1.0 + 2.0 * (found.bounds[1] - 1.0)
 
 
 def test_an_accelerometer_without_the_noise_that_it_feels_is_inconsistent() -> None:

@@ -37,8 +37,10 @@ WINDOW = 100
 class Observer:
     """Error-state Kalman filter of joint motion, external wrenches and sensor biases; see Scene.observer.
 
-    Each step processes the readings of the present time, then advances by dt: a = FD(q, qd, tau + n, w), qd + dt a, and
-    q (+) dt (qd + dt a). Readings are linearized at the prediction. The model does not include damping, friction and
+    Each step processes the readings of the present time, then advances by dt with a step of order 2: qd1 = qd + dt a and
+    q (+) dt (qd + qd1)/2. The acceleration is that of its middle, a = FD(q (+) dt qd/2, qd + dt a0/2, tau + n,
+    (w + w1)/2), where a0 = FD(q, qd, tau + n, w) and w1 are the wrenches at the end. Readings are linearized at the
+    prediction. The model does not include damping, friction and
     springs of the scene: add their torques to tau, and their uncertainty to torque_noise.
 
     Parameters

@@ -32,6 +32,7 @@
 //! # }
 //! ```
 
+mod acceleration;
 mod closure;
 mod filter;
 mod link_motion;
@@ -70,8 +71,9 @@ const COST: [usize; 2] = [10_000, 1];
 
 /// Observer of one or several robots of one scene.
 ///
-/// Each step processes the readings of the present time, then predicts the next time: a = FD(q, qd, tau + n, w),
-/// qd + dt a, and q (+) dt (qd + dt a). Readings are linearized at the prediction. Damping, friction and springs of the
+/// Each step processes the readings of the present time, then predicts the next time by a step of order 2, with the
+/// acceleration a in its middle: qd1 = qd + dt a and q (+) dt (qd + qd1)/2, where a = FD(q (+) dt qd/2, qd + dt a0/2,
+/// tau + n, (w + w1)/2) and a0 = FD(q, qd, tau + n, w), with the wrenches w1 at the end of the step. Readings are linearized at the prediction. Damping, friction and springs of the
 /// scene are not part of the model: add their torques to tau, and their uncertainty to the torque noise.
 ///
 /// `S` is a [`Scene`], `&Scene` or `Arc<Scene>`. Scenes with connections, contacts or joints that follow others are not
@@ -117,7 +119,8 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
             |scratch| {
                 let (tau, mut flow) = (vec![0.0; plan.nv], vec![0.0; plan.width * plan.flow_stride()]);
                 let prior = &robots[0].prior;
-                let _ = scratch.linearize((&plan, own), (&prior.q, &prior.qd, &prior.rest), &tau, &mut flow);
+                let state = (&*prior.q, &*prior.qd, &*prior.rest);
+                let _ = scratch.acceleration.at((&plan, own), state, &tau, &mut flow);
             },
         );
         Ok(Self { scene, plan, robots, pool })

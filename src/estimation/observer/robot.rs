@@ -61,6 +61,8 @@ pub(crate) struct Record {
     pub(super) root: Vec<f64>,
     /// Derivatives of the accelerations by the error and the torque noise, by columns.
     pub(super) flow: Vec<f64>,
+    /// Derivatives of the accelerations by the wrenches in the middle of the step, by columns.
+    pub(super) by_wrench: Vec<f64>,
     /// The prediction of the next time.
     pub(super) next_q: Vec<f64>,
     pub(super) next_qd: Vec<f64>,
@@ -88,6 +90,7 @@ impl Record {
             noise: nan(plan.nv)?,
             root: filled(plan.width * column, 0.0)?,
             flow: filled(plan.width * plan.flow_stride(), 0.0)?,
+            by_wrench: filled(6 * plan.wrenches.len() * plan.flow_stride(), 0.0)?,
             next_q: nan(plan.nq)?,
             next_qd: nan(plan.nv)?,
             next_rest: nan(plan.rest)?,

@@ -42,9 +42,24 @@ impl Belief {
 
 impl Record {
     fn visit(&mut self, visit: &mut Visit<'_>) -> Result<(), Error> {
-        let Self { tau, readings, q, qd, rest, noise, root, flow, next_q, next_qd, next_rest, nis, count, by_sensor } =
-            self;
-        for part in [tau, readings, q, qd, rest, noise, root, flow, next_q, next_qd, next_rest] {
+        let Self {
+            tau,
+            readings,
+            q,
+            qd,
+            rest,
+            noise,
+            root,
+            flow,
+            by_wrench,
+            next_q,
+            next_qd,
+            next_rest,
+            nis,
+            count,
+            by_sensor,
+        } = self;
+        for part in [tau, readings, q, qd, rest, noise, root, flow, by_wrench, next_q, next_qd, next_rest] {
             visit(part)?;
         }
         visit(std::slice::from_mut(nis))?;
