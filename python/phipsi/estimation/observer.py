@@ -152,6 +152,9 @@ class Observer:
             self._places[sensor.name] = sensor, slice(at, at + size)
             at += size
         self._none = np.full((*self._batch, at), np.nan)
+        self._has_gates = any(np.any(np.asarray(sensor.gate) != 1.0) for sensor in self.sensors)
+        #: Numbers of rejected readings in a window, (..., sensors).
+        self._rejected = np.zeros((*self._batch, len(self.sensors)), int)
 
     def __getstate__(self) -> dict[str, Any]:
         """Attributes, with the state of the filter as numbers."""
@@ -257,7 +260,7 @@ class Observer:
 
     # The filter
 
-    def step(self, tau: ArrayLike, readings: Mapping[str, Any]) -> ObserverEstimate:
+    def step(self, tau: ArrayLike, readings: Mapping[str, Any], *, dt: float | None = None) -> ObserverEstimate:
         """Process the readings of the present time, and advance by dt under the torques tau.
 
         Parameters
@@ -267,6 +270,8 @@ class Observer:
         readings : dict
             Readings (..., m) by sensor name. A missing key, None or NaN means no reading. A reading of a sensor with a
             delay belongs to the time `delay` steps ago; readings of times before the first step are ignored.
+        dt : float, optional
+            Time to the next step, s; by default that of the observer. Delays remain numbers of steps.
 
         Returns
         -------
@@ -299,11 +304,15 @@ class Observer:
                     "tau",
                     f"found shape {torque.shape}; expected one that broadcasts to {(*batch, scene.nv)}",
                 ) from None
-        found, is_complete = self._filter.step(torque.ravel(), self._readings(readings).ravel())
+        duration = self.dt if dt is None else float(numbers("dt", dt))
+        found, is_complete = self._filter.step(torque.ravel(), self._readings(readings).ravel(), duration)
+        q, qd, rest, covariance, nis, size, outliers = found
+        rejected = {name: outliers[..., place] > 0.0 for name, (_, place) in self._places.items()}
+        if self._has_gates:
+            self._rejected = self._rejected + np.stack([own.sum(axis=-1) for own in rejected.values()], axis=-1)
         if is_complete and self.sensors:
             self._watch()
-        q, qd, rest, covariance, nis, size = found
-        return ObserverEstimate(q, qd, *self._named(rest), covariance, nis, size.astype(int))
+        return ObserverEstimate(q, qd, *self._named(rest), covariance, nis, size.astype(int), rejected)
 
     def _named(self, rest: _Array) -> tuple[dict[str, _Array], dict[str, _Array]]:
         m = 6 * len(self.wrenches)
@@ -331,12 +340,32 @@ class Observer:
 
     def _watch(self) -> None:
         """Warn if innovations of a sensor in a window are inconsistent with their covariance."""
-        ratios = innovation_ratios(np.array(self._filter.window()))
+        sums = np.array(self._filter.window())
+        if self._has_gates:
+            self._warn_of_gates(sums[..., 1])
+        ratios = innovation_ratios(sums)
         if np.all(ratios <= 1.0):
             return
         robot, sensor = np.unravel_index(int(np.argmax(ratios)), ratios.shape)
         state = tuple(map(int, np.unravel_index(int(robot), self._batch))) if self._batch else ()
         self._warn(float(ratios[robot, sensor]), int(sensor), int(robot), state)
+
+    def _warn_of_gates(self, processed: _Array) -> None:
+        """Warn if gates rejected most readings of a sensor in a window: the filter may follow a wrong estimate."""
+        rejected = self._rejected.reshape(processed.shape)
+        self._rejected = np.zeros_like(self._rejected)
+        if np.all(rejected <= processed):
+            return
+        robot, sensor = np.unravel_index(int(np.argmax(rejected - processed)), rejected.shape)
+        state = tuple(map(int, np.unravel_index(int(robot), self._batch))) if self._batch else ()
+        name, place = self.sensors[int(sensor)].name, f" of robot {state}" if state else ""
+        count = int(rejected[robot, sensor])
+        warning = DivergenceWarning(
+            f"sensor {name!r}{place}: its gate rejected {count} of {count + int(processed[robot, sensor])} readings in"
+            f" {WINDOW} steps: the estimate or the noise is wrong; increase gate or noise, or create the observer again"
+        )
+        warning.sensor, warning.state = name, state
+        warn(warning)
 
     def _warn(self, ratio: float, sensor: int, robot: int, state: tuple[int, ...]) -> None:
         """Warn about divergence, and name the sensor without which the other sensors are most consistent.
@@ -397,8 +426,6 @@ class Observer:
         >>> observer.smooth().covariance.shape
         (10, 4, 4)
         """
-        (q, qd, rest, covariance), first = self._filter.smooth()
+        (q, qd, rest, covariance), time = self._filter.smooth()
         wrenches, biases = self._named(rest)
-        return SmoothedMotion(
-            np.arange(first, first + len(q)) * np.float64(self.dt), q, qd, wrenches, biases, covariance
-        )
+        return SmoothedMotion(time, q, qd, wrenches, biases, covariance)

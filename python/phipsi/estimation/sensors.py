@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers, whole
 from ..errors import ArgumentError, ShapeError, of_argument
+from ._chi_square import chi_square_quantile
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -48,6 +50,10 @@ class Sensor:
         Key of the readings in Observer.step.
     delay : int
         Number of steps between the time of a reading and the step that receives it, at most 10,000.
+    gate : float
+        Probability with which a correct component of a reading is processed, above 0 and at most 1. A component whose
+        squared difference from the prediction, divided by its variance, exceeds the chi-square quantile of this
+        probability is rejected as an outlier, for instance 0.999. One, the default: none is rejected.
 
     Examples
     --------
@@ -63,6 +69,7 @@ class Sensor:
     noise: ArrayLike
     name: str = ""
     delay: int = 0
+    gate: float = 1.0
 
     def size(self, scene: Scene) -> int:
         """Number of components m of a reading; each sensor class implements it.
@@ -137,7 +144,7 @@ class Sensor:
         return Prediction(value, of_q, of_qd, of_qdd if by_qdd else None, of_noise if by_noise else None)
 
     def _compiled(self, scene: Scene) -> tuple[Any, ...]:
-        """Arguments of the sensor in compiled code: kind, name, joints, mount, noise, delay, bias with its growth."""
+        """Arguments of the sensor in compiled code: kind, name, joints, mount, noise, delay, bias with growth, gate."""
         size, noise = self.size(scene), numbers(f"noise of {self.name!r}", self.noise)
         if noise.ndim > 1:
             raise of_argument(
@@ -146,7 +153,12 @@ class Sensor:
         delay = whole(f"delay of {self.name!r}", self.delay, 0, "a whole number of steps, zero or more")
         joints, mount = self._source()
         bias = float(getattr(self, "bias", 0.0)), float(getattr(self, "bias_walk", 0.0))
-        return self._kind, self.name, joints, mount, noise.reshape(-1).tolist(), delay, bias
+        gate = numbers(f"gate of {self.name!r}", self.gate)
+        if gate.ndim or not 0.0 < gate <= 1.0:
+            found = f"found {self.gate!r}; expected a probability above 0 and at most 1, for instance 0.999"
+            raise of_argument(ArgumentError, f"gate of {self.name!r}", found)
+        largest = math.inf if gate == 1.0 else math.sqrt(chi_square_quantile(float(gate), 1.0))
+        return self._kind, self.name, joints, mount, noise.reshape(-1).tolist(), delay, bias, largest
 
     def _source(self) -> tuple[list[str] | None, tuple[Any, ...] | None]:
         """Names of the joints, and link with position and axes."""

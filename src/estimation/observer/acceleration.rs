@@ -14,7 +14,7 @@
 use super::closure::Closure;
 use super::manifold::step_jacobians;
 use super::rotate::combine;
-use super::settings::{LANES, Plan};
+use super::settings::{LANES, Plan, Timing};
 use crate::batch::instruction_set::within_widest;
 use crate::error::Error;
 use crate::kinematics::local_jacobian;
@@ -108,18 +108,19 @@ impl Acceleration {
     pub fn in_the_middle(
         &mut self,
         (plan, scene, closure): (&Plan, &Scene, Option<&mut Closure>),
+        timing: &Timing,
         (q, qd, rest): (&[f64], &[f64], &[f64]),
         tau: &[f64],
         (start, flow, by_wrench): (&mut [f64], &mut [f64], &mut [f64]),
     ) -> Result<(), Error> {
-        let half = 0.5 * plan.dt;
+        let half = 0.5 * timing.dt;
         self.at((plan, scene), (q, qd, rest), tau, start)?;
         for (step, qd) in self.step.iter_mut().zip(qd) {
             *step = half * qd;
         }
         let [mut middle_q, mut middle_qd, mut wrenches] =
             [&mut self.q, &mut self.qd, &mut self.rest].map(|own| std::mem::take(own));
-        for (middle, (wrench, decay)) in wrenches.iter_mut().zip(rest.iter().zip(&plan.decay)) {
+        for (middle, (wrench, decay)) in wrenches.iter_mut().zip(rest.iter().zip(&timing.decay)) {
             *middle = 0.5 * (1.0 + decay) * wrench;
         }
         for (middle, (qd, qdd)) in middle_qd.iter_mut().zip(qd.iter().zip(&self.value)) {
@@ -137,14 +138,14 @@ impl Acceleration {
         [self.q, self.qd, self.rest] = [middle_q, middle_qd, wrenches];
         done?;
         by_wrench.copy_from_slice(&flow[..by_wrench.len()]);
-        chain(self, plan, start, flow);
+        chain(self, plan, timing, start, flow);
         Ok(())
     }
 
     /// Derivatives in the middle by those at the start: [A_q, A_v] times the derivatives of the state in the middle.
     #[inline(always)]
-    fn chain(&mut self, plan: &Plan, start: &[f64], flow: &mut [f64]) {
-        let (nv, stride, half) = (plan.nv, plan.flow_stride(), 0.5 * plan.dt);
+    fn chain(&mut self, plan: &Plan, timing: &Timing, start: &[f64], flow: &mut [f64]) {
+        let (nv, stride, half) = (plan.nv, plan.flow_stride(), 0.5 * timing.dt);
         self.by_state.copy_from_slice(&flow[plan.q() * stride..plan.states * stride]);
         let (by_q, by_qd) = self.by_state.split_at(nv * stride);
         for (to, by_q) in flow[plan.qd() * stride..plan.states * stride].iter_mut().zip(by_q) {
@@ -161,7 +162,7 @@ impl Acceleration {
                     half.mul_add(along(&right), by_qd[(first + j) * stride + row]);
             }
         }
-        for (column, decay) in flow.chunks_exact_mut(stride).zip(&plan.decay[..self.rest.len()]) {
+        for (column, decay) in flow.chunks_exact_mut(stride).zip(&timing.decay[..self.rest.len()]) {
             column.iter_mut().for_each(|entry| *entry *= 0.5 * (1.0 + decay));
         }
         for (to, from) in flow.chunks_exact_mut(stride).zip(start.chunks_exact(stride)) {
@@ -176,7 +177,13 @@ impl Acceleration {
 }
 
 within_widest! {
-    fn chain<'a>(acceleration: &'a mut Acceleration, plan: &'a Plan, start: &'a [f64], flow: &'a mut [f64]) {
-        acceleration.chain(plan, start, flow);
+    fn chain<'a>(
+        acceleration: &'a mut Acceleration,
+        plan: &'a Plan,
+        timing: &'a Timing,
+        start: &'a [f64],
+        flow: &'a mut [f64],
+    ) {
+        acceleration.chain(plan, timing, start, flow);
     }
 }

@@ -29,6 +29,8 @@ pub(crate) struct Scratch {
     deviations: Vec<f64>,
     /// For each sensor, its first row and number of rows in H.
     spans: Vec<(usize, usize)>,
+    /// For each sensor, its number of rejected readings.
+    outliers: Vec<usize>,
     change: Vec<f64>,
     rotation: RotationScratch,
     marginal: Vec<f64>,
@@ -58,6 +60,7 @@ impl Scratch {
             errors: vec![0.0; readings],
             deviations: vec![1.0; readings],
             spans: vec![(0, 0); plan.sensors.len()],
+            outliers: vec![0; plan.sensors.len()],
             change: vec![0.0; wide],
             rotation: RotationScratch::new(width),
             marginal: vec![0.0; largest * (largest + 1)],
@@ -126,7 +129,7 @@ impl Scratch {
         for (to, from) in record.root.chunks_exact_mut(wide).zip(prior.root.chunks_exact(column)) {
             to[..plan.states].copy_from_slice(&from[..plan.states]);
         }
-        for (i, &deviation) in plan.torque_deviations.iter().enumerate() {
+        for (i, &deviation) in record.timing.torque_deviations.iter().enumerate() {
             let at = plan.states + i;
             record.root[at * wide + at] = deviation;
         }
@@ -134,6 +137,7 @@ impl Scratch {
         self.change.fill(0.0);
         record.nis = 0.0;
         record.by_sensor.fill((0.0, 0));
+        record.rejected.fill(0.0);
         if record.count > 0 {
             process(self, plan, record);
         }
@@ -214,9 +218,10 @@ impl Scratch {
     fn process(&mut self, plan: &Plan, record: &mut Record) {
         let ([_, wide], stride) = (plan.strides(), plan.reading_stride());
         project(&self.h, stride, (&record.root, wide, plan.width), &mut self.projected);
+        self.reject(plan, record);
         for (s, own) in record.by_sensor.iter_mut().enumerate() {
             let span = self.spans[s];
-            *own = (if span.0 == 0 { 0.0 } else { self.innovation(span, stride) }, span.1);
+            *own = (if span.0 == 0 { 0.0 } else { self.innovation(span, stride) }, span.1 - self.outliers[s]);
         }
         let mut readings = Readings {
             rows: &mut self.projected,
@@ -225,11 +230,42 @@ impl Scratch {
             errors: &mut self.errors,
             deviations: &self.deviations,
         };
+        let outliers: usize = self.outliers.iter().sum();
         record.nis = measure(&mut readings, (&mut record.root, wide), &mut self.rotation, &mut self.change);
+        record.count -= outliers;
         // The sensor whose readings are processed first is not conditioned on others.
         for (own, &(first, size)) in record.by_sensor.iter_mut().zip(&self.spans) {
             if first == 0 {
                 own.0 = self.errors[..size].iter().sum();
+            }
+        }
+    }
+
+    /// Removes readings beyond the gate of their sensor: rows and errors of zero change nothing.
+    #[inline(always)]
+    fn reject(&mut self, plan: &Plan, record: &mut Record) {
+        let stride = plan.reading_stride();
+        for (s, sensor) in plan.sensors.iter().enumerate() {
+            self.outliers[s] = 0;
+            if sensor.gate.is_infinite() {
+                continue;
+            }
+            let mut row = self.spans[s].0;
+            for at in sensor.range.clone() {
+                if record.readings[at].is_nan() {
+                    continue;
+                }
+                let mut variance = self.deviations[row] * self.deviations[row];
+                for column in self.projected.chunks_exact(stride) {
+                    variance = column[row].mul_add(column[row], variance);
+                }
+                if self.errors[row] * self.errors[row] > sensor.gate * variance {
+                    self.errors[row] = 0.0;
+                    self.projected.chunks_exact_mut(stride).for_each(|column| column[row] = 0.0);
+                    record.rejected[at] = 1.0;
+                    self.outliers[s] += 1;
+                }
+                row += 1;
             }
         }
     }
@@ -283,19 +319,25 @@ impl Scratch {
         record: &mut Record,
         next: &mut Belief,
     ) -> Result<(), Error> {
-        let h = plan.dt;
+        let h = record.timing.dt;
         for (sum, (tau, noise)) in self.torque.iter_mut().zip(record.tau.iter().zip(&record.noise)) {
             *sum = tau + noise;
         }
         let state = (&*record.q, &*record.qd, &*record.rest);
         let flows = (&mut *self.flow, &mut *record.flow, &mut *record.by_wrench);
-        self.acceleration.in_the_middle((plan, scene, self.closure.as_mut()), state, &self.torque, flows)?;
+        self.acceleration.in_the_middle(
+            (plan, scene, self.closure.as_mut()),
+            &record.timing,
+            state,
+            &self.torque,
+            flows,
+        )?;
         for (next, (qd, qdd)) in next.qd.iter_mut().zip(record.qd.iter().zip(&self.acceleration.value)) {
             *next = qd + h * qdd;
         }
-        self.mean_step(plan, (&record.qd, &next.qd));
+        self.mean_step(plan, h, (&record.qd, &next.qd));
         scene.integrate(&record.q, &self.step, &mut next.q)?;
-        for (next, (decay, rest)) in next.rest.iter_mut().zip(plan.decay.iter().zip(&record.rest)) {
+        for (next, (decay, rest)) in next.rest.iter_mut().zip(record.timing.decay.iter().zip(&record.rest)) {
             *next = decay * rest;
         }
         self.close((plan, scene), (&mut next.q, &mut next.qd), std::iter::empty())?;
@@ -312,9 +354,9 @@ impl Scratch {
     }
 
     /// The step h (qd + qd1)/2, and its Jacobians for each group.
-    fn mean_step(&mut self, plan: &Plan, (qd, next): (&[f64], &[f64])) {
+    fn mean_step(&mut self, plan: &Plan, h: f64, (qd, next): (&[f64], &[f64])) {
         for (step, (qd, next)) in self.step.iter_mut().zip(qd.iter().zip(next)) {
-            *step = 0.5 * plan.dt * (qd + next);
+            *step = 0.5 * h * (qd + next);
         }
         for (own, &(first, size)) in self.jacobians.iter_mut().zip(&plan.groups) {
             *own = step_jacobians(&self.step[first..first + size]);
@@ -338,7 +380,7 @@ impl Scratch {
     /// [F B] times the root of (error, torque noise), and the growth of the random walks, into `predicted`.
     #[inline(always)]
     fn carry(&mut self, plan: &Plan, record: &Record) {
-        let ([column, wide], stride, h) = (plan.strides(), plan.flow_stride(), plan.dt);
+        let ([column, wide], stride, h) = (plan.strides(), plan.flow_stride(), record.timing.dt);
         let half = 0.5 * h;
         let (q, qd, nv) = (plan.q(), plan.qd(), plan.nv);
         let (carried, walks) = self.predicted.split_at_mut(plan.width * column);
@@ -346,7 +388,7 @@ impl Scratch {
         let is_triangular = plan.groups.is_empty() && self.closure.is_none();
         for (j, (to, from)) in carried.chunks_exact_mut(column).zip(record.root.chunks_exact(wide)).enumerate() {
             let first = if is_triangular { j } else { j.min(q) };
-            for ((to, from), decay) in to[..plan.rest].iter_mut().zip(from).zip(&plan.decay) {
+            for ((to, from), decay) in to[..plan.rest].iter_mut().zip(from).zip(&record.timing.decay) {
                 *to = decay * from;
             }
             for block in (0..nv).step_by(LANES) {
@@ -370,11 +412,16 @@ impl Scratch {
             }
         }
         walks.fill(0.0);
-        for (to, &row) in walks.chunks_exact_mut(column).zip(&plan.walks) {
-            to[row] = plan.walk[row];
-            // Half of the growth of a wrench acts in the middle of the step.
+        let walk = &record.timing.walk;
+        // Half of the growth of a wrench acts in the middle of the step. The mean of a wrench over the step, given both
+        // ends, has the variance of its growth over 12.
+        let within = plan.walks.len() - plan.grown;
+        let growth = plan.walks[..plan.grown].iter().map(|&row| (row, walk[row], half * walk[row]));
+        let inside = plan.walks[..within].iter().map(|&row| (row, 0.0, h / 12.0_f64.sqrt() * walk[row]));
+        for (to, (row, added, acting)) in walks.chunks_exact_mut(column).zip(growth.chain(inside)) {
+            to[row] = added;
             for (i, by_wrench) in record.by_wrench.iter().skip(row * stride).take(nv).enumerate() {
-                to[qd + i] = half * plan.walk[row] * by_wrench;
+                to[qd + i] = acting * by_wrench;
                 to[q + i] = half * to[qd + i];
             }
             for (&(first, size), [_, right]) in plan.groups.iter().zip(&self.jacobians) {
@@ -388,7 +435,7 @@ impl Scratch {
 
     /// [F B] root of a record, with the columns of the random walks, (states) rows per column, for the smoother.
     pub fn carried(&mut self, (plan, scene): (&Plan, &Scene), record: &Record) -> Result<&[f64], Error> {
-        self.mean_step(plan, (&record.qd, &record.next_qd));
+        self.mean_step(plan, record.timing.dt, (&record.qd, &record.next_qd));
         let (mut q, mut qd) = (record.next_q.clone(), record.next_qd.clone());
         self.close((plan, scene), (&mut q, &mut qd), std::iter::empty())?;
         predict_root(self, plan, record, None);

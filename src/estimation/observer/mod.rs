@@ -60,7 +60,7 @@ use crate::scene::Scene;
 use filter::Scratch;
 pub(crate) use robot::Belief;
 use robot::{Record, Robot, add_innovations};
-use settings::Plan;
+use settings::{Plan, Timing};
 use std::borrow::Borrow;
 
 /// Number of steps of a window of innovations, for tests of divergence.
@@ -82,6 +82,8 @@ const COST: [usize; 2] = [10_000, 1];
 pub struct Observer<S> {
     scene: S,
     plan: Plan,
+    /// The noise of the last step.
+    timing: Timing,
     robots: Vec<Robot>,
     pool: Pool<Scratch>,
 }
@@ -123,7 +125,8 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
                 let _ = scratch.acceleration.at((&plan, own), state, &tau, &mut flow);
             },
         );
-        Ok(Self { scene, plan, robots, pool })
+        let timing = plan.timing.clone();
+        Ok(Self { scene, plan, timing, robots, pool })
     }
 
     /// The number of robots.
@@ -164,9 +167,19 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
     /// [`Error::SingularJoint`]; [`Error::Memory`] if the history does not fit in memory. The observer is then
     /// unchanged.
     pub fn step(&mut self, tau: &[f64], readings: &[f64]) -> Result<(), Fault> {
-        let Self { scene, plan, robots, pool } = self;
+        self.step_over(self.plan.timing.dt, tau, readings)
+    }
+
+    /// [`step`](Self::step) with the time `dt` to the next step, s, for all robots. Delays remain numbers of steps.
+    ///
+    /// # Errors
+    ///
+    /// As [`step`](Self::step), and [`Error::Argument`] for a time that is not positive.
+    pub fn step_over(&mut self, dt: f64, tau: &[f64], readings: &[f64]) -> Result<(), Fault> {
+        let Self { scene, plan, timing, robots, pool } = self;
         let (scene, plan) = ((*scene).borrow(), &*plan);
         let of_first = |error| Fault { state: 0, error };
+        settings::check_duration(dt).map_err(of_first)?;
         check_length("tau", tau.len(), robots.len() * plan.nv).map_err(of_first)?;
         check_length("readings", readings.len(), robots.len() * plan.readings).map_err(of_first)?;
         let of_robot = |i: usize| &readings[i * plan.readings..(i + 1) * plan.readings];
@@ -174,8 +187,15 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
             scene.check_rates("tau", tau).map_err(|error| Fault { state, error })?;
             check_readings(plan, of_robot(state)).map_err(|error| Fault { state, error })?;
         }
+        if dt.to_bits() != timing.dt.to_bits() {
+            if dt.to_bits() == plan.timing.dt.to_bits() {
+                timing.copy_from(&plan.timing);
+            } else {
+                plan.time(dt, timing);
+            }
+        }
         for (state, tau) in tau.chunks_exact(plan.nv).enumerate() {
-            if let Err(error) = robots[state].begin(plan, tau, of_robot(state)) {
+            if let Err(error) = robots[state].begin(plan, timing, tau, of_robot(state)) {
                 robots[..state].iter_mut().for_each(|robot| robot.undo(plan));
                 return Err(Fault { state, error });
             }
@@ -213,6 +233,13 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         Some((record.nis, record.count))
     }
 
+    /// For each reading of the time of [`innovation`](Self::innovation), one if it was beyond the gate of its sensor and
+    /// was not processed, otherwise zero; `None` if there is no such time.
+    #[must_use]
+    pub fn rejected(&self, robot: usize) -> Option<&[f64]> {
+        Some(&self.robots.get(robot)?.completed(&self.plan)?.rejected)
+    }
+
     /// The innovations of the present window of a robot: its number of steps, and for each sensor the sum of its
     /// normalized innovations squared and the number of readings in it.
     ///
@@ -243,14 +270,16 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         let left_out = plan.sensors.get(sensor).ok_or_else(|| index("sensor", sensor, plan.sensors.len()))?;
         let (mut belief, mut record) = (own.window.prior.clone(), Record::new(plan)?);
         let mut sums = vec![(0.0, 0); plan.sensors.len()];
-        let inputs = own.window.inputs.chunks_exact(plan.nv + plan.readings).take(own.window.steps);
+        let inputs = own.window.inputs.chunks_exact(plan.nv + plan.readings + 1).take(own.window.steps);
         self.pool.with(
             || Scratch::new(plan, scene),
             |scratch| {
                 for input in inputs {
                     interrupt::check()?;
-                    let (tau, readings) = input.split_at(plan.nv);
+                    let (tau, others) = input.split_at(plan.nv);
+                    let (readings, dt) = others.split_at(plan.readings);
                     record.tau.copy_from_slice(tau);
+                    plan.time(dt[0], &mut record.timing);
                     record.readings.copy_from_slice(readings);
                     record.readings[left_out.range.clone()].fill(f64::NAN);
                     scratch.step((plan, scene), &mut belief, &mut record)?;
@@ -325,7 +354,7 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
 
     /// Factor of wrenches and biases per step, and standard deviation of their growth.
     pub(crate) fn process(&self) -> (&[f64], &[f64]) {
-        (&self.plan.decay, &self.plan.walk)
+        (&self.plan.timing.decay, &self.plan.timing.walk)
     }
 
     /// The estimate of a robot that the next step begins with, before its readings, and the root of its covariance, row

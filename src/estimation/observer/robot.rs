@@ -1,7 +1,7 @@
 //! The estimate of one robot, its stored steps, and the window of its divergence test.
 
 use super::WINDOW;
-use super::settings::Plan;
+use super::settings::{Plan, Timing};
 use crate::error::Error;
 use crate::memory;
 use std::collections::VecDeque;
@@ -49,8 +49,13 @@ impl Belief {
 #[derive(Debug, Clone)]
 pub(crate) struct Record {
     pub tau: Vec<f64>,
+    /// Time since the first step, s, and the duration of the step with its noise.
+    pub time: f64,
+    pub(super) timing: Timing,
     /// Readings of all sensors; NaN for missing ones.
     pub readings: Vec<f64>,
+    /// One for each reading that was rejected as an outlier, otherwise zero.
+    pub rejected: Vec<f64>,
     /// The estimate after the readings.
     pub q: Vec<f64>,
     pub qd: Vec<f64>,
@@ -83,7 +88,10 @@ impl Record {
         let [_, column] = plan.strides();
         Ok(Self {
             tau: nan(plan.nv)?,
+            time: f64::NAN,
+            timing: plan.timing.clone(),
             readings: nan(plan.readings)?,
+            rejected: filled(plan.readings, 0.0)?,
             q: nan(plan.nq)?,
             qd: nan(plan.nv)?,
             rest: nan(plan.rest)?,
@@ -110,7 +118,7 @@ pub(crate) struct Window {
     pub sums: Vec<(f64, usize)>,
     /// The estimate at the start.
     pub(super) prior: Belief,
-    /// Torques and readings of each step.
+    /// Torques, readings and duration of each step.
     pub(super) inputs: Vec<f64>,
 }
 
@@ -129,6 +137,8 @@ pub(crate) struct Robot {
     pub(super) last: Option<Box<Record>>,
     spare: Option<Box<Record>>,
     pub steps: usize,
+    /// Time of the next step since the first, s.
+    pub(super) time: f64,
     pub window: Window,
 }
 
@@ -138,21 +148,23 @@ impl Robot {
             steps: 0,
             sums: vec![(0.0, 0); plan.sensors.len()],
             prior: prior.clone(),
-            inputs: vec![0.0; WINDOW * (plan.nv + plan.readings)],
+            inputs: vec![0.0; WINDOW * (plan.nv + plan.readings + 1)],
         };
         let (running, next) = (prior.clone(), prior.clone());
         let (pending, history) = (VecDeque::new(), VecDeque::new());
-        Self { prior, running, next, pending, history, last: None, spare: None, steps: 0, window }
+        Self { prior, running, next, pending, history, last: None, spare: None, steps: 0, time: 0.0, window }
     }
 
-    /// Adds a time with its torques. Readings with a delay belong to the time that many steps ago; those of times before
+    /// Adds a time with its torques and the duration of its step. Readings with a delay belong to the time that many steps ago; those of times before
     /// the first step are dropped.
-    pub(super) fn begin(&mut self, plan: &Plan, tau: &[f64], readings: &[f64]) -> Result<(), Error> {
+    pub(super) fn begin(&mut self, plan: &Plan, timing: &Timing, tau: &[f64], readings: &[f64]) -> Result<(), Error> {
         let mut record = match self.spare.take() {
             Some(spare) => spare,
             None => Box::new(Record::new(plan)?),
         };
         record.tau.copy_from_slice(tau);
+        record.time = self.time;
+        record.timing.copy_from(timing);
         record.readings.fill(f64::NAN);
         self.pending.push_back(record);
         for sensor in &plan.sensors {
@@ -177,6 +189,7 @@ impl Robot {
     /// Ends a step: the earliest time is complete if no sensor delivers readings of it later.
     pub(super) fn commit(&mut self, plan: &Plan) {
         self.steps += 1;
+        self.time = self.pending.back().map_or(self.time, |record| record.time + record.timing.dt);
         if self.pending.len() <= plan.lag {
             return;
         }
@@ -201,10 +214,12 @@ impl Robot {
             window.sums.fill((0.0, 0));
             window.prior.copy_from(&self.prior);
         }
-        let inputs = &mut window.inputs[window.steps * (plan.nv + plan.readings)..][..plan.nv + plan.readings];
-        let (tau, readings) = inputs.split_at_mut(plan.nv);
+        let width = plan.nv + plan.readings + 1;
+        let (tau, others) = window.inputs[window.steps * width..][..width].split_at_mut(plan.nv);
+        let (readings, dt) = others.split_at_mut(plan.readings);
         tau.copy_from_slice(&record.tau);
         readings.copy_from_slice(&record.readings);
+        dt[0] = record.timing.dt;
         add_innovations(&mut window.sums, record);
         window.steps += 1;
     }

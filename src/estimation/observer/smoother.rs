@@ -21,6 +21,8 @@ const SINGULAR: f64 = 1e-12;
 pub struct SmoothedMotion {
     /// Index of the first time: the number of steps before it.
     pub first: usize,
+    /// Times since the first step, s.
+    pub time: Vec<f64>,
     /// Configurations, (steps, nq).
     pub q: Vec<f64>,
     /// Joint velocities, (steps, nv).
@@ -52,7 +54,8 @@ pub(super) fn smooth(
     memory::room("history", memory::bytes_of::<f64>(&[AT_ONCE, n, plan.width]))?;
     let nan = |width: usize| memory::filled("history", steps * width, f64::NAN);
     let (q, qd, rest, covariance) = (nan(plan.nq)?, nan(plan.nv)?, nan(plan.rest)?, nan(n * n)?);
-    let mut out = SmoothedMotion { first, q, qd, rest, covariance };
+    let time = records.iter().map(|record| record.time).collect();
+    let mut out = SmoothedMotion { first, time, q, qd, rest, covariance };
     let mut later: Option<Smoothed> = None;
     for (at, record) in records.iter().enumerate().rev() {
         let now = match &later {

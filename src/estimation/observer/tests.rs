@@ -297,7 +297,10 @@ impl<'a> Textbook<'a> {
         let by_growth =
             differences(self.walk.len(), |growth| self.minus(&self.next(&x, tau, &noise, growth.as_slice()), &next));
         let by_growth = by_growth * DMatrix::from_diagonal(&DVector::from_column_slice(&self.walk));
-        let next_p = &flow * &p * flow.transpose() + &by_growth * by_growth.transpose();
+        // The mean of a wrench, given both ends, has a twelfth of the variance of the growth.
+        let mut within = by_growth.columns(0, 6) / 3.0_f64.sqrt();
+        within.rows_mut(2 * nv, self.walk.len()).fill(0.0);
+        let next_p = &flow * &p * flow.transpose() + &by_growth * by_growth.transpose() + &within * within.transpose();
         (self.x, self.p) = (next.clone(), next_p.clone());
         (nis, seen.len(), Step { x, p, flow, next, next_p, alone })
     }
