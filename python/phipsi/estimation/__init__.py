@@ -18,7 +18,7 @@ from .momentum import MomentumObserver, ObservedTorque
 from .motion import ExternalWrench, ObserverEstimate, SmoothedMotion
 from .noise import MomentumNoise, momentum_noise
 from .observer import Observer
-from .sensors import Accelerometer, Contact, Encoder, Gyro, Sensor, TorqueSensor
+from .sensors import Accelerometer, Contact, Encoder, Gyro, Pose, Sensor, TorqueSensor
 from .trajectories import Bands, MotionUncertainty
 from .uncertainty import AccelerationVariance, ParameterCovariance
 
@@ -40,6 +40,7 @@ __all__ = [
     "Observer",
     "ObserverEstimate",
     "ParameterCovariance",
+    "Pose",
     "Sensor",
     "Smoothed",
     "SmoothedMotion",

@@ -21,7 +21,7 @@ from ._manifold import joint_groups
 from ._records import Record, State, innovation_ratios
 from ._values import each
 from .motion import ExternalWrench, ObserverEstimate, SmoothedMotion
-from .sensors import Contact, Sensor
+from .sensors import Contact, Pose, Sensor
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -49,7 +49,7 @@ class Observer:
         The robot. Its connections are measurements without noise; its contacts are ignored.
     dt : float
         Time between two steps, s.
-    sensors : sequence of Encoder, Gyro, Accelerometer, TorqueSensor, Contact
+    sensors : sequence of Encoder, Gyro, Accelerometer, TorqueSensor, Contact, Pose
         Sensors with different names.
     q, qd : (..., nq), (..., nv)
         Initial estimate; qd is zero by default. Leading axes are robots that are observed together.
@@ -174,15 +174,15 @@ class Observer:
             raise of_argument(
                 ArgumentError,
                 "sensors",
-                f"found {type(sensor).__name__}; expected Encoder, Gyro, Accelerometer, TorqueSensor or Contact of"
-                " phipsi.estimation",
+                f"found {type(sensor).__name__}; expected Encoder, Gyro, Accelerometer, TorqueSensor, Contact or Pose"
+                " of phipsi.estimation",
             )
         if sensor._kind is None or type(sensor).predict is not Sensor.predict:
             raise of_argument(
                 ArgumentError,
                 "sensors",
                 f"found {type(sensor).__name__}, which has its own predict(); expected Encoder, Gyro, Accelerometer,"
-                " TorqueSensor or Contact of phipsi.estimation, whose predictions are compiled",
+                " TorqueSensor, Contact or Pose of phipsi.estimation, whose predictions are compiled",
             )
         return sensor._compiled(self.scene)
 
@@ -233,6 +233,8 @@ class Observer:
                         f"found {given!r}; expected True during contact, otherwise False or None",
                     )
                 value = np.where(value[..., None], np.zeros(size), np.nan)
+            elif isinstance(sensor, Pose):
+                value = sensor._vector(given)
             else:
                 # None stands for a missing component too.
                 if isinstance(given, (list, tuple)):
@@ -260,7 +262,14 @@ class Observer:
 
     # The filter
 
-    def step(self, tau: ArrayLike, readings: Mapping[str, Any], *, dt: float | None = None) -> ObserverEstimate:
+    def step(
+        self,
+        tau: ArrayLike,
+        readings: Mapping[str, Any],
+        *,
+        dt: float | None = None,
+        acting: Mapping[str, Any] | None = None,
+    ) -> ObserverEstimate:
         """Process the readings of the present time, and advance by dt under the torques tau.
 
         Parameters
@@ -268,10 +277,14 @@ class Observer:
         tau : (..., nv)
             Joint torques from the present time to the next, N m or N.
         readings : dict
-            Readings (..., m) by sensor name. A missing key, None or NaN means no reading. A reading of a sensor with a
+            Readings (..., m) by sensor name; poses (..., 4, 4). A missing key, None or NaN means no reading. A reading of a sensor with a
             delay belongs to the time `delay` steps ago; readings of times before the first step are ignored.
         dt : float, optional
             Time to the next step, s; by default that of the observer. Delays remain numbers of steps.
+        acting : dict, optional
+            For the links of external wrenches, True if the wrench acts from the present time, (...). Without contact,
+            False: the wrench is zero, without error. When it acts again, it has its initial deviation. By default, all
+            wrenches act.
 
         Returns
         -------
@@ -305,7 +318,8 @@ class Observer:
                     f"found shape {torque.shape}; expected one that broadcasts to {(*batch, scene.nv)}",
                 ) from None
         duration = self.dt if dt is None else float(numbers("dt", dt))
-        found, is_complete = self._filter.step(torque.ravel(), self._readings(readings).ravel(), duration)
+        flags = self._acting(acting or {})
+        found, is_complete = self._filter.step(torque.ravel(), self._readings(readings).ravel(), duration, flags.ravel())
         q, qd, rest, covariance, nis, size, outliers = found
         rejected = {name: outliers[..., place] > 0.0 for name, (_, place) in self._places.items()}
         if self._has_gates:
@@ -313,6 +327,24 @@ class Observer:
         if is_complete and self.sensors:
             self._watch()
         return ObserverEstimate(q, qd, *self._named(rest), covariance, nis, size.astype(int), rejected)
+
+    def _acting(self, acting: Mapping[str, Any]) -> _Array:
+        """One for each wrench that acts, otherwise zero, (..., wrenches)."""
+        links = [wrench.link for wrench in self.wrenches]
+        found = np.ones((*self._batch, len(links)))
+        for link, flag in acting.items():
+            if link not in links:
+                expected = f"expected links of wrenches: {', '.join(links) or 'none, there are no wrenches'}"
+                raise of_argument(ArgumentError, "acting", f"found {link!r}; {expected}")
+            value = np.asarray(flag)
+            if value.dtype != bool:
+                raise of_argument(ArgumentError, f"acting[{link!r}]", f"found {flag!r}; expected True or False")
+            try:
+                found[..., links.index(link)] = value
+            except ValueError:
+                expected = f"expected one that broadcasts to {self._batch}"
+                raise of_argument(ShapeError, f"acting[{link!r}]", f"found shape {value.shape}; {expected}") from None
+        return found
 
     def _named(self, rest: _Array) -> tuple[dict[str, _Array], dict[str, _Array]]:
         m = 6 * len(self.wrenches)

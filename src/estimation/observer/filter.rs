@@ -7,7 +7,7 @@ use super::manifold::step_jacobians;
 use super::robot::{Belief, Record};
 use super::rotate::{Readings, RotationScratch, combine, measure, project, triangularize};
 use super::sensor_rows::SensorRows;
-use super::settings::{LANES, Plan};
+use super::settings::{LANES, Plan, Source};
 use crate::batch::instruction_set::within_widest;
 use crate::error::Error;
 use crate::scene::Scene;
@@ -78,7 +78,9 @@ impl Scratch {
         belief: &mut Belief,
         record: &mut Record,
     ) -> Result<(), Error> {
+        switch(plan, belief, record);
         self.update((plan, scene), belief, record)?;
+        belief.acting.copy_from_slice(&record.acting);
         self.predict((plan, scene), record, belief)
     }
 
@@ -185,7 +187,8 @@ impl Scratch {
         for (s, sensor) in plan.sensors.iter().enumerate() {
             let readings = &record.readings[sensor.range.clone()];
             self.spans[s] = (count, 0);
-            if readings.iter().all(|reading| reading.is_nan()) {
+            let is_missing = |reading: &f64| reading.is_nan();
+            if readings.iter().all(is_missing) || sensor.is_whole() && readings.iter().any(is_missing) {
                 continue;
             }
             if sensor.needs_acceleration() && !has_flow {
@@ -195,6 +198,9 @@ impl Scratch {
             }
             let state = (&*prior.q, &*prior.qd, &*self.acceleration.value);
             self.rows.evaluate(scene, &mut self.motion, sensor, state, &record.tau);
+            if let Source::Pose(_, inverse) = &sensor.source {
+                self.rows.whiten_pose(readings, inverse);
+            }
             for (i, &reading) in readings.iter().enumerate() {
                 if reading.is_nan() {
                     continue;
@@ -247,10 +253,11 @@ impl Scratch {
         let stride = plan.reading_stride();
         for (s, sensor) in plan.sensors.iter().enumerate() {
             self.outliers[s] = 0;
-            if sensor.gate.is_infinite() {
+            let (first, count) = self.spans[s];
+            if sensor.gate.is_infinite() || count == 0 {
                 continue;
             }
-            let mut row = self.spans[s].0;
+            let mut row = first;
             for at in sensor.range.clone() {
                 if record.readings[at].is_nan() {
                     continue;
@@ -266,6 +273,12 @@ impl Scratch {
                     self.outliers[s] += 1;
                 }
                 row += 1;
+            }
+            if sensor.is_whole() && self.outliers[s] > 0 {
+                self.outliers[s] = count;
+                self.errors[first..first + count].fill(0.0);
+                self.projected.chunks_exact_mut(stride).for_each(|column| column[first..first + count].fill(0.0));
+                record.rejected[sensor.range.clone()].fill(1.0);
             }
         }
     }
@@ -440,6 +453,40 @@ impl Scratch {
         self.close((plan, scene), (&mut q, &mut qd), std::iter::empty())?;
         predict_root(self, plan, record, None);
         Ok(&self.predicted)
+    }
+}
+
+/// Begins and ends wrenches of an estimate as a record says: one that does not act is zero without error, and one that
+/// begins has its initial variance.
+fn switch(plan: &Plan, belief: &mut Belief, record: &Record) {
+    let [column, _] = plan.strides();
+    for (w, (&before, &now)) in belief.acting.iter().zip(&record.acting).enumerate() {
+        if before.to_bits() == now.to_bits() {
+            continue;
+        }
+        for row in 6 * w..6 * w + 6 {
+            belief.rest[row] = 0.0;
+            belief.root.chunks_exact_mut(column).for_each(|own| own[row] = 0.0);
+            if now > 0.0 {
+                add_variance(&mut belief.root, column, (row, plan.initial[row]));
+            }
+        }
+    }
+}
+
+/// Adds the square of a deviation to the variance of a component, in a lower triangular root.
+fn add_variance(root: &mut [f64], column: usize, (row, deviation): (usize, f64)) {
+    let mut added = vec![0.0; column];
+    added[row] = deviation;
+    for (k, own) in root.chunks_exact_mut(column).enumerate().skip(row) {
+        let size = own[k].hypot(added[k]);
+        if size == 0.0 {
+            continue;
+        }
+        let (cosine, sine) = (own[k] / size, added[k] / size);
+        for (x, y) in own[k..].iter_mut().zip(&mut added[k..]) {
+            (*x, *y) = (cosine * *x + sine * *y, cosine * *y - sine * *x);
+        }
     }
 }
 

@@ -84,6 +84,8 @@ pub struct Observer<S> {
     plan: Plan,
     /// The noise of the last step.
     timing: Timing,
+    /// One for each wrench of each robot.
+    ones: Vec<f64>,
     robots: Vec<Robot>,
     pool: Pool<Scratch>,
 }
@@ -125,8 +127,8 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
                 let _ = scratch.acceleration.at((&plan, own), state, &tau, &mut flow);
             },
         );
-        let timing = plan.timing.clone();
-        Ok(Self { scene, plan, timing, robots, pool })
+        let (timing, ones) = (plan.timing.clone(), vec![1.0; robots.len() * plan.wrenches.len()]);
+        Ok(Self { scene, plan, timing, ones, robots, pool })
     }
 
     /// The number of robots.
@@ -167,21 +169,29 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
     /// [`Error::SingularJoint`]; [`Error::Memory`] if the history does not fit in memory. The observer is then
     /// unchanged.
     pub fn step(&mut self, tau: &[f64], readings: &[f64]) -> Result<(), Fault> {
-        self.step_over(self.plan.timing.dt, tau, readings)
+        self.step_over(self.plan.timing.dt, tau, readings, &[])
     }
 
-    /// [`step`](Self::step) with the time `dt` to the next step, s, for all robots. Delays remain numbers of steps.
+    /// [`step`](Self::step) with the time `dt` to the next step, s, for all robots, and for each robot the wrenches that
+    /// act from the present time: 1, or 0 for a wrench that is zero, for instance without contact; empty: all act.
+    /// Delays remain numbers of steps. A wrench that begins to act has its initial deviation.
     ///
     /// # Errors
     ///
-    /// As [`step`](Self::step), and [`Error::Argument`] for a time that is not positive.
-    pub fn step_over(&mut self, dt: f64, tau: &[f64], readings: &[f64]) -> Result<(), Fault> {
-        let Self { scene, plan, timing, robots, pool } = self;
+    /// As [`step`](Self::step), and [`Error::Argument`] for a time that is not positive, and other numbers than 0 and 1.
+    pub fn step_over(&mut self, dt: f64, tau: &[f64], readings: &[f64], acting: &[f64]) -> Result<(), Fault> {
+        let Self { scene, plan, timing, ones, robots, pool } = self;
         let (scene, plan) = ((*scene).borrow(), &*plan);
         let of_first = |error| Fault { state: 0, error };
         settings::check_duration(dt).map_err(of_first)?;
         check_length("tau", tau.len(), robots.len() * plan.nv).map_err(of_first)?;
         check_length("readings", readings.len(), robots.len() * plan.readings).map_err(of_first)?;
+        let wrenches = plan.wrenches.len();
+        let acting = if acting.is_empty() { &*ones } else { acting };
+        check_length("acting", acting.len(), robots.len() * wrenches).map_err(of_first)?;
+        if let Some(wrong) = acting.iter().find(|&&flag| flag != 0.0 && flag != 1.0) {
+            return Err(of_first(Error::argument("acting", wrong.to_string(), "0 or 1")));
+        }
         let of_robot = |i: usize| &readings[i * plan.readings..(i + 1) * plan.readings];
         for (state, tau) in tau.chunks_exact(plan.nv).enumerate() {
             scene.check_rates("tau", tau).map_err(|error| Fault { state, error })?;
@@ -195,7 +205,11 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
             }
         }
         for (state, tau) in tau.chunks_exact(plan.nv).enumerate() {
-            if let Err(error) = robots[state].begin(plan, timing, tau, of_robot(state)) {
+            if let Err(error) = robots[state].begin(
+                plan,
+                timing,
+                (tau, of_robot(state), &acting[state * wrenches..(state + 1) * wrenches]),
+            ) {
                 robots[..state].iter_mut().for_each(|robot| robot.undo(plan));
                 return Err(Fault { state, error });
             }
@@ -269,8 +283,9 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         let own = self.robots.get(robot).ok_or_else(|| index("robot", robot, self.robots.len()))?;
         let left_out = plan.sensors.get(sensor).ok_or_else(|| index("sensor", sensor, plan.sensors.len()))?;
         let (mut belief, mut record) = (own.window.prior.clone(), Record::new(plan)?);
+        let mut timing = plan.timing.clone();
         let mut sums = vec![(0.0, 0); plan.sensors.len()];
-        let inputs = own.window.inputs.chunks_exact(plan.nv + plan.readings + 1).take(own.window.steps);
+        let inputs = own.window.inputs.chunks_exact(plan.inputs()).take(own.window.steps);
         self.pool.with(
             || Scratch::new(plan, scene),
             |scratch| {
@@ -279,7 +294,8 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
                     let (tau, others) = input.split_at(plan.nv);
                     let (readings, dt) = others.split_at(plan.readings);
                     record.tau.copy_from_slice(tau);
-                    plan.time(dt[0], &mut record.timing);
+                    plan.time(dt[0], &mut timing);
+                    record.time_steps(&timing, &dt[1..]);
                     record.readings.copy_from_slice(readings);
                     record.readings[left_out.range.clone()].fill(f64::NAN);
                     scratch.step((plan, scene), &mut belief, &mut record)?;

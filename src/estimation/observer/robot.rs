@@ -13,6 +13,8 @@ pub(crate) struct Belief {
     pub qd: Vec<f64>,
     /// Wrenches, then biases.
     pub rest: Vec<f64>,
+    /// One for each wrench that acted in the last step, otherwise zero.
+    pub(super) acting: Vec<f64>,
     pub(super) root: Vec<f64>,
 }
 
@@ -23,7 +25,13 @@ impl Belief {
         for (i, &deviation) in plan.initial.iter().enumerate() {
             root[i * column + i] = deviation;
         }
-        Self { q: q.to_vec(), qd: qd.to_vec(), rest: vec![0.0; plan.rest], root }
+        Self {
+            q: q.to_vec(),
+            qd: qd.to_vec(),
+            rest: vec![0.0; plan.rest],
+            acting: vec![1.0; plan.wrenches.len()],
+            root,
+        }
     }
 
     /// The root, row by row in the order (q, qd, wrenches, biases).
@@ -41,6 +49,7 @@ impl Belief {
         self.q.copy_from_slice(&other.q);
         self.qd.copy_from_slice(&other.qd);
         self.rest.copy_from_slice(&other.rest);
+        self.acting.copy_from_slice(&other.acting);
         self.root.copy_from_slice(&other.root);
     }
 }
@@ -52,6 +61,8 @@ pub(crate) struct Record {
     /// Time since the first step, s, and the duration of the step with its noise.
     pub time: f64,
     pub(super) timing: Timing,
+    /// One for each wrench that acts, otherwise zero.
+    pub(super) acting: Vec<f64>,
     /// Readings of all sensors; NaN for missing ones.
     pub readings: Vec<f64>,
     /// One for each reading that was rejected as an outlier, otherwise zero.
@@ -90,6 +101,7 @@ impl Record {
             tau: nan(plan.nv)?,
             time: f64::NAN,
             timing: plan.timing.clone(),
+            acting: filled(plan.wrenches.len(), 1.0)?,
             readings: nan(plan.readings)?,
             rejected: filled(plan.readings, 0.0)?,
             q: nan(plan.nq)?,
@@ -109,6 +121,17 @@ impl Record {
     }
 }
 
+impl Record {
+    /// Takes the noise of a step, in which wrenches that do not act do not grow.
+    pub(super) fn time_steps(&mut self, timing: &Timing, acting: &[f64]) {
+        self.timing.copy_from(timing);
+        self.acting.copy_from_slice(acting);
+        for (growth, acting) in self.timing.walk.as_chunks_mut::<6>().0.iter_mut().zip(acting) {
+            growth.iter_mut().for_each(|growth| *growth *= acting);
+        }
+    }
+}
+
 /// Innovations of the complete steps since the start of a window, for a test of divergence.
 #[derive(Debug, Clone)]
 pub(crate) struct Window {
@@ -118,7 +141,7 @@ pub(crate) struct Window {
     pub sums: Vec<(f64, usize)>,
     /// The estimate at the start.
     pub(super) prior: Belief,
-    /// Torques, readings and duration of each step.
+    /// Torques, readings, duration and acting wrenches of each step.
     pub(super) inputs: Vec<f64>,
 }
 
@@ -148,7 +171,7 @@ impl Robot {
             steps: 0,
             sums: vec![(0.0, 0); plan.sensors.len()],
             prior: prior.clone(),
-            inputs: vec![0.0; WINDOW * (plan.nv + plan.readings + 1)],
+            inputs: vec![0.0; WINDOW * plan.inputs()],
         };
         let (running, next) = (prior.clone(), prior.clone());
         let (pending, history) = (VecDeque::new(), VecDeque::new());
@@ -157,14 +180,19 @@ impl Robot {
 
     /// Adds a time with its torques and the duration of its step. Readings with a delay belong to the time that many steps ago; those of times before
     /// the first step are dropped.
-    pub(super) fn begin(&mut self, plan: &Plan, timing: &Timing, tau: &[f64], readings: &[f64]) -> Result<(), Error> {
+    pub(super) fn begin(
+        &mut self,
+        plan: &Plan,
+        timing: &Timing,
+        (tau, readings, acting): (&[f64], &[f64], &[f64]),
+    ) -> Result<(), Error> {
         let mut record = match self.spare.take() {
             Some(spare) => spare,
             None => Box::new(Record::new(plan)?),
         };
         record.tau.copy_from_slice(tau);
         record.time = self.time;
-        record.timing.copy_from(timing);
+        record.time_steps(timing, acting);
         record.readings.fill(f64::NAN);
         self.pending.push_back(record);
         for sensor in &plan.sensors {
@@ -214,12 +242,13 @@ impl Robot {
             window.sums.fill((0.0, 0));
             window.prior.copy_from(&self.prior);
         }
-        let width = plan.nv + plan.readings + 1;
+        let width = plan.inputs();
         let (tau, others) = window.inputs[window.steps * width..][..width].split_at_mut(plan.nv);
         let (readings, dt) = others.split_at_mut(plan.readings);
         tau.copy_from_slice(&record.tau);
         readings.copy_from_slice(&record.readings);
         dt[0] = record.timing.dt;
+        dt[1..].copy_from_slice(&record.acting);
         add_innovations(&mut window.sums, record);
         window.steps += 1;
     }

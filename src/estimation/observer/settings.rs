@@ -8,6 +8,7 @@ use crate::memory::{bytes_of, room};
 use crate::scene::{Joint, Scene};
 use crate::setters::setters;
 use crate::spatial::RigidShift;
+use nalgebra::Matrix6;
 use std::ops::Range;
 
 /// Largest delay of a sensor, in steps: each step filters all times again whose readings may be incomplete.
@@ -50,6 +51,10 @@ pub enum Quantity {
     /// Velocity of the origin of the sensor frame, in that frame, m/s. The readings of a point in contact with the
     /// ground are zeros, and those of a point without contact are NaN.
     Contact(Mount),
+    /// Pose of the sensor frame in the base frame: its rotation vector, rad, and the position of its origin, m. The
+    /// matrix is the covariance of the error (rotation, position) in the axes of the sensor; the noise of the sensor is
+    /// a factor of its standard deviations.
+    Pose(Mount, [[f64; 6]; 6]),
 }
 
 /// A sensor of an observer.
@@ -173,6 +178,8 @@ pub(super) enum Source {
     Gyro(Frame<f64>, LinkPath),
     Accelerometer(Frame<f64>, LinkPath),
     Contact(Frame<f64>, LinkPath),
+    /// With the inverse of a root of the covariance.
+    Pose(Frame<f64>, Matrix6<f64>),
 }
 
 /// A checked sensor.
@@ -197,6 +204,11 @@ impl Reader {
         matches!(self.source, Source::Accelerometer(..))
     }
 
+    /// True if the readings are processed together or not at all.
+    pub(super) fn is_whole(&self) -> bool {
+        matches!(self.source, Source::Pose(..))
+    }
+
     /// The sensor without its noise and its place among others.
     pub(crate) fn unplaced(scene: &Scene, sensor: &Sensor) -> Result<Self, Error> {
         let one_axis = |names: &Option<Vec<String>>| one_axis(scene, sensor, names.as_deref());
@@ -218,6 +230,16 @@ impl Reader {
             Quantity::Gyro(at) => mount(at).map(|(frame, path)| (Source::Gyro(frame, path), 3))?,
             Quantity::Accelerometer(at) => mount(at).map(|(frame, path)| (Source::Accelerometer(frame, path), 3))?,
             Quantity::Contact(at) => mount(at).map(|(frame, path)| (Source::Contact(frame, path), 3))?,
+            Quantity::Pose(at, covariance) => {
+                let given = Matrix6::from_fn(|i, j| covariance[i][j]);
+                let root = Some(given).filter(|given| (given - given.transpose()).amax() <= 1e-9 * given.amax());
+                let inverse = root.and_then(Matrix6::cholesky).and_then(|root| root.l().try_inverse());
+                let inverse = inverse.filter(|inverse| inverse.iter().all(|entry| entry.is_finite()));
+                let expected = "a symmetric, positive definite matrix (6 x 6), rad^2 and m^2";
+                let refused =
+                    || Error::argument(format!("covariance of '{}'", sensor.name), "another matrix", expected);
+                (Source::Pose(scene.frame(&at.into())?, inverse.ok_or_else(refused)?), 6)
+            }
         };
         let name = sensor.name.clone();
         let (delay, gate) = (sensor.delay, sensor.gate * sensor.gate);
@@ -448,13 +470,18 @@ impl Plan {
             let bytes = matrices.iter().map(|[of, rows, columns]| bytes_of::<f64>(&[count, *of, *rows, *columns]));
             bytes.fold(0, u128::saturating_add)
         };
-        let window = [1, WINDOW, self.nv + self.readings + 1];
+        let window = [1, WINDOW, self.inputs()];
         let robot = [[4, self.states, column], [1, self.width, wide], [1, self.width, stride], window];
         let predicted = [1, self.width + self.walks.len(), column];
         let thread =
             [[3, self.nv, self.nv], [1, self.width, stride], [2, self.width, self.reading_stride()], predicted];
         let bytes = all(robots, &robot).saturating_add(all(threads, &thread));
         room(if robots > 1 { "q" } else { "scene" }, bytes)
+    }
+
+    /// The number of torques, readings and others that a window stores of a step.
+    pub(super) fn inputs(&self) -> usize {
+        self.nv + self.readings + 1 + self.wrenches.len()
     }
 
     /// Index of the first component of q in the error.

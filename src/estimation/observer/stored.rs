@@ -37,7 +37,9 @@ impl Robot {
 
 impl Belief {
     fn visit(&mut self, visit: &mut Visit<'_>) -> Result<(), Error> {
-        [&mut self.q, &mut self.qd, &mut self.rest, &mut self.root].into_iter().try_for_each(|part| visit(part))
+        [&mut self.q, &mut self.qd, &mut self.rest, &mut self.acting, &mut self.root]
+            .into_iter()
+            .try_for_each(|part| visit(part))
     }
 }
 
@@ -46,6 +48,7 @@ impl Record {
         let Self {
             tau,
             time,
+            acting,
             timing: Timing { dt, torque_deviations, decay, walk },
             readings,
             rejected,
@@ -65,6 +68,7 @@ impl Record {
         } = self;
         for part in [
             tau,
+            acting,
             torque_deviations,
             decay,
             walk,
