@@ -42,7 +42,9 @@ fn sensor(
         ("gyro", Some(mount)) => Quantity::Gyro(mount),
         ("accelerometer", Some(mount)) => Quantity::Accelerometer(mount),
         ("contact", Some(mount)) => Quantity::Contact(mount),
-        ("pose", Some(mount)) => Quantity::Pose(mount, covariance.ok_or_else(|| unknown("pose without covariance"))?),
+        ("pose", Some(mount)) => {
+            Quantity::Pose(mount, Box::new(covariance.ok_or_else(|| unknown("pose without covariance"))?))
+        }
         (other, _) => return Err(unknown(other)),
     };
     Ok(Sensor { name, quantity, noise, delay, bias, bias_walk, gate })

@@ -7,7 +7,7 @@
 //! da = A_q (Ad dq + h/2 Jr dqd) + A_v (dqd + h/2 da0) + A_w (1 + decay)/2 dw + M^-1 dn
 //! ```
 //!
-//! with the derivatives A_q, A_v, A_w and M^-1 in the middle, and the Jacobians Ad and Jr of the step h qd/2 on the
+//! with the derivatives `A_q`, `A_v`, `A_w` and M^-1 in the middle, and the Jacobians Ad and Jr of the step h qd/2 on the
 //! manifold. The wrench w1 = decay w + growth at the end of the step is part of the middle, because a wrench that
 //! changes continuously has its mean effect.
 
@@ -32,7 +32,7 @@ pub(super) struct Acceleration {
     wrenches: Vec<SpatialVector<f64>>,
     derivatives: Vec<f64>,
     jacobian: Vec<f64>,
-    /// The state in the middle of a step, and the derivatives A_q and A_v there by columns.
+    /// The state in the middle of a step, and the derivatives `A_q` and `A_v` there by columns.
     q: Vec<f64>,
     qd: Vec<f64>,
     by_state: Vec<f64>,
@@ -119,7 +119,7 @@ impl Acceleration {
             *step = half * qd;
         }
         let [mut middle_q, mut middle_qd, mut wrenches] =
-            [&mut self.q, &mut self.qd, &mut self.rest].map(|own| std::mem::take(own));
+            [&mut self.q, &mut self.qd, &mut self.rest].map(std::mem::take);
         for (middle, (wrench, decay)) in wrenches.iter_mut().zip(rest.iter().zip(&timing.decay)) {
             *middle = 0.5 * (1.0 + decay) * wrench;
         }
@@ -142,7 +142,7 @@ impl Acceleration {
         Ok(())
     }
 
-    /// Derivatives in the middle by those at the start: [A_q, A_v] times the derivatives of the state in the middle.
+    /// Derivatives in the middle by those at the start: `[A_q, A_v]` times the derivatives of the state in the middle.
     #[inline(always)]
     fn chain(&mut self, plan: &Plan, timing: &Timing, start: &[f64], flow: &mut [f64]) {
         let (nv, stride, half) = (plan.nv, plan.flow_stride(), 0.5 * timing.dt);
@@ -163,7 +163,9 @@ impl Acceleration {
             }
         }
         for (column, decay) in flow.chunks_exact_mut(stride).zip(&timing.decay[..self.rest.len()]) {
-            column.iter_mut().for_each(|entry| *entry *= 0.5 * (1.0 + decay));
+            for entry in column {
+                *entry *= 0.5 * (1.0 + decay);
+            }
         }
         for (to, from) in flow.chunks_exact_mut(stride).zip(start.chunks_exact(stride)) {
             for block in (0..nv).step_by(LANES) {

@@ -189,7 +189,7 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         let wrenches = plan.wrenches.len();
         let acting = if acting.is_empty() { &*ones } else { acting };
         check_length("acting", acting.len(), robots.len() * wrenches).map_err(of_first)?;
-        if let Some(wrong) = acting.iter().find(|&&flag| flag != 0.0 && flag != 1.0) {
+        if let Some(wrong) = acting.iter().find(|flag| ![0.0, 1.0].contains(*flag)) {
             return Err(of_first(Error::argument("acting", wrong.to_string(), "0 or 1")));
         }
         let of_robot = |i: usize| &readings[i * plan.readings..(i + 1) * plan.readings];

@@ -127,7 +127,9 @@ impl Record {
         self.timing.copy_from(timing);
         self.acting.copy_from_slice(acting);
         for (growth, acting) in self.timing.walk.as_chunks_mut::<6>().0.iter_mut().zip(acting) {
-            growth.iter_mut().for_each(|growth| *growth *= acting);
+            for growth in growth {
+                *growth *= acting;
+            }
         }
     }
 }

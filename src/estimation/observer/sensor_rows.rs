@@ -123,7 +123,7 @@ impl SensorRows {
                 self.velocity(motion, path, 3);
             }
             Source::Pose(frame, _) => {
-                let q = coupling.map_or(Cow::Borrowed(q), |coupling| Cow::Owned(coupling.configuration(q).to_vec()));
+                let q = coupling.map_or(Cow::Borrowed(q), |coupling| Cow::Owned(coupling.configuration(q)));
                 let nv = scene.model().nv();
                 let placement = local_jacobian(scene.model(), &q, frame, &mut self.jacobian);
                 let turned = Rotation3::from_matrix_unchecked(placement.rotation).scaled_axis();

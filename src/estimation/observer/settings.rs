@@ -54,7 +54,7 @@ pub enum Quantity {
     /// Pose of the sensor frame in the base frame: its rotation vector, rad, and the position of its origin, m. The
     /// matrix is the covariance of the error (rotation, position) in the axes of the sensor; the noise of the sensor is
     /// a factor of its standard deviations.
-    Pose(Mount, [[f64; 6]; 6]),
+    Pose(Mount, Box<[[f64; 6]; 6]>),
 }
 
 /// A sensor of an observer.
@@ -179,7 +179,7 @@ pub(super) enum Source {
     Accelerometer(Frame<f64>, LinkPath),
     Contact(Frame<f64>, LinkPath),
     /// With the inverse of a root of the covariance.
-    Pose(Frame<f64>, Matrix6<f64>),
+    Pose(Frame<f64>, Box<Matrix6<f64>>),
 }
 
 /// A checked sensor.
@@ -238,7 +238,7 @@ impl Reader {
                 let expected = "a symmetric, positive definite matrix (6 x 6), rad^2 and m^2";
                 let refused =
                     || Error::argument(format!("covariance of '{}'", sensor.name), "another matrix", expected);
-                (Source::Pose(scene.frame(&at.into())?, inverse.ok_or_else(refused)?), 6)
+                (Source::Pose(scene.frame(&at.into())?, Box::new(inverse.ok_or_else(refused)?)), 6)
             }
         };
         let name = sensor.name.clone();
