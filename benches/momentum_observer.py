@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 import phipsi
-from phipsi.estimation import MomentumObserver
 from truth import moved
 
 #: Torque noise of an arm of the size of a UR5, (N m)^2 s.

@@ -185,7 +185,7 @@ def consistency(case: Case, runs: int, steps: int, seed: int, smooth: bool = Tru
             torque = tau + noise
             for _ in range(SUBSTEPS):
                 wrenches = {wrench.link: rest[:, 6 * i : 6 * i + 6] for i, wrench in enumerate(case.wrenches)}
-                q, qd = moved(scene, q, qd, lambda q, qd, w=wrenches: scene.forward_dynamics(q, qd, torque, wrenches=w), dt / SUBSTEPS, 1)
+                q, qd = moved(scene, q, qd, lambda q, qd, torque=torque, w=wrenches: scene.forward_dynamics(q, qd, torque, wrenches=w), dt / SUBSTEPS, 1)
                 rest = decay * rest + walk * rng.normal(size=rest.shape)
     values_, n = np.array(values), root.shape[-1]
     m = int(sizes[0][0])

@@ -1,4 +1,4 @@
-"""White innovations of the momentum of a robot without contact, with noise of velocities and correlated torque noise."""
+"""White innovations of the momentum of a robot without contact, with noisy velocities and correlated torque noise."""
 
 from __future__ import annotations
 
@@ -89,7 +89,8 @@ class WhiteMomentum:
         if belief is None:
             return Belief(state, covariance)
         return Belief(
-            np.where(fresh[..., None], state, belief.state), np.where(fresh[..., None, None], covariance, belief.covariance)
+            np.where(fresh[..., None], state, belief.state),
+            np.where(fresh[..., None, None], covariance, belief.covariance),
         )
 
     def _gains(self, belief: Belief, mass: _Array) -> tuple[_Array, _Array, _Array, _Array]:

@@ -13,8 +13,8 @@ from .._arguments import check_result, numbers
 from ..errors import ArgumentError, ShapeError, SingularTaskError, of_argument
 from ._allowed import allowed_motions, mobility
 from ._values import each
-from .alarms import alarm_threshold, positive
 from ._white import Belief, TorqueProcess, WhiteMomentum
+from .alarms import alarm_threshold, positive
 from .uncertainty import ParameterCovariance, parameter_torques
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class MomentumObserver:
     velocity_noise : (nv,) or float, optional
         Standard deviation of independent errors of each qd, rad/s or m/s; zero by default.
     correlation_time : (nv,) or float, optional
-        Correlation time T of the torque noise, s; zero, by default, for white noise. Its variance is torque_noise/(2 T).
+        Correlation time T of the torque noise, s; zero, the default, for white noise. Its variance is torque_noise/(2 T).
     stiction : (nv,) or float, optional
         Largest torque of dry friction that holds a joint at rest and is not part of tau, N m or N; zero by default. The
         alarm tests what no friction of this size explains, and its rate is then an upper bound.
@@ -162,7 +162,9 @@ class MomentumObserver:
         #: Variance of r for white torques of unit density.
         self._unit_variance = self._gain / (2.0 + self._gain) / dt
         with np.errstate(over="ignore"):
-            self._variance = density * self._unit_variance if process.is_white else process.filtered_variance(self._gain, dt)
+            self._variance = density * self._unit_variance
+            if not process.is_white:
+                self._variance = process.filtered_variance(self._gain, dt)
         if not np.all((self._variance > SMALLEST) & np.isfinite(self._variance)):
             raise of_argument(ArgumentError, "torque_noise", f"found {density}; expected densities whose variances at this bandwidth are positive numbers")
         self._deviation = np.sqrt(density)
@@ -173,9 +175,12 @@ class MomentumObserver:
         #: Friction whose impulses oscillate through the innovations of correlated noise is larger there.
         self._allowed = self._stiction * np.maximum(1.0, 2.0 * bandwidth * time - 1.0)
         for name, given in (("velocity_noise", spread), ("correlation_time", time), ("stiction", self._stiction)):
-            refused_with = "connections" if self._connected else "load" if load is not None and name == "stiction" else ""
-            if given.any() and refused_with:
-                raise of_argument(ArgumentError, name, f"found {given} with {refused_with}; expected zero: their test knows white torque noise of moving joints" if refused_with == "load" else f"found {given} for a scene with connections; expected zero")
+            if given.any() and self._connected:
+                found = f"found {given} for a scene with connections; expected zero"
+                raise of_argument(ArgumentError, name, found)
+        if self._stiction.any() and load is not None:
+            found = f"found {self._stiction} with load; expected zero: the test of a mass does not know friction at rest"
+            raise of_argument(ArgumentError, "stiction", found)
         tested = 1 if load is not None else mobility(scene) if self._connected else scene.nv
         self.threshold = alarm_threshold(false_alarms_per_hour, math.log1p(self._gain) / dt, dt, tested)
         self.reset()

@@ -87,12 +87,13 @@ def momentum_noise(scene: Scene, dt: float, q: ArrayLike, qd: ArrayLike, tau: Ar
     """
     dt = positive("dt", dt)
     if scene.constraint_names:
-        raise of_argument(ArgumentError, "scene", "found connections; expected a tree, because their forces are unknown")
+        raise of_argument(ArgumentError, "scene", "found connections, whose forces are unknown; expected a tree")
     given = (("q", q, scene, True), ("qd", qd, scene), ("tau", tau, scene))
     q_, qd_, tau_ = (np.asarray(_core._numbers(*one)) for one in given)
     for name, array in (("q", q_), ("qd", qd_), ("tau", tau_)):
         if array.ndim != 2 or len(array) != len(q_):
-            raise of_argument(ShapeError, name, f"found shape {array.shape}; expected one row per time, as the other arrays")
+            found = f"found shape {array.shape}; expected one row per time, as the other arrays"
+            raise of_argument(ShapeError, name, found)
     if len(q_) < ROWS:
         raise of_argument(ArgumentError, "q", f"found {len(q_)} rows; expected at least {ROWS}")
     flow = np.einsum("kji,kj->ki", scene.coriolis_matrix(q_, qd_), qd_) - scene.gravity_torque(q_)
@@ -100,7 +101,8 @@ def momentum_noise(scene: Scene, dt: float, q: ArrayLike, qd: ArrayLike, tau: Ar
     momentum = np.einsum("kij,kj->ki", mass, qd_)
     residuals = np.diff(momentum, axis=0) - dt * (tau_[:-1] + 0.5 * (flow[1:] + flow[:-1]))
     if not np.all(residuals.any(axis=0)):
-        raise of_argument(ArgumentError, "tau", "found torques that the model explains without noise; expected a measured log")
+        found = "found torques that the model explains without noise; expected a measured log"
+        raise of_argument(ArgumentError, "tau", found)
     # In units of velocity, noise of velocities does not mix between joints.
     in_velocity = np.linalg.solve(0.5 * (mass[1:] + mass[:-1]), residuals[..., None])[..., 0]
     torques = [_fitted(column, dt) for column in residuals.T]
@@ -110,7 +112,7 @@ def momentum_noise(scene: Scene, dt: float, q: ArrayLike, qd: ArrayLike, tau: Ar
 
 
 def _fitted(residuals: _Array, dt: float) -> tuple[float, float, float]:
-    """Density and correlation time of the noise whose impulses the residuals are, and variance of the differenced one."""
+    """Density and correlation time of the noise of which residuals are the impulses, and variance of the other noise."""
     count = len(residuals)
     power = np.abs(np.fft.rfft(residuals)[1:]) ** 2 / count
     omega = 2.0 * np.pi * np.arange(1, len(power) + 1) / count

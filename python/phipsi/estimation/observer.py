@@ -37,7 +37,7 @@ WINDOW = 100
 class Observer:
     """Error-state Kalman filter of joint motion, external wrenches and sensor biases; see Scene.observer.
 
-    Each step processes the readings of the present time, then advances by dt with a step of order 2: qd1 = qd + dt a and
+    Each step processes the readings of the present time, then advances by dt in a step of order 2: qd1 = qd + dt a and
     q (+) dt (qd + qd1)/2. The acceleration is that of its middle, a = FD(q (+) dt qd/2, qd + dt a0/2, tau + n,
     (w + w1)/2), where a0 = FD(q, qd, tau + n, w) and w1 are the wrenches at the end. Readings are linearized at the
     prediction. The model does not include damping, friction and
@@ -277,8 +277,8 @@ class Observer:
         tau : (..., nv)
             Joint torques from the present time to the next, N m or N.
         readings : dict
-            Readings (..., m) by sensor name; poses (..., 4, 4). A missing key, None or NaN means no reading. A reading of a sensor with a
-            delay belongs to the time `delay` steps ago; readings of times before the first step are ignored.
+            Readings (..., m) by sensor name; poses (..., 4, 4). A missing key, None or NaN means no reading. A reading
+            of a sensor with a delay belongs to the time `delay` steps ago; readings of times before the first step are ignored.
         dt : float, optional
             Time to the next step, s; by default that of the observer. Delays remain numbers of steps.
         acting : dict, optional
@@ -319,7 +319,8 @@ class Observer:
                 ) from None
         duration = self.dt if dt is None else float(numbers("dt", dt))
         flags = self._acting(acting or {})
-        found, is_complete = self._filter.step(torque.ravel(), self._readings(readings).ravel(), duration, flags.ravel())
+        given = self._readings(readings)
+        found, is_complete = self._filter.step(torque.ravel(), given.ravel(), duration, flags.ravel())
         q, qd, rest, covariance, nis, size, outliers = found
         rejected = {name: outliers[..., place] > 0.0 for name, (_, place) in self._places.items()}
         if self._has_gates:

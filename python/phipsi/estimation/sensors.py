@@ -144,7 +144,7 @@ class Sensor:
         return Prediction(value, of_q, of_qd, of_qdd if by_qdd else None, of_noise if by_noise else None)
 
     def _compiled(self, scene: Scene) -> tuple[Any, ...]:
-        """Arguments of the sensor in compiled code: kind, name, joints, mount, noise, delay, bias with growth, gate, covariance."""
+        """Arguments of the sensor in compiled code: kind, name, joints, mount, noise, delay, bias, gate, covariance."""
         size, noise = self.size(scene), numbers(f"noise of {self.name!r}", self.noise)
         if noise.ndim > 1:
             raise of_argument(
@@ -486,12 +486,14 @@ class Pose(_OnLink):
         if pose.shape[-2:] != (4, 4):
             found = f"found shape {pose.shape}; expected (..., 4, 4), as of Scene.placement"
             raise of_argument(ShapeError, f"readings[{self.name!r}]", found)
-        known = ~np.isnan(pose).any(axis=(-1, -2))
+        known = np.asarray(~np.isnan(pose).any(axis=(-1, -2)))
         if np.isinf(pose).any():
-            raise of_argument(NotFiniteError, f"readings[{self.name!r}]", "found an infinity; expected finite poses, or NaN for missing ones")
+            found = "found an infinity; expected finite poses, or NaN for missing ones"
+            raise of_argument(NotFiniteError, f"readings[{self.name!r}]", found)
         r = np.where(known[..., None, None], pose[..., :3, :3], np.eye(3))
         if not np.all(np.abs(np.swapaxes(r, -1, -2) @ r - np.eye(3)) <= 1e-6) or not np.all(np.linalg.det(r) > 0.0):
-            raise of_argument(ArgumentError, f"readings[{self.name!r}]", "found a matrix whose axes are no rotation; expected poses (4, 4)")
+            found = "found a matrix whose axes are no rotation; expected poses (4, 4)"
+            raise of_argument(ArgumentError, f"readings[{self.name!r}]", found)
         # The quaternion (x, y, z, w) is the eigenvector of the largest eigenvalue (Bar-Itzhack).
         axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], axis=-1)
         trace = np.einsum("...ii->...", r)[..., None, None]
@@ -504,5 +506,5 @@ class Pose(_OnLink):
         sine = np.linalg.norm(quaternion[..., :3], axis=-1, keepdims=True)
         angle = 2.0 * np.arctan2(sine, quaternion[..., 3:])
         turned = quaternion[..., :3] * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)
-        found = np.concatenate([turned, pose[..., :3, 3]], axis=-1)
-        return np.asarray(np.where(known[..., None], found, np.nan))
+        vector = np.concatenate([turned, pose[..., :3, 3]], axis=-1)
+        return np.asarray(np.where(known[..., None], vector, np.nan))

@@ -73,8 +73,9 @@ const COST: [usize; 2] = [10_000, 1];
 ///
 /// Each step processes the readings of the present time, then predicts the next time by a step of order 2, with the
 /// acceleration a in its middle: qd1 = qd + dt a and q (+) dt (qd + qd1)/2, where a = FD(q (+) dt qd/2, qd + dt a0/2,
-/// tau + n, (w + w1)/2) and a0 = FD(q, qd, tau + n, w), with the wrenches w1 at the end of the step. Readings are linearized at the prediction. Damping, friction and springs of the
-/// scene are not part of the model: add their torques to tau, and their uncertainty to the torque noise.
+/// tau + n, (w + w1)/2) and a0 = FD(q, qd, tau + n, w), with the wrenches w1 at the end of the step. Readings are
+/// linearized at the prediction. Damping, friction and springs of the scene are not part of the model: add their torques
+/// to tau, and their uncertainty to the torque noise.
 ///
 /// `S` is a [`Scene`], `&Scene` or `Arc<Scene>`. Scenes with connections, contacts or joints that follow others are not
 /// supported. A clone is an independent observer with the same estimates.

@@ -180,8 +180,8 @@ impl Robot {
         Self { prior, running, next, pending, history, last: None, spare: None, steps: 0, time: 0.0, window }
     }
 
-    /// Adds a time with its torques and the duration of its step. Readings with a delay belong to the time that many steps ago; those of times before
-    /// the first step are dropped.
+    /// Adds a time with its torques and the duration of its step. Readings with a delay belong to the time that many
+    /// steps ago; those of times before the first step are dropped.
     pub(super) fn begin(
         &mut self,
         plan: &Plan,
