@@ -6,13 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 import phipsi
-from phipsi.estimation import MomentumObserver
+from truth import moved
 
 #: Torque noise of an arm of the size of a UR5, (N m)^2 s.
 DENSITY = np.array([2.0, 2.0, 1.0, 0.3, 0.3, 0.3]) ** 2 / 100.0
 
 #: A link and a point in its frame, m.
 Load = tuple[str, tuple[float, float, float]]
+
+
+#: Parts of a step for the mean of correlated noise.
+FINE = 16
 
 
 class Alarms(NamedTuple):
@@ -23,23 +27,46 @@ class Alarms(NamedTuple):
     count: int
 
 
-def false_alarms(scene: phipsi.Scene, rate: float, bandwidth: float, dt: float, alarms: int, robots: int, seed: int, load: Load | None = None) -> Alarms:
-    """Alarms a second of robots that move under torque noise alone, each reset after an alarm."""
+def false_alarms(
+    scene: phipsi.Scene,
+    rate: float,
+    bandwidth: float,
+    dt: float,
+    alarms: int,
+    robots: int,
+    seed: int,
+    load: Load | None = None,
+    velocity: float = 0.0,
+    time: float = 0.0,
+    given: bool = True,
+) -> Alarms:
+    """Alarms a second of robots that move under torque noise, with noise of the velocities, each reset after an alarm.
+
+    `velocity` is the standard deviation of the noise of qd, rad/s, and `time` the correlation time of the torque noise, s; the observer knows both if `given`.
+    """
     rng = np.random.default_rng(seed)
     density = np.resize(DENSITY, scene.nv)
-    observer = scene.momentum_observer(dt, torque_noise=density, bandwidth=bandwidth, false_alarms_per_hour=3600.0 * rate, load=load)
+    known = {"velocity_noise": velocity, "correlation_time": time} if given else {}
+    observer = scene.momentum_observer(dt, torque_noise=density, bandwidth=bandwidth, false_alarms_per_hour=3600.0 * rate, load=load, **known)
     middle = np.resize([0.3, -0.6, 0.9, 0.1, 0.4, 0.0], scene.nv)
     q, qd = np.broadcast_to(middle, (robots, scene.nv)).copy(), np.zeros((robots, scene.nv))
+    noise = np.sqrt(density / (2.0 * time)) * rng.normal(size=qd.shape) if time > 0.0 else qd
     count = steps = 0
     while count < alarms:
         tau = scene.gravity_torque(q) + 100.0 * (middle - q) - 20.0 * qd
-        _, alarm = observer.step(q, qd, tau)
+        _, alarm = observer.step(q, qd + velocity * rng.normal(size=qd.shape), tau)
         count += int(np.sum(alarm))
-        clear(observer, alarm)
+        observer.reset(alarm)
         steps += 1
-        noise = np.sqrt(density / dt) * rng.normal(size=qd.shape)
-        qd = qd + dt * scene.forward_dynamics(q, qd, tau + noise)
-        q = q + dt * qd
+        if time > 0.0:
+            # The mean over the step, by parts in each of which the noise is the mean of its ends.
+            kept, mean = np.exp(-dt / FINE / time), np.zeros(qd.shape)
+            for _ in range(FINE):
+                after = kept * noise + np.sqrt(density / (2.0 * time) * (1.0 - kept**2)) * rng.normal(size=qd.shape)
+                mean, noise = mean + 0.5 / FINE * (noise + after), after
+        else:
+            mean = np.sqrt(density / dt) * rng.normal(size=qd.shape)
+        q, qd = moved(scene, q, qd, lambda q, qd, torque=tau + mean: scene.forward_dynamics(q, qd, torque), dt)
     return Alarms(rate, count / (steps * dt * robots), count)
 
 
@@ -57,12 +84,6 @@ def false_alarms_of_residual(size: int, rate: float, bandwidth: float, dt: float
         r[alarm] = 0.0
         steps += 1
     return Alarms(rate, count / (steps * dt * robots), count)
-
-
-def clear(observer: MomentumObserver, alarm: np.ndarray) -> None:
-    """Restart the observers of the robots with an alarm."""
-    observer.joint_torque[np.asarray(alarm)] = 0.0
-    observer._of_load[np.asarray(alarm)] = 0.0
 
 
 class Arm(NamedTuple):
@@ -107,8 +128,8 @@ def pickups(arm: Arm, runs: int, seed: int, mass: float, dt: float) -> Iterator[
         noise = np.sqrt(DENSITY / dt) * rng.normal(size=qd.shape)
         qdd, expected = robot.forward_dynamics(q, qd, np.stack([tau + noise, tau]))
         yield Moment((step - begin) * dt, q, qd, tau, qdd, expected)
-        qd = qd + dt * qdd
-        q = q + dt * qd
+        torque = tau + noise
+        q, qd = moved(robot, q, qd, lambda q, qd, robot=robot, torque=torque: robot.forward_dynamics(q, qd, torque), dt)
 
 
 def pickup(arm: Arm, bandwidth: float, runs: int, seed: int, mass: float = 1.0, dt: float = 2e-3, load: bool = False) -> tuple[np.ndarray, float]:
@@ -121,7 +142,7 @@ def pickup(arm: Arm, bandwidth: float, runs: int, seed: int, mass: float = 1.0, 
     for moment in pickups(arm, runs, seed, mass, dt):
         _, alarm = observer.step(moment.q, moment.qd, moment.tau)
         if moment.time < 0.0:
-            clear(observer, alarm)
+            observer.reset(alarm)
         else:
             delay = np.where(np.asarray(alarm) & np.isinf(delay), moment.time, delay)
     return delay, observer.threshold
@@ -171,6 +192,10 @@ def of_alarms(options: argparse.Namespace) -> list[str]:
     lines.append(row("moving arm", 6, 20.0, 4e-3, false_alarms(phipsi.load(phipsi.BUNDLED_ARM), 1.0, 20.0, 4e-3, count, 1000, options.seed)))
     scene = phipsi.load(phipsi.BUNDLED_ARM)
     lines.append(row("moving arm, load at a point", 1, 20.0, 4e-3, false_alarms(scene, 1.0, 20.0, 4e-3, count, 1000, options.seed, bundled_arm().load)))
+    for velocity, time in ((1e-3, 0.0), (5e-3, 0.0), (2e-2, 0.0), (0.0, 0.05), (5e-3, 0.05)):
+        name = f"moving arm, qd noise {velocity:g} rad/s, correlation time of torques {time:g} s"
+        lines.append(row(name, 6, 20.0, 4e-3, false_alarms(scene, 1.0, 20.0, 4e-3, count, 1000, options.seed, velocity=velocity, time=time)))
+    lines.append(row("moving arm, qd noise 0.005 rad/s that is not given", 6, 20.0, 4e-3, false_alarms(scene, 1.0, 20.0, 4e-3, count, 1000, options.seed, velocity=5e-3, given=False)))
     lines += ["", "One false alarm per hour itself would take 5,000 hours per row: the formula is tested at rates at which it can be."]
     return lines
 

@@ -4019,6 +4019,10 @@ class Scene:
         false_alarms_per_hour: float = 1.0,
         parameters: ArrayLike | object | None = None,
         load: tuple[str, ArrayLike] | None = None,
+        velocity_noise: ArrayLike = 0.0,
+        correlation_time: ArrayLike = 0.0,
+        stiction: ArrayLike = 0.0,
+        rest_speed: ArrayLike = 0.01,
     ) -> MomentumObserver:
         """Momentum observer of external joint torques that raises alarms at a stated rate.
 
@@ -4042,6 +4046,15 @@ class Scene:
         load : (str, (3,) array_like), optional
             Link and point in the link frame, m, of a load to detect. The alarm then tests its mass alone, which
             detects a load earlier than the test of all external torques.
+        velocity_noise : float or (nv,) array_like, default 0
+            Standard deviation of independent errors of each qd, rad/s or m/s.
+        correlation_time : float or (nv,) array_like, default 0
+            Correlation time T of the torque noise, s; zero for white noise. Its variance is torque_noise/(2 T).
+        stiction : float or (nv,) array_like, default 0
+            Largest torque of dry friction that holds a joint at rest and is not part of tau, N m or N. The alarm tests
+            what no friction of this size explains.
+        rest_speed : float or (nv,) array_like, default 0.01
+            Joint velocity up to which a joint is at rest, rad/s or m/s.
 
         Returns
         -------
@@ -4051,7 +4064,8 @@ class Scene:
         Raises
         ------
         ArgumentError
-            A noise, bandwidth, step or rate that is not positive; a load that no joint moves.
+            A noise, bandwidth, step or rate that is not positive; a load that no joint moves; velocity noise, correlated
+            noise or stiction with connections.
         ShapeError
             An array of an invalid shape.
 
@@ -5597,8 +5611,8 @@ class _Observer:
         batch: tuple[int, ...],
     ) -> _Observer: ...
     def process(self) -> list[_Array]: ...
-    def step(self, tau: _Array, readings: _Array) -> tuple[list[_Array], bool]: ...
-    def smooth(self) -> tuple[list[_Array], int]: ...
+    def step(self, tau: _Array, readings: _Array, dt: float, acting: _Array) -> tuple[list[_Array], bool]: ...
+    def smooth(self) -> tuple[list[_Array], _Array]: ...
     def prior(self) -> list[_Array]: ...
     def window(self) -> list[list[tuple[float, int]]]: ...
     def window_without(self, robot: int, sensor: int) -> list[tuple[float, int]]: ...

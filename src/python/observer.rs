@@ -17,14 +17,19 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use std::sync::{Mutex, MutexGuard};
 
-/// A sensor: kind, name, joints, link with position and axes, standard deviations, delay, and bias with its growth.
+/// A link with a position and axes.
+type MountTuple = (String, [f64; 3], [[f64; 3]; 3]);
+
+/// A sensor: kind, name, joints, mount, standard deviations, delay, bias with its growth, gate, and covariance.
 type SensorTuple =
-    (String, String, Option<Vec<String>>, Option<(String, [f64; 3], [[f64; 3]; 3])>, Vec<f64>, usize, (f64, f64));
+    (String, String, Option<Vec<String>>, Option<MountTuple>, Vec<f64>, usize, (f64, f64), f64, Option<[[f64; 6]; 6]>);
 
 /// A wrench: link, density, correlation time, initial standard deviation.
 type WrenchTuple = (String, [f64; 6], f64, Option<[f64; 6]>);
 
-fn sensor((kind, name, joints, mount, noise, delay, (bias, bias_walk)): SensorTuple) -> Result<Sensor, Error> {
+fn sensor(
+    (kind, name, joints, mount, noise, delay, (bias, bias_walk), gate, covariance): SensorTuple,
+) -> Result<Sensor, Error> {
     let unknown =
         |found: &str| Error::argument("sensors", format!("the kind {found:?}"), "a sensor of phipsi.estimation");
     let mount = mount.map(|(link, xyz, axes)| {
@@ -37,9 +42,12 @@ fn sensor((kind, name, joints, mount, noise, delay, (bias, bias_walk)): SensorTu
         ("gyro", Some(mount)) => Quantity::Gyro(mount),
         ("accelerometer", Some(mount)) => Quantity::Accelerometer(mount),
         ("contact", Some(mount)) => Quantity::Contact(mount),
+        ("pose", Some(mount)) => {
+            Quantity::Pose(mount, Box::new(covariance.ok_or_else(|| unknown("pose without covariance"))?))
+        }
         (other, _) => return Err(unknown(other)),
     };
-    Ok(Sensor { name, quantity, noise, delay, bias, bias_walk })
+    Ok(Sensor { name, quantity, noise, delay, bias, bias_walk, gate })
 }
 
 /// Filter of the robots of an observer, in the order of their batch.
@@ -99,32 +107,42 @@ impl PyObserver {
         Ok([from_numbers(py, decay, &[decay.len()])?, from_numbers(py, walk, &[walk.len()])?])
     }
 
-    /// Process readings (robots, m) and advance under tau (robots, nv).
+    /// Process readings (robots, m) and advance by dt under tau (robots, nv).
     ///
-    /// Returns q, qd, wrenches and biases, covariance, NIS and its number of readings, and whether a window of
-    /// innovations is complete.
+    /// Returns q, qd, wrenches and biases, covariance, NIS and its number of readings, the rejected readings, and
+    /// whether a window of innovations is complete.
     fn step<'py>(
         &self,
         py: Python<'py>,
         tau: PyReadonlyArray1<'py, f64>,
         readings: PyReadonlyArray1<'py, f64>,
-    ) -> PyResult<([Object<'py>; 6], bool)> {
+        dt: f64,
+        acting: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<([Object<'py>; 7], bool)> {
         let mut guard = self.filter()?;
         let filter = &mut *guard;
-        let (tau, readings) = (tau.as_slice()?, readings.as_slice()?);
+        let (tau, readings, acting) = (tau.as_slice()?, readings.as_slice()?, acting.as_slice()?);
         let done = if filter.cost() < WORTH_RELEASING {
-            filter.step(tau, readings)
+            filter.step_over(dt, tau, readings, acting)
         } else {
-            detached(py, || filter.step(tau, readings))?
+            detached(py, || filter.step_over(dt, tau, readings, acting))?
         };
         done.map_err(|found| fault(py, found, &self.batch))?;
         let [nq, nv, rest, n] = self.sizes;
         let filter = &*filter;
         let each = || (0..filter.robots()).filter_map(|robot| filter.estimate(robot));
         let shaped = |own: &[usize]| Output::<f64>::new(py, &[&self.batch[..], own].concat());
-        let mut outputs =
-            [shaped(&[nq])?, shaped(&[nv])?, shaped(&[rest])?, shaped(&[n, n])?, shaped(&[])?, shaped(&[])?];
-        let [q, qd, others, covariance, nis, count] = &mut outputs;
+        let width = filter.readings();
+        let mut outputs = [
+            shaped(&[nq])?,
+            shaped(&[nv])?,
+            shaped(&[rest])?,
+            shaped(&[n, n])?,
+            shaped(&[])?,
+            shaped(&[])?,
+            shaped(&[width])?,
+        ];
+        let [q, qd, others, covariance, nis, count, rejected] = &mut outputs;
         q.gather(py, nq, each().map(|own| own.q()))?;
         qd.gather(py, nv, each().map(|own| own.qd()))?;
         others.gather(py, rest, each().map(|own| own.wrenches_and_biases()))?;
@@ -136,19 +154,26 @@ impl PyObserver {
             *nis = value;
             *count = f64::from(u32::try_from(readings).unwrap_or(u32::MAX));
         }
+        if width > 0 {
+            for (robot, to) in rejected.numbers()?.chunks_exact_mut(width).enumerate() {
+                match filter.rejected(robot) {
+                    Some(own) => to.copy_from_slice(own),
+                    None => to.fill(0.0),
+                }
+            }
+        }
         let is_complete = filter.innovation(0).is_some() && filter.window(0).0 == WINDOW;
         Ok((outputs.map(|output| output.finish().into_any()), is_complete))
     }
 
-    /// Smoothed q, qd, wrenches and biases, and covariances, (steps, ...), and the index of the first step.
-    fn smooth<'py>(&self, py: Python<'py>) -> PyResult<([Object<'py>; 4], usize)> {
+    /// Smoothed q, qd, wrenches and biases, and covariances, (steps, ...), and times, (steps,).
+    fn smooth<'py>(&self, py: Python<'py>) -> PyResult<([Object<'py>; 4], Object<'py>)> {
         let guard = self.filter()?;
         let filter = &*guard;
         let [nq, nv, rest, n] = self.sizes;
         let robots = filter.robots();
         let found = detached(py, || (0..robots).map(|robot| filter.smooth(robot)).collect::<Result<Vec<_>, _>>())?;
         let found = found.map_err(|error| of_batch(py, &error, &self.batch))?;
-        let first = found.first().map_or(0, |own| own.first);
         let steps = found.first().map_or(0, |own| own.qd.len() / nv);
         let gathered = |width: &[usize], of: fn(&crate::estimation::SmoothedMotion) -> &[f64]| {
             let mut output = Output::<f64>::new(py, &[&[steps], &self.batch[..], width].concat())?;
@@ -164,7 +189,8 @@ impl PyObserver {
             gathered(&[rest], |own| &own.rest)?,
             gathered(&[n, n], |own| &own.covariance)?,
         ];
-        Ok((arrays, first))
+        let times = found.first().map_or(&[][..], |own| &own.time);
+        Ok((arrays, from_numbers(py, times, &[times.len()])?))
     }
 
     /// The estimate before the readings of the next step: q, qd, wrenches and biases, and a root of the covariance.

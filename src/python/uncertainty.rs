@@ -153,12 +153,22 @@ methods_in_python! {
     /// load : (str, (3,) array_like), optional
     ///     Link and point in the link frame, m, of a load to detect. The alarm then tests its mass alone, which
     ///     detects a load earlier than the test of all external torques.
+    /// velocity_noise : float or (nv,) array_like, default 0
+    ///     Standard deviation of independent errors of each qd, rad/s or m/s.
+    /// correlation_time : float or (nv,) array_like, default 0
+    ///     Correlation time T of the torque noise, s; zero for white noise. Its variance is torque_noise/(2 T).
+    /// stiction : float or (nv,) array_like, default 0
+    ///     Largest torque of dry friction that holds a joint at rest and is not part of tau, N m or N. The alarm tests
+    ///     what no friction of this size explains.
+    /// rest_speed : float or (nv,) array_like, default 0.01
+    ///     Joint velocity up to which a joint is at rest, rad/s or m/s.
     #[doc = section!(Returns)]
     /// observer : phipsi.estimation.MomentumObserver
     ///     The observer; see its `step`.
     #[doc = section!(Raises)]
     /// ArgumentError
-    ///     A noise, bandwidth, step or rate that is not positive; a load that no joint moves.
+    ///     A noise, bandwidth, step or rate that is not positive; a load that no joint moves; velocity noise, correlated
+    ///     noise or stiction with connections.
     /// ShapeError
     ///     An array of an invalid shape.
     #[doc = section!(Examples)]
@@ -167,7 +177,7 @@ methods_in_python! {
     /// >>> torque, alarm = observer.step([0.3, 0.2, 0.1], [0.0] * 3, scene.gravity_torque([0.3, 0.2, 0.1]))
     /// >>> torque.shape, bool(alarm)
     /// ((3,), False)
-    #[pyo3(text_signature = "($self, dt, *, torque_noise, bandwidth, false_alarms_per_hour=1.0, parameters=None, load=None)")]
+    #[pyo3(text_signature = "($self, dt, *, torque_noise, bandwidth, false_alarms_per_hour=1.0, parameters=None, load=None, velocity_noise=0.0, correlation_time=0.0, stiction=0.0, rest_speed=0.01)")]
     fn momentum_observer(dt) = "phipsi.estimation.momentum", "MomentumObserver";
 
     /// Error-state Kalman filter of joint motion, external wrenches and sensor biases.

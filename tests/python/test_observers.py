@@ -142,50 +142,59 @@ def slider() -> phipsi.Scene:
     return builder.build(gravity=(0.0, 0.0, 0.0))
 
 
-def run_slider(delay: int = 0) -> tuple[Observer, list, np.ndarray, np.ndarray]:
-    """An observer of it through 40 steps, its estimates, and mean and covariance of all states by dense least squares."""
-    scene, dt, steps = slider(), 0.05, 40
+def run_slider(delay: int, durations: np.ndarray) -> tuple[Observer, list, np.ndarray, np.ndarray]:
+    """An observer of it through steps of these durations, its estimates, and mean and covariance of all states by dense least squares."""
+    scene, steps, tau = slider(), len(durations), 0.7
     rng = np.random.default_rng(4)
-    wrench = ExternalWrench("second", density=np.array([0, 0, 0, 0.5, 0, 0]), correlation_time=0.7, deviation=np.array([0, 0, 0, 1.0, 0, 0]))
+    density = np.array([0, 0, 0, 0.5, 0, 0])
+    wrench = ExternalWrench("second", density=density, correlation_time=tau, deviation=np.array([0, 0, 0, 1.0, 0, 0]))
     sensors = [Encoder(noise=0.02, joints=["to_first"], delay=delay), Accelerometer(link="second", noise=0.1, bias=0.3, bias_walk=0.05)]
-    observer = scene.observer(dt, sensors, q=[0.1, -0.2], torque_noise=[0.3, 0.2], wrenches=[wrench], initial=[0.2, 0.3, 0.4, 0.5])
+    observer = scene.observer(0.05, sensors, q=[0.1, -0.2], torque_noise=[0.3, 0.2], wrenches=[wrench], initial=[0.2, 0.3, 0.4, 0.5])
     n, nv = 2 + 2 + 6 + 3, 2
     inverse = np.linalg.inv(scene.mass_matrix([0.0, 0.0]))
     by_force = inverse @ np.array([1.0, 1.0])
-    # x1 = F x + B n + walk, with x = (q, qd, wrench, bias).
-    a = np.zeros((nv, n + nv))
-    a[:, 7], a[:, n:] = by_force, inverse
-    flow = np.zeros((n, n + nv))
-    flow[2:4] = dt * a
-    flow[2:4, 2:4] += np.eye(2)
-    flow[:2] = dt * flow[2:4]
-    flow[:2, :2] += np.eye(2)
-    flow[4:10, 4:10], flow[10:, 10:13] = np.exp(-dt / 0.7) * np.eye(6), np.eye(3)
+    start = np.zeros((nv, n + nv))
+    start[:, 7], start[:, n:] = by_force, inverse
     accelerate = np.zeros((3, n + nv))
-    accelerate[0] = a.sum(axis=0)
+    accelerate[0] = start.sum(axis=0)
     accelerate[:, 10:13] += np.eye(3)
     encode = np.zeros((1, n + nv))
     encode[0, 0] = 1.0
-    deviation = np.concatenate([[0.2, 0.3, 0.4, 0.5], [0, 0, 0, 1, 0, 0], 3 * [0.3]])
-    walk = np.concatenate([np.zeros(4), np.sqrt(0.5 * np.array([0, 0, 0, 0.5, 0, 0]) * 0.7 * -np.expm1(-2 * dt / 0.7)), 3 * [0.05 * np.sqrt(dt)]])
-    # Everything is linear in the independent numbers: the start, then of each step n, walk, and the noise of readings.
-    per = nv + n + 4
+    # Everything is linear in the independent numbers: the start, then of each step n, walk, the noise of readings, and the wrench within the step.
+    per = nv + n + 4 + 1
     size = n + steps * per
-    sigma = np.concatenate([deviation, *([np.sqrt(np.array([0.3, 0.2]) / dt), walk, [0.02], 3 * [0.1]] * steps)], axis=None)
+    sigma = [np.array([0.2, 0.3, 0.4, 0.5, 0, 0, 0, 1, 0, 0, 0.3, 0.3, 0.3])]
     state = np.zeros((n, size))
     state[:, :n] = np.eye(n)
     states, readings, at = [], [], n
-    for _ in range(steps):
+    for dt in durations:
         wide = np.zeros((n + nv, size))
         wide[:n] = state
         wide[n:, at : at + nv] = np.eye(nv)
         states.append(state)
         rows = np.concatenate([encode, accelerate]) @ wide
-        rows[:, at + nv + n : at + per] += np.eye(4)
+        rows[:, at + nv + n : at + per - 1] += np.eye(4)
         readings.append(rows)
+        # x1 = F x + B n + G walk, with x = (q, qd, wrench, bias) and the mean of the wrenches at both ends.
+        decay, a, growth, flow = np.exp(-dt / tau), start.copy(), np.eye(n), np.zeros((n, n + nv))
+        a[:, 7] *= 0.5 * (1.0 + decay)
+        growth[2:4, 7], growth[:2, 7] = 0.5 * dt * by_force, 0.25 * dt**2 * by_force
+        flow[2:4] = dt * a
+        flow[2:4, 2:4] += np.eye(2)
+        flow[:2] = 0.5 * dt * flow[2:4]
+        flow[:2, 2:4] += 0.5 * dt * np.eye(2)
+        flow[:2, :2] += np.eye(2)
+        flow[4:10, 4:10], flow[10:, 10:13] = decay * np.eye(6), np.eye(3)
+        walk = np.concatenate([np.zeros(4), np.sqrt(0.5 * density * tau * -np.expm1(-2 * dt / tau)), 3 * [0.05 * np.sqrt(dt)]])
+        # The mean of the wrench, given both ends, has a twelfth of the variance of its growth.
+        within = np.zeros(n)
+        within[2:4], within[:2] = dt / np.sqrt(12.0) * walk[7] * by_force, 0.5 * dt**2 / np.sqrt(12.0) * walk[7] * by_force
         state = flow @ wide
-        state[:, at + nv : at + nv + n] += np.eye(n)
+        state[:, at + nv : at + nv + n] += growth
+        state[:, at + per - 1] += within
+        sigma += [np.sqrt(np.array([0.3, 0.2]) / dt), walk, [0.02], 3 * [0.1], [1.0]]
         at += per
+    sigma = np.concatenate(sigma)
     mean = np.concatenate([[0.1, -0.2], np.zeros(size - 2)])
     drawn = mean + sigma * rng.normal(size=size)
     taken = [rows @ drawn for rows in readings]
@@ -194,11 +203,11 @@ def run_slider(delay: int = 0) -> tuple[Observer, list, np.ndarray, np.ndarray]:
     estimates = []
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for k in range(steps):
+        for k, dt in enumerate(durations):
             given = {"accelerometer": taken[k][1:]}
             if k >= delay:
                 given["encoder"] = taken[k - delay][:1]
-            estimates.append(observer.step([0.0, 0.0], given))
+            estimates.append(observer.step([0.0, 0.0], given, dt=None if dt == 0.05 else dt))
     rows, values = np.concatenate(readings), np.concatenate(taken)
     arrived = np.ones(len(values), bool)
     arrived[[4 * k for k in range(steps - delay, steps)]] = False
@@ -212,10 +221,12 @@ def run_slider(delay: int = 0) -> tuple[Observer, list, np.ndarray, np.ndarray]:
     return observer, estimates, means, covariances
 
 
-@pytest.mark.parametrize("delay", [0, 3])
-def test_filter_and_smoother_of_a_linear_system_are_its_posterior(delay: int) -> None:
-    observer, estimates, means, covariances = run_slider(delay)
+@pytest.mark.parametrize(("delay", "varied"), [(0, False), (3, False), (0, True), (3, True)])
+def test_filter_and_smoother_of_a_linear_system_are_its_posterior(delay: int, varied: bool) -> None:
+    durations = np.random.default_rng(5).choice([0.02, 0.05, 0.11], size=40) if varied else np.full(40, 0.05)
+    observer, estimates, means, covariances = run_slider(delay, durations)
     smoothed = observer.smooth()
+    assert_near(smoothed.time, np.concatenate([[0.0], np.cumsum(durations)[:-1]]), 1e-14)
     found = np.concatenate([smoothed.q, smoothed.qd, smoothed.wrenches["second"], smoothed.biases["accelerometer"]], axis=-1)
     # The wrench has components without any variance, whose directions are exactly zero.
     assert_near(found, means, 1e-9 * float(np.max(np.abs(means))))
@@ -254,12 +265,25 @@ def test_a_copy_of_an_observer_is_independent() -> None:
 
 @pytest.mark.parametrize("case", [bench.arm_case(False), bench.arm_case(True), bench.floating_case()], ids=lambda case: case.name)
 def test_innovations_are_what_the_filter_states(case: bench.Case) -> None:
+    """The truth moves by steps of order 4 at a quarter of the filter's step, and wrenches change within it."""
     found = bench.consistency(case, runs=30, steps=30, seed=2, smooth=False)
     low, high = found.bounds
     # Bounds of 95 %: twice as wide here, so that another rounding does not decide.
     assert 1.0 - 2.0 * (1.0 - low) <= found.nis <= 1.0 + 2.0 * (high - 1.0)
     assert 0.85 <= found.nees <= 1.15
     assert abs(found.correlation) <= 4.0 / np.sqrt(900)
+
+
+@pytest.mark.parametrize(("imu", "dt", "steps"), [(False, 2e-3, 60), (False, 4e-3, 50), (False, 1e-2, 40), (True, 4e-3, 50)])
+def test_errors_on_fast_motion_are_those_that_the_filter_states(imu: bool, dt: float, steps: int) -> None:
+    """14 rad/s^2, truth by steps of order 4 at a quarter of dt: a step of order 1 has NEES/n of 6, 20, 131; 437 with an IMU."""
+    found = bench.consistency(bench.swift_case(imu, dt), runs=60, steps=steps, seed=5, smooth=dt == 1e-2)
+    assert 12.0 <= found.acceleration <= 18.0
+    low, high = found.nees - 3.0 * found.nees_error, found.nees + 3.0 * found.nees_error
+    assert low <= 1.0 <= high or 0.95 <= found.nees <= 1.05, found
+    assert 0.9 <= found.nees <= 1.1, found
+    assert not found.smoothed > 1.1, found
+    assert 1.0 - 2.0 * (1.0 - found.bounds[0]) <= found.nis <= 1.0 + 2.0 * (found.bounds[1] - 1.0)
 
 
 def test_an_accelerometer_without_the_noise_that_it_feels_is_inconsistent() -> None:
@@ -575,7 +599,7 @@ class TestArguments:
             observer.step([[0.1, 0.2]], [0.0, 0.0], [0.0, 0.0])
 
 
-@pytest.mark.parametrize("module", ["consistency", "momentum", "motion", "observer", "sensors", "trajectories"])
+@pytest.mark.parametrize("module", ["alarms", "consistency", "momentum", "motion", "noise", "observer", "sensors", "trajectories"])
 def test_examples_of_the_docstrings_run(module: str) -> None:
     found = doctest.testmod(importlib.import_module(f"phipsi.estimation.{module}"))
     assert found.attempted > 0 and found.failed == 0

@@ -60,8 +60,8 @@ def test_steps_and_sensors_are_linearized_along_rows(kind: str, dt: float) -> No
             return np.concatenate([found.q, found.qd, found.rest]), record.flow
 
         expected = capabilities.slope(lambda by: after(by)[0])
-        # The step leaves the pin to second order, and the projection is linearized where it ends.
-        bound = 1e-8 if kind == "mimic" else 10.0 * dt**2
+        # The step leaves the pin to third order, and the projection is linearized where it ends.
+        bound = 1e-8 if kind == "mimic" else 100.0 * dt**3
         assert_near(after(0.0)[1] @ tangent, expected, bound * float(np.max(np.abs(expected))))
         if kind == "loop":
             tree = case.tree(after(0.0)[0][:nv], after(0.0)[0][nv : 2 * nv])
@@ -95,16 +95,16 @@ def test_a_loop_starts_and_stays_on_its_pin() -> None:
     tangent = np.stack([capabilities.slope(lambda by, d=d: np.concatenate(case.state(case.u + by * d[:2], case.ud + by * d[2:]))) for d in np.eye(4)], axis=1)
     precision = tangent.T @ np.diag(np.repeat([0.01, 0.05], 4) ** -2.0) @ tangent
     assert_near(start, tangent @ np.linalg.solve(precision, tangent.T), 1e-8 * float(np.max(start)))
-    path = scene.simulate(case.q, case.qd, tau=rest, dt=5e-3, steps=20, method="semi-implicit-euler")
+    path = case.path(case.q, case.qd, np.zeros((20, 4)), 5e-3)[:, :4]
     random = np.random.default_rng(4)
-    for q in path.q[:20]:
+    for q in path:
         last = observer.step(rest, {"encoder": q + 1e-3 * random.normal(size=4)})
     smoothed = observer.smooth()
     assert_near(smoothed.q[-1], last.q, 1e-12)
     assert_near(smoothed.covariance[-1], last.covariance, 1e-12)
     assert all(np.max(np.abs(case.rows(case.tree(q, rest))[0])) < 1e-9 for q in smoothed.q)
     assert np.all(np.diagonal(smoothed.covariance[0])[:4] < np.diagonal(start)[:4])
-    off = smoothed.q - path.q[:20]
+    off = smoothed.q - path
     spread = np.sqrt(np.diagonal(smoothed.covariance, axis1=-2, axis2=-1))[:, :4]
     assert np.all(np.abs(off) < 6.0 * spread) and float(np.mean(np.square(off / spread))) < 3.0
 

@@ -12,11 +12,13 @@ from ._base import BaseParameters
 from ._excitation import Excitation
 from ._logs import accumulate_logs, read_log
 from ._smooth import Smoothed
+from .alarms import alarm_threshold, mean_time_to_alarm
 from .consistency import consistency_bounds, nees, nis
-from .momentum import MomentumObserver, ObservedTorque, alarm_threshold, mean_time_to_alarm
+from .momentum import MomentumObserver, ObservedTorque
 from .motion import ExternalWrench, ObserverEstimate, SmoothedMotion
+from .noise import MomentumNoise, momentum_noise
 from .observer import Observer
-from .sensors import Accelerometer, Contact, Encoder, Gyro, Sensor, TorqueSensor
+from .sensors import Accelerometer, Contact, Encoder, Gyro, Pose, Sensor, TorqueSensor
 from .trajectories import Bands, MotionUncertainty
 from .uncertainty import AccelerationVariance, ParameterCovariance
 
@@ -31,12 +33,14 @@ __all__ = [
     "Excitation",
     "ExternalWrench",
     "Gyro",
+    "MomentumNoise",
     "MomentumObserver",
     "MotionUncertainty",
     "ObservedTorque",
     "Observer",
     "ObserverEstimate",
     "ParameterCovariance",
+    "Pose",
     "Sensor",
     "Smoothed",
     "SmoothedMotion",
@@ -45,6 +49,7 @@ __all__ = [
     "alarm_threshold",
     "consistency_bounds",
     "mean_time_to_alarm",
+    "momentum_noise",
     "nees",
     "nis",
     "read_log",

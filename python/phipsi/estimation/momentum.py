@@ -9,138 +9,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from .._arguments import check_result, numbers, whole
+from .._arguments import check_result, numbers
 from ..errors import ArgumentError, ShapeError, SingularTaskError, of_argument
 from ._allowed import allowed_motions, mobility
-from ._chi_square import chi_square_cdf
 from ._values import each
+from ._white import Belief, TorqueProcess, WhiteMomentum
+from .alarms import alarm_threshold, positive
 from .uncertainty import ParameterCovariance
 
 if TYPE_CHECKING:
     from .._core import Scene
 
-__all__ = ["MomentumObserver", "ObservedTorque", "alarm_threshold", "mean_time_to_alarm"]
+__all__ = ["MomentumObserver", "ObservedTorque"]
 
 _Array = NDArray[np.float64]
 
-#: Correction of a threshold for sampling, -zeta(1/2) / sqrt(2 pi), in standard deviations of the change between two
-#: samples (Siegmund).
-SAMPLING = 0.5826
-#: Quadrature points per standard deviation.
-POINTS = 40
-#: Largest threshold, standard deviations, and largest number of components: the mean time to an alarm does not overflow.
-LARGEST, LARGEST_SIZE = 32.0, 10**6
 #: Smallest variance whose inverse is finite.
 SMALLEST = 1.0 / float(np.finfo(float).max)
 #: Smallest and largest product of bandwidth and step of a MomentumObserver.
 FILTERED = (1e-9, 1e3)
-
-
-def mean_time_to_alarm(threshold: float, rate: float, size: int) -> float:
-    """Mean first-exit time of an Ornstein-Uhlenbeck process from a ball, with start at the center.
-
-    The process has d = `size` independent components of unit variance. With the threshold c and the rate K,
-    T = (1/K) int_0^c e^(x^2/2) x^(1-d) int_0^x z^(d-1) e^(-z^2/2) dz dx.
-
-    Parameters
-    ----------
-    threshold : float
-        Radius c in standard deviations.
-    rate : float
-        Rate K, 1/s: the autocorrelation of the process is e^(-K t).
-    size : int
-        Number of components d.
-
-    Returns
-    -------
-    float
-        Mean time, s.
-
-    Raises
-    ------
-    ArgumentError
-        A rate that is not positive, a size below 1, or a threshold above 32.
-
-    Examples
-    --------
-    >>> import phipsi
-    >>> from phipsi.estimation import mean_time_to_alarm
-    >>> 3000 < mean_time_to_alarm(6.19, 10.0, 6) < 4000
-    True
-    """
-    rate, size = _positive("rate", rate), whole("size", size, 1, most=LARGEST_SIZE)
-    if not threshold <= LARGEST:
-        raise of_argument(ArgumentError, "threshold", f"found {threshold}; expected at most {LARGEST:g} standard deviations")
-    if threshold <= 0.0:
-        return 0.0
-    panels = max(1, math.ceil(threshold))
-    nodes, weights = np.polynomial.legendre.leggauss(POINTS)
-    width = threshold / panels
-    x = (width * (np.arange(panels)[:, None] + 0.5 * (nodes + 1.0))).ravel()
-    # The inner integral is 2^(d/2-1) Gamma(d/2) times the distribution function of chi-square at x^2.
-    inner = np.exp(
-        0.5 * x**2 + (1.0 - size) * np.log(x) + (0.5 * size - 1.0) * math.log(2.0) + math.lgamma(0.5 * size)
-    ) * chi_square_cdf(x**2, size)
-    return float(np.sum(0.5 * width * np.tile(weights, panels) * inner) / rate)
-
-
-def alarm_threshold(false_alarms_per_hour: float, rate: float, dt: float, size: int) -> float:
-    """Threshold, in standard deviations, for a given rate of false alarms of a sampled process.
-
-    The process has unit covariance; see mean_time_to_alarm.
-
-    Parameters
-    ----------
-    false_alarms_per_hour : float
-        Number of alarms per hour; the process restarts from zero after each alarm.
-    rate : float
-        Rate K, 1/s: the correlation between two successive samples is e^(-K dt).
-    dt : float
-        Time between two samples, s.
-    size : int
-        Number of components.
-
-    Returns
-    -------
-    float
-        Threshold. It is lower than the threshold in continuous time by 0.5826 sqrt(2 K dt), because an excursion
-        between two samples is not detected.
-
-    Raises
-    ------
-    ArgumentError
-        A number that is not positive, or a rate of alarms that no threshold up to 32 gives.
-
-    Examples
-    --------
-    >>> import phipsi
-    >>> from phipsi.estimation import alarm_threshold
-    >>> round(alarm_threshold(1.0, 10.0, 1e-3, 6), 2)
-    6.11
-    """
-    wanted = 3600.0 / _positive("false_alarms_per_hour", false_alarms_per_hour)
-    rate, dt = _positive("rate", rate), _positive("dt", dt)
-    low, high = 0.0, 1.0
-    while mean_time_to_alarm(high, rate, size) < wanted:
-        high *= 2.0
-        if high > LARGEST:
-            raise of_argument(
-                ArgumentError,
-                "false_alarms_per_hour",
-                f"found {false_alarms_per_hour:g}, which requires a threshold above 32 standard deviations; expected"
-                " more",
-            )
-    for _ in range(100):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if mean_time_to_alarm(middle, rate, size) < wanted else (low, middle)
-    threshold = high - SAMPLING * math.sqrt(2.0 * rate * dt)
-    if not threshold > 0.5:
-        found = (
-            f"found {false_alarms_per_hour:g}: one alarm per {wanted:g} s, close to the time constant of the observer,"
-            f" {1.0 / rate:g} s"
-        )
-        raise of_argument(ArgumentError, "false_alarms_per_hour", f"{found}; expected fewer")
-    return threshold
+#: Sweeps over the joints for the friction that explains most of a torque.
+SWEEPS = 50
 
 
 class ObservedTorque(NamedTuple):
@@ -160,6 +49,10 @@ class MomentumObserver:
     needs neither accelerations nor M^-1. Without contact, r is an Ornstein-Uhlenbeck process, whose successive samples
     are correlated. The threshold therefore follows from the mean first-exit time of this process from a ball.
 
+    Noise of the velocities, M dqd in the momentum, and torque noise with a correlation time make r another process.
+    With them, the alarm tests the same recursion of the innovations of a Kalman filter of momentum and torque noise,
+    which are white. Its covariance is exact, and its correlation that of the threshold.
+
     With connections, whose forces are unknown, torques are observed as far as they act on motions that the connections
     allow: joint_torque is the smallest torque with the same effect. Contacts of the scene are ignored, because their
     forces are external ones.
@@ -172,7 +65,7 @@ class MomentumObserver:
         Time between two steps, s.
     torque_noise : (nv,) or float
         Density of the torque noise of each degree of freedom, (N m)^2 s, positive: the variance of its mean over a
-        time T, times T. It includes friction that is not modeled.
+        long time T, times T. It includes friction that is not modeled.
     bandwidth : float
         Bandwidth K of the estimate, 1/s. A lower bandwidth detects smaller torques, with a longer delay.
     false_alarms_per_hour : float
@@ -186,12 +79,21 @@ class MomentumObserver:
         mass of a load at this point instead of all external torques. The component of the whitened torques along those
         that weight and inertia of the load cause is one process instead of nv. Its threshold is lower, and a load
         contributes to it with one sign while the robot moves.
+    velocity_noise : (nv,) or float, optional
+        Standard deviation of independent errors of each qd, rad/s or m/s; zero by default.
+    correlation_time : (nv,) or float, optional
+        Correlation time T of the torque noise, s; zero, the default, for white noise. Its variance is torque_noise/(2 T).
+    stiction : (nv,) or float, optional
+        Largest torque of dry friction that holds a joint at rest and is not part of tau, N m or N; zero by default. The
+        alarm tests what no friction of this size explains, and its rate is then an upper bound.
+    rest_speed : (nv,) or float, optional
+        Joint velocity, rad/s or m/s, up to which a joint is at rest; 0.01 by default. Choose it above the noise of qd.
 
     Attributes
     ----------
     threshold : float
-        Norm of r, in standard deviations, above which an alarm is raised; with `load`, the size of the estimated mass
-        in standard deviations.
+        Norm of the tested torque, in standard deviations, above which an alarm is raised; with `load`, the size of the
+        estimated mass in standard deviations.
     joint_torque : (..., nv)
         Latest estimate r.
     alarm : (...)
@@ -231,9 +133,13 @@ class MomentumObserver:
         false_alarms_per_hour: float = 1.0,
         parameters: Any = None,
         load: tuple[str, ArrayLike] | None = None,
+        velocity_noise: ArrayLike = 0.0,
+        correlation_time: ArrayLike = 0.0,
+        stiction: ArrayLike = 0.0,
+        rest_speed: ArrayLike = 0.01,
     ) -> None:
         for name, value in (("dt", dt), ("bandwidth", bandwidth), ("false_alarms_per_hour", false_alarms_per_hour)):
-            _positive(name, value)
+            positive(name, value)
         if not FILTERED[0] <= bandwidth * dt <= FILTERED[1]:
             low, high = (f"{limit / dt:.3g}" for limit in FILTERED)
             raise of_argument(ArgumentError, "bandwidth", f"found {bandwidth} with the step {dt} s; expected from {low} to {high} 1/s")
@@ -247,37 +153,98 @@ class MomentumObserver:
         steady = 0.5 * (math.sqrt(ratio * (ratio + 4.0)) - ratio)
         self._gain = steady / (1.0 - steady)
         # Stationary variance of r = (r + gain n) / (1 + gain); n has the variance density / dt.
+        not_negative = "found {least}; expected finite numbers, zero or positive"
+        spread = each("velocity_noise", velocity_noise, scene.nv, not_negative)
+        time = each("correlation_time", correlation_time, scene.nv, not_negative)
+        self._stiction = each("stiction", stiction, scene.nv, not_negative)
+        self._rest_speed = each("rest_speed", rest_speed, scene.nv, not_negative)
+        process = TorqueProcess(density, time, self.dt)
+        #: Variance of r for white torques of unit density.
+        self._unit_variance = self._gain / (2.0 + self._gain) / dt
         with np.errstate(over="ignore"):
-            self._variance = density * (self._gain / (2.0 + self._gain) / dt)
+            self._variance = density * self._unit_variance
+            if not process.is_white:
+                self._variance = process.filtered_variance(self._gain, dt)
         if not np.all((self._variance > SMALLEST) & np.isfinite(self._variance)):
             raise of_argument(ArgumentError, "torque_noise", f"found {density}; expected densities whose variances at this bandwidth are positive numbers")
         self._deviation = np.sqrt(density)
         self._parameters = ParameterCovariance(scene, parameters)
         self._load = None if load is None else _checked_load(scene, load)
         self._connected = bool(scene.constraint_names)
+        self._white = WhiteMomentum(process, spread**2, self.dt) if spread.any() or time.any() else None
+        #: Friction whose impulses oscillate through the innovations of correlated noise is larger there.
+        self._allowed = self._stiction * np.maximum(1.0, 2.0 * bandwidth * time - 1.0)
+        for name, given in (("velocity_noise", spread), ("correlation_time", time), ("stiction", self._stiction)):
+            if given.any() and self._connected:
+                found = f"found {given} for a scene with connections; expected zero"
+                raise of_argument(ArgumentError, name, found)
+        if self._stiction.any() and load is not None:
+            found = f"found {self._stiction} with load; expected zero: the test of a mass does not know friction at rest"
+            raise of_argument(ArgumentError, "stiction", found)
         tested = 1 if load is not None else mobility(scene) if self._connected else scene.nv
         self.threshold = alarm_threshold(false_alarms_per_hour, math.log1p(self._gain) / dt, dt, tested)
         self.reset()
 
-    def reset(self) -> None:
+    def reset(self, robots: Any = None) -> None:
         """Restart from zero external torque, for instance after an alarm. The next step only stores the momentum.
+
+        Parameters
+        ----------
+        robots : int, slice or array, optional
+            Robots of a batch that restart, as an index or mask of its leading axes; all of them by default, and the
+            next step may then have another number of robots.
+
+        Raises
+        ------
+        ArgumentError
+            Robots that the batch does not have.
 
         Examples
         --------
-        >>> import phipsi
+        >>> import numpy as np, phipsi
         >>> observer = phipsi.scenes.chain(2).momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0)
-        >>> observer.reset()
+        >>> torque, alarm = observer.step(np.zeros((3, 2)), np.zeros(2), np.zeros(2))
+        >>> observer.reset(alarm)           # the robots with an alarm
+        >>> observer.reset()                # all robots
         """
+        if robots is not None:
+            self._reset_some(robots)
+            return
         self.joint_torque: _Array = np.zeros(self.scene.nv)
         self.alarm: NDArray[np.bool_] | bool = False
         self.covariance: _Array = np.diag(self._variance)
         self._q: _Array | None = None
         self._before: tuple[_Array, _Array, _Array, _Array] | None = None
         self._of_load, self._along, self._size = np.zeros(()), np.zeros(self.scene.nv), np.zeros(())
+        #: Robots whose next step only stores the momentum.
+        self._fresh: NDArray[np.bool_] = np.array(True)
+        #: The tested torque, that of white innovations with its covariance, and the friction that it may contain.
+        self._tested: _Array = np.zeros(self.scene.nv)
+        self._of_white: _Array = np.zeros(self.scene.nv)
+        self._of_test: _Array | None = None
+        self._added: _Array | None = None
+        self._friction: _Array = np.zeros(self.scene.nv)
+        self._belief: Belief | None = None
+        self._was_at_rest: NDArray[np.bool_] = np.zeros(self.scene.nv, bool)
         #: Motions that the connections allow, as columns; the others are zero.
         self._motions: _Array = np.eye(self.scene.nv)
         self.mass: _Array = np.array(np.nan)
         self.mass_deviation: _Array = np.array(np.inf)
+
+    def _reset_some(self, robots: Any) -> None:
+        batch = np.shape(self.alarm)
+        fresh = self._fresh | np.zeros(batch, bool)
+        try:
+            fresh[robots] = True
+        except (IndexError, ValueError, TypeError):
+            found = f"found {robots!r}; expected an index or mask of the robots of step(), {batch}"
+            raise of_argument(ArgumentError, "robots", found) from None
+        self._fresh, self.alarm = fresh, np.asarray(self.alarm) & ~fresh
+        self._of_load = np.where(fresh, 0.0, self._of_load)
+        zero = fresh[..., None]
+        self.joint_torque, self._of_white, self._friction = (
+            np.where(zero, 0.0, own) for own in (self.joint_torque, self._of_white, self._friction)
+        )
 
     def step(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> ObservedTorque:
         """Process a sample of the motion, and the torque from this sample to the next.
@@ -326,39 +293,70 @@ class MomentumObserver:
         )
         # C* qd - g: rate of change of the momentum without torques.
         flow = np.einsum("...ji,...j->...i", scene.coriolis_matrix(q, qd), qd) - scene.gravity_torque(q)
-        momentum = np.einsum("...ij,...j->...i", scene.mass_matrix(q), qd)
+        mass = np.asarray(scene.mass_matrix(q))
+        momentum = np.einsum("...ij,...j->...i", mass, qd)
         if self._connected:
             self._motions = allowed_motions(scene, q)
         if self._before is None:
             self.joint_torque = np.zeros(np.broadcast_shapes(momentum.shape, tau.shape))
             self._of_load = np.zeros(self.joint_torque.shape[:-1])
+            self._tested = self._friction = self.joint_torque
         else:
-            before, drift, torque, motions = self._before
-            if before.shape != momentum.shape:
-                raise of_argument(
-                    ShapeError,
-                    "q",
-                    f"found states of shape {momentum.shape} after states of shape {before.shape}; expected the same"
-                    " shape, or reset() first",
-                )
-            moved = momentum - before - self.dt * (torque + 0.5 * (drift + flow))
-            if self._connected:
-                # The mean of the projections at both ends: the forces of the connections cancel to second order.
-                moved = 0.5 * (_projected(motions, moved) + _projected(self._motions, moved))
-            self.joint_torque = (self.joint_torque + self._gain / self.dt * moved) / (1.0 + self._gain)
-            if self._connected:
-                self.joint_torque = _projected(self._motions, self.joint_torque)
-            check_result("external joint torque", self.joint_torque)
-            if self._load is not None:
-                along = np.sum(self._along * moved, axis=-1)
-                self._of_load = (self._of_load + self._gain / self.dt * along) / (1.0 + self._gain)
+            self._advance(momentum, flow, mass, qd)
+        if self._white is not None:
+            self._belief = self._white.start(momentum, mass, self._belief, self._fresh, self.joint_torque.shape)
+        self._fresh, self._was_at_rest = np.array(False), np.abs(qd) <= self._rest_speed
         if self._load is not None:
             # The direction at the start of an interval does not depend on the noise during it.
-            self._along, self._size = self._directed(self._load_torque(q, qd, tau))
+            self._along, self._size = self._directed(self._load_torque(q, qd, tau), mass)
         self._before, self._q = (momentum, flow, tau, self._motions), q
-        self.covariance = self._covariance(q, qd, tau)
+        self._added = self._of_parameters(q, qd, tau)
+        self.covariance = self._covariance(mass)
         self.alarm = self._exceeds()
         return ObservedTorque(self.joint_torque.copy(), self.alarm)
+
+    def _advance(self, momentum: _Array, flow: _Array, mass: _Array, qd: _Array) -> None:
+        """Process the change of the momentum since the last step."""
+        assert self._before is not None
+        before, drift, torque, motions = self._before
+        if before.shape != momentum.shape:
+            raise of_argument(
+                ShapeError,
+                "q",
+                f"found states of shape {momentum.shape} after states of shape {before.shape}; expected the same"
+                " shape, or reset() first",
+            )
+        impulse = self.dt * (torque + 0.5 * (drift + flow))
+        moved, old = momentum - before - impulse, ~self._fresh[..., None]
+        if self._connected:
+            # The mean of the projections at both ends: the forces of the connections cancel to second order.
+            moved = 0.5 * (_projected(motions, moved) + _projected(self._motions, moved))
+        moved = np.where(old, moved, 0.0)
+        self.joint_torque = self._filtered(self.joint_torque, moved)
+        if self._connected:
+            self.joint_torque = _projected(self._motions, self.joint_torque)
+        check_result("external joint torque", self.joint_torque)
+        white, self._tested = moved, self.joint_torque
+        if self._white is not None:
+            assert self._belief is not None
+            self._belief, white, density = self._white.step(self._belief, momentum, mass, impulse)
+            white = np.where(old, white, 0.0)
+            self._tested = self._filtered(self._of_white, white)
+            self._of_white = self._tested
+            now = self._unit_variance * density
+            last = now if self._of_test is None else np.where(old[..., None], self._of_test, now)
+            # As the variance of r = (r + gain n)/(1 + gain) changes with that of n.
+            kept = 1.0 / (1.0 + self._gain) ** 2
+            self._of_test = kept * last + (1.0 - kept) * now
+        if self._load is not None:
+            self._of_load = self._filtered(self._of_load, np.sum(self._along * white, axis=-1))
+        if self._stiction.any():
+            held = self._was_at_rest | (np.abs(qd) <= self._rest_speed)
+            self._friction = np.where(old, self._filtered(self._friction, self.dt * self._allowed * held), 0.0)
+
+    def _filtered(self, r: _Array, impulse: _Array) -> _Array:
+        """The recursion of r."""
+        return np.asarray((r + self._gain / self.dt * impulse) / (1.0 + self._gain))
 
     def _load_torque(self, q: _Array, qd: _Array, tau: _Array) -> _Array:
         """Joint torques that a point mass of 1 kg causes by its weight and inertia, (..., nv), N m or N."""
@@ -370,15 +368,19 @@ class MomentumObserver:
         along = scene.jacobian(q, link, frame=frame, at=point)[..., 3:, :]
         return np.asarray(np.einsum("...iv,...i->...v", along, scene.gravity - moved))
 
-    def _directed(self, weight: _Array) -> tuple[_Array, _Array]:
+    def _directed(self, weight: _Array, mass: _Array) -> tuple[_Array, _Array]:
         """Factors of the torques for the component along a torque, of unit density, and the size of that torque.
 
         In units of the noise, as far as it acts on motions that the connections allow. Zero for a zero torque.
         """
-        if not self._connected:
+        if not self._connected and self._white is None:
             white = weight / self._deviation
             return _direction(white) / self._deviation, np.asarray(np.linalg.norm(white, axis=-1))
-        root = self._root(np.diag(self._deviation**2))
+        density = np.diag(self._deviation**2)
+        if self._white is not None:
+            assert self._belief is not None
+            density = self._white.density(self._belief, mass)
+        root = self._root(density)
         within = np.asarray(np.linalg.solve(root, self._within(weight)[..., None]))[..., 0]
         along = self._motions @ np.linalg.solve(np.swapaxes(root, -1, -2), _direction(within)[..., None])
         return along[..., 0], np.asarray(np.linalg.norm(within, axis=-1))
@@ -395,28 +397,53 @@ class MomentumObserver:
         within = np.swapaxes(self._motions, -1, -2) @ covariance @ self._motions
         return np.asarray(np.linalg.cholesky(within + missing[..., None] * np.eye(self.scene.nv)))
 
-    def _covariance(self, q: _Array, qd: _Array, tau: _Array) -> _Array:
+    def _of_parameters(self, q: _Array, qd: _Array, tau: _Array) -> _Array | None:
+        """Covariance of the torques that parameter errors cause; None without errors."""
+        columns = self._parameters.columns
+        if not len(columns):
+            return None
+        qdd = self.scene.forward_dynamics(q, qd, tau + self.joint_torque)
+        torques = self._parameters._torques(q, qd, qdd, self.scene)
+        return np.asarray(np.einsum("s...i,s...j->...ij", torques, torques))
+
+    def _covariance(self, mass: _Array) -> _Array:
         """Covariance of r without contact."""
         covariance = np.diag(self._variance)
-        if len(self._parameters.columns):
-            qdd = self.scene.forward_dynamics(q, qd, tau + self.joint_torque)
-            torques = self._parameters._torques(q, qd, qdd, self.scene)
-            covariance = np.asarray(covariance + np.einsum("s...i,s...j->...ij", torques, torques))
+        if self._white is not None:
+            # The noise of the momentum is filtered as its change: 2 c^2/(1 + 1/(1 + gain)) with c = gain/(1 + gain)/dt.
+            share = self._gain / ((1.0 + self._gain) * self.dt)
+            covariance = covariance + 2.0 * share**2 * (1.0 + self._gain) / (2.0 + self._gain) * self._white.noise(mass)
+        if self._added is not None:
+            covariance = np.asarray(covariance + self._added)
             check_result("covariance of the external joint torque", covariance)
         if self._connected:
             projector = self._motions @ np.swapaxes(self._motions, -1, -2)
             covariance = projector @ covariance @ projector
         return covariance
 
+    def _unexplained(self, covariance: _Array) -> _Array:
+        """The tested torque less the friction that may hold joints at rest and explains most of it."""
+        r, limit = self._tested, self._friction
+        if not limit.any():
+            return r
+        held = np.clip(r, -limit, limit)
+        precise = np.linalg.inv(covariance)
+        if np.count_nonzero(precise - np.einsum("...ii->...i", precise)[..., None] * np.eye(len(self._stiction))):
+            # Least squares with bounds, joint by joint.
+            for _ in range(SWEEPS):
+                for i in range(len(self._stiction)):
+                    slope = np.einsum("...j,...j->...", precise[..., i, :], r - held)
+                    moved = held[..., i] + slope / precise[..., i, i]
+                    held[..., i] = np.clip(moved, -limit[..., i], limit[..., i])
+        return np.asarray(r - held)
+
     def _exceeds(self) -> NDArray[np.bool_] | bool:
-        r, square = self.joint_torque, np.zeros(())
-        exact = not len(self._parameters.columns)
+        square = np.zeros(())
         if self._load is not None:
             along, size = self._along, self._size
-            variance = self._variance[0] / self._deviation[0] ** 2
-            if not exact:
-                added = self.covariance - np.diag(self._variance)
-                variance = variance + np.einsum("...i,...ij,...j->...", along, added, along)
+            variance: Any = self._unit_variance
+            if self._added is not None:
+                variance = variance + np.einsum("...i,...ij,...j->...", along, self._added, along)
             with np.errstate(divide="ignore", invalid="ignore"):
                 self.mass = np.where(size > 0.0, self._of_load / size, np.nan)
                 self.mass_deviation = np.sqrt(variance) / size
@@ -424,12 +451,15 @@ class MomentumObserver:
             check_result("mass of the load", np.where(size > 0.0, self.mass, self._of_load))
             square = self._of_load**2 / variance
         elif self._connected:
-            white = np.linalg.solve(self._root(self.covariance), self._within(r)[..., None])
+            white = np.linalg.solve(self._root(self.covariance), self._within(self.joint_torque)[..., None])
             square = np.sum(white[..., 0] ** 2, axis=-1)
-        elif exact:
-            square = np.sum(r**2 / self._variance, axis=-1)
+        elif self._added is None and self._of_test is None:
+            square = np.sum(self._unexplained(np.diag(self._variance)) ** 2 / self._variance, axis=-1)
         else:
-            square = np.einsum("...i,...i->...", r, np.linalg.solve(self.covariance, r[..., None])[..., 0])
+            covariance = np.diag(self._variance) if self._of_test is None else self._of_test
+            covariance = covariance if self._added is None else covariance + self._added
+            r = self._unexplained(covariance)
+            square = np.einsum("...i,...i->...", r, np.linalg.solve(covariance, r[..., None])[..., 0])
         # An infinite square is above every threshold, and NaN would be no alarm.
         check_result("alarm", np.where(np.isinf(square), 0.0, square))
         alarm = square > self.threshold**2
@@ -486,12 +516,6 @@ class MomentumObserver:
         white = np.linalg.solve(root, self._within(self.joint_torque)[..., None] if self._connected else self.joint_torque[..., None])
         scaled = np.swapaxes(right, -1, -2) @ ((np.swapaxes(left, -1, -2) @ white) / values[..., None])
         return np.asarray(scaled[..., 0] / size[..., 0, :])
-
-
-def _positive(name: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0.0):
-        raise of_argument(ArgumentError, name, f"found {value}; expected a finite number above zero")
-    return float(value)
 
 
 def _checked_load(scene: Scene, load: Any) -> tuple[str, _Array]:

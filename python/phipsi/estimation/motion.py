@@ -63,6 +63,8 @@ class ObserverEstimate(NamedTuple):
     yet."""
     nis_size: NDArray[np.int_]
     """Number of readings in `nis`, (...)."""
+    rejected: dict[str, NDArray[np.bool_]]
+    """Readings of that time beyond the gate of their sensor, which were not processed, by its name, (..., m)."""
 
 
 class SmoothedMotion(NamedTuple):

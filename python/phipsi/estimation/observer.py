@@ -21,7 +21,7 @@ from ._manifold import joint_groups
 from ._records import Record, State, innovation_ratios
 from ._values import each
 from .motion import ExternalWrench, ObserverEstimate, SmoothedMotion
-from .sensors import Contact, Sensor
+from .sensors import Contact, Pose, Sensor
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -37,8 +37,10 @@ WINDOW = 100
 class Observer:
     """Error-state Kalman filter of joint motion, external wrenches and sensor biases; see Scene.observer.
 
-    Each step processes the readings of the present time, then advances by dt: a = FD(q, qd, tau + n, w), qd + dt a, and
-    q (+) dt (qd + dt a). Readings are linearized at the prediction. The model does not include damping, friction and
+    Each step processes the readings of the present time, then advances by dt in a step of order 2: qd1 = qd + dt a and
+    q (+) dt (qd + qd1)/2. The acceleration is that of its middle, a = FD(q (+) dt qd/2, qd + dt a0/2, tau + n,
+    (w + w1)/2), where a0 = FD(q, qd, tau + n, w) and w1 are the wrenches at the end. Readings are linearized at the
+    prediction. The model does not include damping, friction and
     springs of the scene: add their torques to tau, and their uncertainty to torque_noise.
 
     Parameters
@@ -47,7 +49,7 @@ class Observer:
         The robot. Its connections are measurements without noise; its contacts are ignored.
     dt : float
         Time between two steps, s.
-    sensors : sequence of Encoder, Gyro, Accelerometer, TorqueSensor, Contact
+    sensors : sequence of Encoder, Gyro, Accelerometer, TorqueSensor, Contact, Pose
         Sensors with different names.
     q, qd : (..., nq), (..., nv)
         Initial estimate; qd is zero by default. Leading axes are robots that are observed together.
@@ -150,6 +152,9 @@ class Observer:
             self._places[sensor.name] = sensor, slice(at, at + size)
             at += size
         self._none = np.full((*self._batch, at), np.nan)
+        self._has_gates = any(np.any(np.asarray(sensor.gate) != 1.0) for sensor in self.sensors)
+        #: Numbers of rejected readings in a window, (..., sensors).
+        self._rejected = np.zeros((*self._batch, len(self.sensors)), int)
 
     def __getstate__(self) -> dict[str, Any]:
         """Attributes, with the state of the filter as numbers."""
@@ -169,15 +174,15 @@ class Observer:
             raise of_argument(
                 ArgumentError,
                 "sensors",
-                f"found {type(sensor).__name__}; expected Encoder, Gyro, Accelerometer, TorqueSensor or Contact of"
-                " phipsi.estimation",
+                f"found {type(sensor).__name__}; expected Encoder, Gyro, Accelerometer, TorqueSensor, Contact or Pose"
+                " of phipsi.estimation",
             )
         if sensor._kind is None or type(sensor).predict is not Sensor.predict:
             raise of_argument(
                 ArgumentError,
                 "sensors",
                 f"found {type(sensor).__name__}, which has its own predict(); expected Encoder, Gyro, Accelerometer,"
-                " TorqueSensor or Contact of phipsi.estimation, whose predictions are compiled",
+                " TorqueSensor, Contact or Pose of phipsi.estimation, whose predictions are compiled",
             )
         return sensor._compiled(self.scene)
 
@@ -228,6 +233,8 @@ class Observer:
                         f"found {given!r}; expected True during contact, otherwise False or None",
                     )
                 value = np.where(value[..., None], np.zeros(size), np.nan)
+            elif isinstance(sensor, Pose):
+                value = sensor._vector(given)
             else:
                 # None stands for a missing component too.
                 if isinstance(given, (list, tuple)):
@@ -255,7 +262,14 @@ class Observer:
 
     # The filter
 
-    def step(self, tau: ArrayLike, readings: Mapping[str, Any]) -> ObserverEstimate:
+    def step(
+        self,
+        tau: ArrayLike,
+        readings: Mapping[str, Any],
+        *,
+        dt: float | None = None,
+        acting: Mapping[str, Any] | None = None,
+    ) -> ObserverEstimate:
         """Process the readings of the present time, and advance by dt under the torques tau.
 
         Parameters
@@ -263,8 +277,14 @@ class Observer:
         tau : (..., nv)
             Joint torques from the present time to the next, N m or N.
         readings : dict
-            Readings (..., m) by sensor name. A missing key, None or NaN means no reading. A reading of a sensor with a
-            delay belongs to the time `delay` steps ago; readings of times before the first step are ignored.
+            Readings (..., m) by sensor name; poses (..., 4, 4). A missing key, None or NaN means no reading. A reading
+            of a sensor with a delay belongs to the time `delay` steps ago; readings of times before the first step are ignored.
+        dt : float, optional
+            Time to the next step, s; by default that of the observer. Delays remain numbers of steps.
+        acting : dict, optional
+            For the links of external wrenches, True if the wrench acts from the present time, (...). Without contact,
+            False: the wrench is zero, without error. When it acts again, it has its initial deviation. By default, all
+            wrenches act.
 
         Returns
         -------
@@ -297,11 +317,35 @@ class Observer:
                     "tau",
                     f"found shape {torque.shape}; expected one that broadcasts to {(*batch, scene.nv)}",
                 ) from None
-        found, is_complete = self._filter.step(torque.ravel(), self._readings(readings).ravel())
+        duration = self.dt if dt is None else float(numbers("dt", dt))
+        flags = self._acting(acting or {})
+        given = self._readings(readings)
+        found, is_complete = self._filter.step(torque.ravel(), given.ravel(), duration, flags.ravel())
+        q, qd, rest, covariance, nis, size, outliers = found
+        rejected = {name: outliers[..., place] > 0.0 for name, (_, place) in self._places.items()}
+        if self._has_gates:
+            self._rejected = self._rejected + np.stack([own.sum(axis=-1) for own in rejected.values()], axis=-1)
         if is_complete and self.sensors:
             self._watch()
-        q, qd, rest, covariance, nis, size = found
-        return ObserverEstimate(q, qd, *self._named(rest), covariance, nis, size.astype(int))
+        return ObserverEstimate(q, qd, *self._named(rest), covariance, nis, size.astype(int), rejected)
+
+    def _acting(self, acting: Mapping[str, Any]) -> _Array:
+        """One for each wrench that acts, otherwise zero, (..., wrenches)."""
+        links = [wrench.link for wrench in self.wrenches]
+        found = np.ones((*self._batch, len(links)))
+        for link, flag in acting.items():
+            if link not in links:
+                expected = f"expected links of wrenches: {', '.join(links) or 'none, there are no wrenches'}"
+                raise of_argument(ArgumentError, "acting", f"found {link!r}; {expected}")
+            value = np.asarray(flag)
+            if value.dtype != bool:
+                raise of_argument(ArgumentError, f"acting[{link!r}]", f"found {flag!r}; expected True or False")
+            try:
+                found[..., links.index(link)] = value
+            except ValueError:
+                expected = f"expected one that broadcasts to {self._batch}"
+                raise of_argument(ShapeError, f"acting[{link!r}]", f"found shape {value.shape}; {expected}") from None
+        return found
 
     def _named(self, rest: _Array) -> tuple[dict[str, _Array], dict[str, _Array]]:
         m = 6 * len(self.wrenches)
@@ -329,12 +373,32 @@ class Observer:
 
     def _watch(self) -> None:
         """Warn if innovations of a sensor in a window are inconsistent with their covariance."""
-        ratios = innovation_ratios(np.array(self._filter.window()))
+        sums = np.array(self._filter.window())
+        if self._has_gates:
+            self._warn_of_gates(sums[..., 1])
+        ratios = innovation_ratios(sums)
         if np.all(ratios <= 1.0):
             return
         robot, sensor = np.unravel_index(int(np.argmax(ratios)), ratios.shape)
         state = tuple(map(int, np.unravel_index(int(robot), self._batch))) if self._batch else ()
         self._warn(float(ratios[robot, sensor]), int(sensor), int(robot), state)
+
+    def _warn_of_gates(self, processed: _Array) -> None:
+        """Warn if gates rejected most readings of a sensor in a window: the filter may follow a wrong estimate."""
+        rejected = self._rejected.reshape(processed.shape)
+        self._rejected = np.zeros_like(self._rejected)
+        if np.all(rejected <= processed):
+            return
+        robot, sensor = np.unravel_index(int(np.argmax(rejected - processed)), rejected.shape)
+        state = tuple(map(int, np.unravel_index(int(robot), self._batch))) if self._batch else ()
+        name, place = self.sensors[int(sensor)].name, f" of robot {state}" if state else ""
+        count = int(rejected[robot, sensor])
+        warning = DivergenceWarning(
+            f"sensor {name!r}{place}: its gate rejected {count} of {count + int(processed[robot, sensor])} readings in"
+            f" {WINDOW} steps: the estimate or the noise is wrong; increase gate or noise, or create the observer again"
+        )
+        warning.sensor, warning.state = name, state
+        warn(warning)
 
     def _warn(self, ratio: float, sensor: int, robot: int, state: tuple[int, ...]) -> None:
         """Warn about divergence, and name the sensor without which the other sensors are most consistent.
@@ -395,8 +459,6 @@ class Observer:
         >>> observer.smooth().covariance.shape
         (10, 4, 4)
         """
-        (q, qd, rest, covariance), first = self._filter.smooth()
+        (q, qd, rest, covariance), time = self._filter.smooth()
         wrenches, biases = self._named(rest)
-        return SmoothedMotion(
-            np.arange(first, first + len(q)) * np.float64(self.dt), q, qd, wrenches, biases, covariance
-        )
+        return SmoothedMotion(time, q, qd, wrenches, biases, covariance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -10,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers, whole
-from ..errors import ArgumentError, ShapeError, of_argument
+from ..errors import ArgumentError, NotFiniteError, ShapeError, of_argument
+from ._chi_square import chi_square_quantile
 
 if TYPE_CHECKING:
     from .._core import Scene
 
-__all__ = ["Accelerometer", "Contact", "Encoder", "Gyro", "Prediction", "Sensor", "TorqueSensor"]
+__all__ = ["Accelerometer", "Contact", "Encoder", "Gyro", "Pose", "Prediction", "Sensor", "TorqueSensor"]
 
 _Array = NDArray[np.float64]
 
@@ -48,6 +50,10 @@ class Sensor:
         Key of the readings in Observer.step.
     delay : int
         Number of steps between the time of a reading and the step that receives it, at most 10,000.
+    gate : float
+        Probability with which a correct component of a reading is processed, above 0 and at most 1. A component whose
+        squared difference from the prediction, divided by its variance, exceeds the chi-square quantile of this
+        probability is rejected as an outlier, for instance 0.999. One, the default: none is rejected.
 
     Examples
     --------
@@ -63,6 +69,7 @@ class Sensor:
     noise: ArrayLike
     name: str = ""
     delay: int = 0
+    gate: float = 1.0
 
     def size(self, scene: Scene) -> int:
         """Number of components m of a reading; each sensor class implements it.
@@ -137,7 +144,7 @@ class Sensor:
         return Prediction(value, of_q, of_qd, of_qdd if by_qdd else None, of_noise if by_noise else None)
 
     def _compiled(self, scene: Scene) -> tuple[Any, ...]:
-        """Arguments of the sensor in compiled code: kind, name, joints, mount, noise, delay, bias with its growth."""
+        """Arguments of the sensor in compiled code: kind, name, joints, mount, noise, delay, bias, gate, covariance."""
         size, noise = self.size(scene), numbers(f"noise of {self.name!r}", self.noise)
         if noise.ndim > 1:
             raise of_argument(
@@ -146,7 +153,12 @@ class Sensor:
         delay = whole(f"delay of {self.name!r}", self.delay, 0, "a whole number of steps, zero or more")
         joints, mount = self._source()
         bias = float(getattr(self, "bias", 0.0)), float(getattr(self, "bias_walk", 0.0))
-        return self._kind, self.name, joints, mount, noise.reshape(-1).tolist(), delay, bias
+        gate = numbers(f"gate of {self.name!r}", self.gate)
+        if gate.ndim or not 0.0 < gate <= 1.0:
+            found = f"found {self.gate!r}; expected a probability above 0 and at most 1, for instance 0.999"
+            raise of_argument(ArgumentError, f"gate of {self.name!r}", found)
+        largest = math.inf if gate == 1.0 else math.sqrt(chi_square_quantile(float(gate), 1.0))
+        return self._kind, self.name, joints, mount, noise.reshape(-1).tolist(), delay, bias, largest, None
 
     def _source(self) -> tuple[list[str] | None, tuple[Any, ...] | None]:
         """Names of the joints, and link with position and axes."""
@@ -389,3 +401,110 @@ class Contact(_OnLink):
     _kind: ClassVar[str | None] = "contact"
 
     name: str = "contact"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pose(_OnLink):
+    """Pose of a frame on a link in the base frame, for instance from a camera or motion capture.
+
+    The error of a reading is (rotation vector, position) of the measured frame in the axes of the sensor frame: the
+    rotation R exp(e) and the position p + R e. All its components are processed, or none if one is beyond the gate.
+
+    Attributes
+    ----------
+    link : str
+        Link that carries the frame.
+    xyz : (3,)
+        Origin of the frame in the link frame, m.
+    rotation : (3, 3)
+        Axes of the frame as columns in the link frame.
+    noise : (6,) or float
+        Standard deviations of the error (rotation, position), rad and m; with `covariance`, a factor of its deviations,
+        one by default.
+    covariance : (6, 6), optional
+        Covariance of the error (rotation, position), rad^2 and m^2.
+
+    Examples
+    --------
+    >>> import numpy as np, phipsi
+    >>> from phipsi.estimation import Pose
+    >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    >>> tool, q = scene.link_names[-1], np.full(6, 0.4)
+    >>> camera = Pose(link=tool, noise=[1e-3, 1e-3, 1e-3, 2e-4, 2e-4, 2e-4])
+    >>> observer = scene.observer(0.01, [camera], q=q + 0.05, torque_noise=0.01, initial=(0.1, 0.1))
+    >>> for _ in range(5):
+    ...     estimate = observer.step(scene.gravity_torque(q), {"pose": scene.placement(q, tool)})
+    >>> bool(np.abs(estimate.q - q).max() < 5e-3)
+    True
+    """
+
+    _kind: ClassVar[str | None] = "pose"
+
+    noise: ArrayLike = 1.0
+    name: str = "pose"
+    covariance: ArrayLike | None = None
+
+    def size(self, scene: Scene) -> int:
+        """Number of components m of the error of a reading.
+
+        Parameters
+        ----------
+        scene : phipsi.Scene
+            The robot.
+
+        Returns
+        -------
+        size : int
+            Six.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> phipsi.estimation.Pose(link=scene.link_names[-1], noise=1e-3).size(scene)
+        6
+        """
+        super().size(scene)
+        return 6
+
+    def _compiled(self, scene: Scene) -> tuple[Any, ...]:
+        *given, noise, delay, bias, largest, _ = super()._compiled(scene)
+        covariance = np.eye(6)
+        if self.covariance is not None:
+            covariance = numbers(f"covariance of {self.name!r}", self.covariance)
+            if covariance.shape != (6, 6):
+                found = f"found shape {covariance.shape}; expected (6, 6)"
+                raise of_argument(ShapeError, f"covariance of {self.name!r}", found)
+        elif len(noise) == 6:
+            # In the compiled code, errors are in units of their deviations.
+            covariance, noise = np.diag(np.square(noise)), [1.0]
+        return *given, noise, delay, bias, largest, covariance.tolist()
+
+    def _vector(self, reading: ArrayLike) -> _Array:
+        """Rotation vector and position, (..., 6), of poses (..., 4, 4); NaN for poses with a NaN."""
+        pose = numbers(f"readings[{self.name!r}]", reading)
+        if pose.shape[-2:] != (4, 4):
+            found = f"found shape {pose.shape}; expected (..., 4, 4), as of Scene.placement"
+            raise of_argument(ShapeError, f"readings[{self.name!r}]", found)
+        known = np.asarray(~np.isnan(pose).any(axis=(-1, -2)))
+        if np.isinf(pose).any():
+            found = "found an infinity; expected finite poses, or NaN for missing ones"
+            raise of_argument(NotFiniteError, f"readings[{self.name!r}]", found)
+        r = np.where(known[..., None, None], pose[..., :3, :3], np.eye(3))
+        if not np.all(np.abs(np.swapaxes(r, -1, -2) @ r - np.eye(3)) <= 1e-6) or not np.all(np.linalg.det(r) > 0.0):
+            found = "found a matrix whose axes are no rotation; expected poses (4, 4)"
+            raise of_argument(ArgumentError, f"readings[{self.name!r}]", found)
+        # The quaternion (x, y, z, w) is the eigenvector of the largest eigenvalue (Bar-Itzhack).
+        axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], axis=-1)
+        trace = np.einsum("...ii->...", r)[..., None, None]
+        matrix = np.zeros((*r.shape[:-2], 4, 4))
+        matrix[..., :3, :3] = r + np.swapaxes(r, -1, -2) - trace * np.eye(3)
+        matrix[..., :3, 3] = matrix[..., 3, :3] = axis
+        matrix[..., 3, 3] = trace[..., 0, 0]
+        quaternion = np.linalg.eigh(matrix)[1][..., :, 3]
+        quaternion = quaternion * np.where(quaternion[..., 3:] < 0.0, -1.0, 1.0)
+        sine = np.linalg.norm(quaternion[..., :3], axis=-1, keepdims=True)
+        angle = 2.0 * np.arctan2(sine, quaternion[..., 3:])
+        turned = quaternion[..., :3] * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)
+        vector = np.concatenate([turned, pose[..., :3, 3]], axis=-1)
+        return np.asarray(np.where(known[..., None], vector, np.nan))

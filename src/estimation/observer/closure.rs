@@ -1,7 +1,7 @@
 //! Estimates on the connections of a scene, which are measurements without noise.
 //!
 //! The estimate satisfies the connections, J qd = 0, and its error is tangent to them. A step of the filter leaves them
-//! to second order: then q and qd are projected, with least kinetic energy, and the error by the derivative of that
+//! to third order: then q and qd are projected, with least kinetic energy, and the error by the derivative of that
 //! projection. With A the inverse mass matrix through the connections, the velocity A M qd is projected, so that
 //!
 //! ```text
@@ -37,6 +37,16 @@ impl Closure {
         has_rows.then(|| Self { rows: scene.constraint_scratch(), projector: none(), by_q: none() })
     }
 
+    /// Projects a state onto the connections.
+    pub fn project(
+        &mut self,
+        scene: &Scene,
+        workspace: &mut Workspace<f64>,
+        (q, qd): (&mut [f64], &mut [f64]),
+    ) -> Result<(), Error> {
+        scene.project(workspace, &mut self.rows, q, Some(qd)).map(|_| ())
+    }
+
     /// Projects a state onto the connections, and computes the derivatives of the projection there.
     pub fn close(
         &mut self,
@@ -44,7 +54,7 @@ impl Closure {
         workspace: &mut Workspace<f64>,
         (q, qd): (&mut [f64], &mut [f64]),
     ) -> Result<(), Error> {
-        scene.project(workspace, &mut self.rows, q, Some(&mut *qd))?;
+        self.project(scene, workspace, (&mut *q, &mut *qd))?;
         let (nv, size) = (scene.nv(), scene.nv() * scene.nv());
         let (rest, mut torque) = (vec![0.0; nv], vec![f64::NAN; nv]);
         let (mut of_torque, mut of_motion) = (vec![f64::NAN; 3 * size], vec![f64::NAN; 3 * size]);

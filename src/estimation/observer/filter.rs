@@ -1,34 +1,27 @@
 //! One step of the filter: linearization, update by the readings, prediction.
 
+use super::acceleration::Acceleration;
 use super::closure::Closure;
 use super::link_motion::LinkMotion;
 use super::manifold::step_jacobians;
 use super::robot::{Belief, Record};
 use super::rotate::{Readings, RotationScratch, combine, measure, project, triangularize};
 use super::sensor_rows::SensorRows;
-use super::settings::{LANES, Plan};
+use super::settings::{LANES, Plan, Source};
 use crate::batch::instruction_set::within_widest;
 use crate::error::Error;
-use crate::kinematics::local_jacobian;
 use crate::scene::Scene;
-use crate::spatial::SpatialVector;
-use crate::workspace::Workspace;
-use nalgebra::Vector6;
 
 /// Scratch of a step; one per thread.
 #[derive(Debug)]
 pub(crate) struct Scratch {
-    workspace: Workspace<f64>,
+    pub(super) acceleration: Acceleration,
     closure: Option<Closure>,
-    wrenches: Vec<SpatialVector<f64>>,
-    qdd: Vec<f64>,
-    derivatives: Vec<f64>,
-    jacobian: Vec<f64>,
     motion: LinkMotion<f64>,
     rows: SensorRows,
     torque: Vec<f64>,
-    /// Derivatives of the accelerations at the prior estimate.
-    flow: Vec<f64>,
+    /// Derivatives of the accelerations at the prior estimate, then at the start of the step.
+    pub(super) flow: Vec<f64>,
     /// H by columns, H L, and errors and standard deviations of the readings that exist.
     h: Vec<f64>,
     projected: Vec<f64>,
@@ -36,6 +29,8 @@ pub(crate) struct Scratch {
     deviations: Vec<f64>,
     /// For each sensor, its first row and number of rows in H.
     spans: Vec<(usize, usize)>,
+    /// For each sensor, its number of rejected readings.
+    outliers: Vec<usize>,
     change: Vec<f64>,
     rotation: RotationScratch,
     marginal: Vec<f64>,
@@ -52,15 +47,10 @@ impl Scratch {
     pub fn new(plan: &Plan, scene: &Scene) -> Self {
         let ([column, wide], readings) = (plan.strides(), plan.reading_stride());
         let (nv, width) = (plan.nv, plan.width);
-        let bodies = if plan.wrenches.is_empty() { 0 } else { scene.model().bodies.len() };
         let largest = plan.sensors.iter().map(|sensor| sensor.range.len()).max().unwrap_or(0);
         Self {
-            workspace: scene.workspace(),
+            acceleration: Acceleration::new(plan, scene),
             closure: Closure::new(scene),
-            wrenches: vec![Vector6::zeros(); bodies],
-            qdd: vec![f64::NAN; nv],
-            derivatives: vec![f64::NAN; 3 * nv * nv],
-            jacobian: vec![f64::NAN; 6 * nv],
             motion: LinkMotion::new(scene.model().nv()),
             rows: SensorRows::new(largest, scene),
             torque: vec![f64::NAN; nv],
@@ -70,6 +60,7 @@ impl Scratch {
             errors: vec![0.0; readings],
             deviations: vec![1.0; readings],
             spans: vec![(0, 0); plan.sensors.len()],
+            outliers: vec![0; plan.sensors.len()],
             change: vec![0.0; wide],
             rotation: RotationScratch::new(width),
             marginal: vec![0.0; largest * (largest + 1)],
@@ -87,7 +78,9 @@ impl Scratch {
         belief: &mut Belief,
         record: &mut Record,
     ) -> Result<(), Error> {
+        switch(plan, belief, record);
         self.update((plan, scene), belief, record)?;
+        belief.acting.copy_from_slice(&record.acting);
         self.predict((plan, scene), record, belief)
     }
 
@@ -95,54 +88,11 @@ impl Scratch {
     pub fn condition(&mut self, (plan, scene): (&Plan, &Scene), belief: &mut Belief) -> Result<(), Error> {
         let Some(closure) = &mut self.closure else { return Ok(()) };
         scene.check_closed(&belief.q, &belief.qd)?;
-        closure.close(scene, &mut self.workspace, (&mut belief.q, &mut belief.qd))?;
+        closure.close(scene, &mut self.acceleration.workspace, (&mut belief.q, &mut belief.qd))?;
         let root = closure.conditioned(&plan.initial[plan.rest..])?;
         let [column, _] = plan.strides();
         for (own, root) in belief.root.chunks_exact_mut(column).skip(plan.rest).zip(root.column_iter()) {
             own[plan.rest..plan.states].copy_from_slice(root.as_slice());
-        }
-        Ok(())
-    }
-
-    /// Accelerations at a state, and their derivatives by error and torque noise by columns, into `qdd` and `flow`.
-    pub fn linearize(
-        &mut self,
-        (plan, scene): (&Plan, &Scene),
-        (q, qd, rest): (&[f64], &[f64], &[f64]),
-        tau: &[f64],
-        flow: &mut [f64],
-    ) -> Result<(), Error> {
-        let Self { workspace, wrenches, qdd, derivatives, jacobian, .. } = self;
-        let (nv, model) = (plan.nv, scene.model());
-        wrenches.fill(Vector6::zeros());
-        for (frame, wrench) in plan.wrenches.iter().zip(rest.as_chunks::<6>().0) {
-            if let Some(body) = frame.body {
-                wrenches[body] += frame.placement.force_to_parent(&Vector6::from(*wrench));
-            }
-        }
-        scene.forward_dynamics(workspace, q, qd, tau, wrenches, qdd)?;
-        scene.forward_dynamics_derivatives(workspace, q, qd, tau, wrenches, derivatives)?;
-        let stride = plan.flow_stride();
-        let (by_q, others) = derivatives.split_at(nv * nv);
-        let (by_qd, inverse) = others.split_at(nv * nv);
-        for (first, matrix) in [(plan.q(), by_q), (plan.qd(), by_qd), (plan.states, inverse)] {
-            for (row, entries) in matrix.chunks_exact(nv).enumerate() {
-                for (column, &entry) in entries.iter().enumerate() {
-                    flow[(first + column) * stride + row] = entry;
-                }
-            }
-        }
-        let q = scene.tree_configuration("q", q)?;
-        for (w, frame) in plan.wrenches.iter().enumerate() {
-            scene.tree_columns(6, jacobian, |out| {
-                local_jacobian(model, &q, frame, out);
-            })?;
-            for (i, by_wrench) in jacobian.chunks_exact(nv).enumerate() {
-                let column = &mut flow[(6 * w + i) * stride..][..nv];
-                for (entry, row) in column.iter_mut().zip(inverse.chunks_exact(nv)) {
-                    *entry = row.iter().zip(by_wrench).map(|(a, b)| a * b).sum();
-                }
-            }
         }
         Ok(())
     }
@@ -168,9 +118,10 @@ impl Scratch {
         let carried = self.carried((plan, scene), &record)?;
         let columns = || plan.public_order().chain(plan.states..plan.width);
         let matrix = plan.public_order().flat_map(|i| columns().map(move |j| carried[j * column + i])).collect();
+        self.acceleration.at((plan, scene), (q, qd, rest), tau, &mut self.flow)?;
         let by_error = (0..plan.nv).flat_map(|i| columns().map(move |j| (i, j)));
-        let by_error = by_error.map(|(i, j)| record.flow[j * stride + i]).collect();
-        let qdd = self.qdd.clone();
+        let by_error = by_error.map(|(i, j)| self.flow[j * stride + i]).collect();
+        let qdd = self.acceleration.value.clone();
         Ok(Transition { q: next.q, qd: next.qd, rest: next.rest, matrix, qdd, by_error })
     }
 
@@ -180,7 +131,7 @@ impl Scratch {
         for (to, from) in record.root.chunks_exact_mut(wide).zip(prior.root.chunks_exact(column)) {
             to[..plan.states].copy_from_slice(&from[..plan.states]);
         }
-        for (i, &deviation) in plan.torque_deviations.iter().enumerate() {
+        for (i, &deviation) in record.timing.torque_deviations.iter().enumerate() {
             let at = plan.states + i;
             record.root[at * wide + at] = deviation;
         }
@@ -188,6 +139,7 @@ impl Scratch {
         self.change.fill(0.0);
         record.nis = 0.0;
         record.by_sensor.fill((0.0, 0));
+        record.rejected.fill(0.0);
         if record.count > 0 {
             process(self, plan, record);
         }
@@ -222,7 +174,7 @@ impl Scratch {
         columns: impl Iterator<Item = &'a mut [f64]>,
     ) -> Result<(), Error> {
         let Some(closure) = &mut self.closure else { return Ok(()) };
-        closure.close(scene, &mut self.workspace, state)?;
+        closure.close(scene, &mut self.acceleration.workspace, state)?;
         closure.project_columns(plan, columns);
         Ok(())
     }
@@ -235,18 +187,20 @@ impl Scratch {
         for (s, sensor) in plan.sensors.iter().enumerate() {
             let readings = &record.readings[sensor.range.clone()];
             self.spans[s] = (count, 0);
-            if readings.iter().all(|reading| reading.is_nan()) {
+            let is_missing = |reading: &f64| reading.is_nan();
+            if readings.iter().all(is_missing) || sensor.is_whole() && readings.iter().any(is_missing) {
                 continue;
             }
             if sensor.needs_acceleration() && !has_flow {
-                let mut flow = std::mem::take(&mut self.flow);
-                let done = self.linearize((plan, scene), (&prior.q, &prior.qd, &prior.rest), &record.tau, &mut flow);
-                self.flow = flow;
-                done?;
+                let state = (&*prior.q, &*prior.qd, &*prior.rest);
+                self.acceleration.at((plan, scene), state, &record.tau, &mut self.flow)?;
                 has_flow = true;
             }
-            let state = (&*prior.q, &*prior.qd, &*self.qdd);
+            let state = (&*prior.q, &*prior.qd, &*self.acceleration.value);
             self.rows.evaluate(scene, &mut self.motion, sensor, state, &record.tau);
+            if let Source::Pose(_, inverse) = &sensor.source {
+                self.rows.whiten_pose(readings, inverse);
+            }
             for (i, &reading) in readings.iter().enumerate() {
                 if reading.is_nan() {
                     continue;
@@ -270,9 +224,10 @@ impl Scratch {
     fn process(&mut self, plan: &Plan, record: &mut Record) {
         let ([_, wide], stride) = (plan.strides(), plan.reading_stride());
         project(&self.h, stride, (&record.root, wide, plan.width), &mut self.projected);
+        self.reject(plan, record);
         for (s, own) in record.by_sensor.iter_mut().enumerate() {
             let span = self.spans[s];
-            *own = (if span.0 == 0 { 0.0 } else { self.innovation(span, stride) }, span.1);
+            *own = (if span.0 == 0 { 0.0 } else { self.innovation(span, stride) }, span.1 - self.outliers[s]);
         }
         let mut readings = Readings {
             rows: &mut self.projected,
@@ -281,11 +236,49 @@ impl Scratch {
             errors: &mut self.errors,
             deviations: &self.deviations,
         };
+        let outliers: usize = self.outliers.iter().sum();
         record.nis = measure(&mut readings, (&mut record.root, wide), &mut self.rotation, &mut self.change);
+        record.count -= outliers;
         // The sensor whose readings are processed first is not conditioned on others.
         for (own, &(first, size)) in record.by_sensor.iter_mut().zip(&self.spans) {
             if first == 0 {
                 own.0 = self.errors[..size].iter().sum();
+            }
+        }
+    }
+
+    /// Removes readings beyond the gate of their sensor: rows and errors of zero change nothing.
+    #[inline(always)]
+    fn reject(&mut self, plan: &Plan, record: &mut Record) {
+        let stride = plan.reading_stride();
+        for (s, sensor) in plan.sensors.iter().enumerate() {
+            self.outliers[s] = 0;
+            let (first, count) = self.spans[s];
+            if sensor.gate.is_infinite() || count == 0 {
+                continue;
+            }
+            let mut row = first;
+            for at in sensor.range.clone() {
+                if record.readings[at].is_nan() {
+                    continue;
+                }
+                let mut variance = self.deviations[row] * self.deviations[row];
+                for column in self.projected.chunks_exact(stride) {
+                    variance = column[row].mul_add(column[row], variance);
+                }
+                if self.errors[row] * self.errors[row] > sensor.gate * variance {
+                    self.errors[row] = 0.0;
+                    self.projected.chunks_exact_mut(stride).for_each(|column| column[row] = 0.0);
+                    record.rejected[at] = 1.0;
+                    self.outliers[s] += 1;
+                }
+                row += 1;
+            }
+            if sensor.is_whole() && self.outliers[s] > 0 {
+                self.outliers[s] = count;
+                self.errors[first..first + count].fill(0.0);
+                self.projected.chunks_exact_mut(stride).for_each(|column| column[first..first + count].fill(0.0));
+                record.rejected[sensor.range.clone()].fill(1.0);
             }
         }
     }
@@ -331,33 +324,35 @@ impl Scratch {
         squares
     }
 
-    /// The prediction from the estimate of a record: a = FD(q, qd, tau + n, w), qd + h a, q (+) h (qd + h a).
+    /// The prediction from the estimate of a record, with the acceleration a in the middle of the step: qd1 = qd + h a,
+    /// q (+) h (qd + qd1)/2.
     pub fn predict(
         &mut self,
         (plan, scene): (&Plan, &Scene),
         record: &mut Record,
         next: &mut Belief,
     ) -> Result<(), Error> {
-        let h = plan.dt;
+        let h = record.timing.dt;
         for (sum, (tau, noise)) in self.torque.iter_mut().zip(record.tau.iter().zip(&record.noise)) {
             *sum = tau + noise;
         }
-        let torque = std::mem::take(&mut self.torque);
         let state = (&*record.q, &*record.qd, &*record.rest);
-        let done = self.linearize((plan, scene), state, &torque, &mut record.flow);
-        self.torque = torque;
-        done?;
-        for (next, (qd, qdd)) in next.qd.iter_mut().zip(record.qd.iter().zip(&self.qdd)) {
+        let flows = (&mut *self.flow, &mut *record.flow, &mut *record.by_wrench);
+        self.acceleration.in_the_middle(
+            (plan, scene, self.closure.as_mut()),
+            &record.timing,
+            state,
+            &self.torque,
+            flows,
+        )?;
+        for (next, (qd, qdd)) in next.qd.iter_mut().zip(record.qd.iter().zip(&self.acceleration.value)) {
             *next = qd + h * qdd;
         }
-        for (step, qd) in self.step.iter_mut().zip(&next.qd) {
-            *step = h * qd;
-        }
+        self.mean_step(plan, h, (&record.qd, &next.qd));
         scene.integrate(&record.q, &self.step, &mut next.q)?;
-        for (next, (decay, rest)) in next.rest.iter_mut().zip(plan.decay.iter().zip(&record.rest)) {
+        for (next, (decay, rest)) in next.rest.iter_mut().zip(record.timing.decay.iter().zip(&record.rest)) {
             *next = decay * rest;
         }
-        self.jacobians_of_step(plan);
         self.close((plan, scene), (&mut next.q, &mut next.qd), std::iter::empty())?;
         predict_root(self, plan, record, Some(&mut next.root));
         scene.check_result("estimate", &next.qd)?;
@@ -371,8 +366,11 @@ impl Scratch {
         Ok(())
     }
 
-    /// Jacobians of the step h qd of each group.
-    fn jacobians_of_step(&mut self, plan: &Plan) {
+    /// The step h (qd + qd1)/2, and its Jacobians for each group.
+    fn mean_step(&mut self, plan: &Plan, h: f64, (qd, next): (&[f64], &[f64])) {
+        for (step, (qd, next)) in self.step.iter_mut().zip(qd.iter().zip(next)) {
+            *step = 0.5 * h * (qd + next);
+        }
         for (own, &(first, size)) in self.jacobians.iter_mut().zip(&plan.groups) {
             *own = step_jacobians(&self.step[first..first + size]);
         }
@@ -395,54 +393,100 @@ impl Scratch {
     /// [F B] times the root of (error, torque noise), and the growth of the random walks, into `predicted`.
     #[inline(always)]
     fn carry(&mut self, plan: &Plan, record: &Record) {
-        let ([column, wide], stride, h) = (plan.strides(), plan.flow_stride(), plan.dt);
+        let ([column, wide], stride, h) = (plan.strides(), plan.flow_stride(), record.timing.dt);
+        let half = 0.5 * h;
         let (q, qd, nv) = (plan.q(), plan.qd(), plan.nv);
         let (carried, walks) = self.predicted.split_at_mut(plan.width * column);
         // After a correction of a group its rows are not triangular.
         let is_triangular = plan.groups.is_empty() && self.closure.is_none();
         for (j, (to, from)) in carried.chunks_exact_mut(column).zip(record.root.chunks_exact(wide)).enumerate() {
             let first = if is_triangular { j } else { j.min(q) };
-            for ((to, from), decay) in to[..plan.rest].iter_mut().zip(from).zip(&plan.decay) {
+            for ((to, from), decay) in to[..plan.rest].iter_mut().zip(from).zip(&record.timing.decay) {
                 *to = decay * from;
             }
             for block in (0..nv).step_by(LANES) {
                 let sums = combine(&from[first..plan.width], (&record.flow[first * stride..], stride, block));
                 for (i, sum) in (block..nv).zip(sums) {
                     to[qd + i] = h.mul_add(sum, from[qd + i]);
-                    to[q + i] = h.mul_add(to[qd + i], from[q + i]);
+                    to[q + i] = half.mul_add(from[qd + i] + to[qd + i], from[q + i]);
                 }
             }
             for (&(first, size), [back, right]) in plan.groups.iter().zip(&self.jacobians) {
                 let mut rate: [f64; 6] = [0.0; 6];
-                rate[..size].copy_from_slice(&to[qd + first..qd + first + size]);
+                let both = from[qd + first..].iter().zip(&to[qd + first..]);
+                rate[..size].iter_mut().zip(both).for_each(|(rate, (a, b))| *rate = a + b);
                 multiply(right, size, &mut rate[..size]);
                 let own = &mut to[q + first..q + first + size];
                 own.copy_from_slice(&from[q + first..q + first + size]);
                 multiply(back, size, own);
                 for (own, rate) in own.iter_mut().zip(rate) {
-                    *own = h.mul_add(rate, *own);
+                    *own = half.mul_add(rate, *own);
                 }
             }
         }
-        if let Some(closure) = &self.closure {
-            closure.project_columns(plan, carried.chunks_exact_mut(column));
-        }
         walks.fill(0.0);
-        for (to, &row) in walks.chunks_exact_mut(column).zip(&plan.walks) {
-            to[row] = plan.walk[row];
+        let walk = &record.timing.walk;
+        // Half of the growth of a wrench acts in the middle of the step. The mean of a wrench over the step, given both
+        // ends, has the variance of its growth over 12.
+        let within = plan.walks.len() - plan.grown;
+        let growth = plan.walks[..plan.grown].iter().map(|&row| (row, walk[row], half * walk[row]));
+        let inside = plan.walks[..within].iter().map(|&row| (row, 0.0, h / 12.0_f64.sqrt() * walk[row]));
+        for (to, (row, added, acting)) in walks.chunks_exact_mut(column).zip(growth.chain(inside)) {
+            to[row] = added;
+            for (i, by_wrench) in record.by_wrench.iter().skip(row * stride).take(nv).enumerate() {
+                to[qd + i] = acting * by_wrench;
+                to[q + i] = half * to[qd + i];
+            }
+            for (&(first, size), [_, right]) in plan.groups.iter().zip(&self.jacobians) {
+                multiply(right, size, &mut to[q + first..q + first + size]);
+            }
+        }
+        if let Some(closure) = &self.closure {
+            closure.project_columns(plan, self.predicted.chunks_exact_mut(column));
         }
     }
 
     /// [F B] root of a record, with the columns of the random walks, (states) rows per column, for the smoother.
     pub fn carried(&mut self, (plan, scene): (&Plan, &Scene), record: &Record) -> Result<&[f64], Error> {
-        for (step, qd) in self.step.iter_mut().zip(&record.next_qd) {
-            *step = plan.dt * qd;
-        }
-        self.jacobians_of_step(plan);
+        self.mean_step(plan, record.timing.dt, (&record.qd, &record.next_qd));
         let (mut q, mut qd) = (record.next_q.clone(), record.next_qd.clone());
         self.close((plan, scene), (&mut q, &mut qd), std::iter::empty())?;
         predict_root(self, plan, record, None);
         Ok(&self.predicted)
+    }
+}
+
+/// Begins and ends wrenches of an estimate as a record says: one that does not act is zero without error, and one that
+/// begins has its initial variance.
+fn switch(plan: &Plan, belief: &mut Belief, record: &Record) {
+    let [column, _] = plan.strides();
+    for (w, (&before, &now)) in belief.acting.iter().zip(&record.acting).enumerate() {
+        if before.to_bits() == now.to_bits() {
+            continue;
+        }
+        for row in 6 * w..6 * w + 6 {
+            belief.rest[row] = 0.0;
+            belief.root.chunks_exact_mut(column).for_each(|own| own[row] = 0.0);
+            if now > 0.0 {
+                add_variance(&mut belief.root, column, (row, plan.initial[row]));
+            }
+        }
+    }
+}
+
+/// Adds the square of a deviation to the variance of a component, in a lower triangular root.
+fn add_variance(root: &mut [f64], column: usize, (row, deviation): (usize, f64)) {
+    let mut added = vec![0.0; column];
+    added[row] = deviation;
+    for (k, own) in root.chunks_exact_mut(column).enumerate().skip(row) {
+        let size = own[k].hypot(added[k]);
+        if size == 0.0 {
+            continue;
+        }
+        let (cosine, sine) = (own[k] / size, added[k] / size);
+        for (x, y) in own[k..].iter_mut().zip(&mut added[k..]) {
+            (*x, *y) = (cosine * *x + sine * *y, cosine * *y - sine * *x);
+        }
     }
 }
 
@@ -472,7 +516,7 @@ pub(crate) struct Transition {
     pub rest: Vec<f64>,
     /// [F B].
     pub matrix: Vec<f64>,
-    /// Accelerations, and their derivatives.
+    /// Accelerations at the start, and their derivatives.
     pub qdd: Vec<f64>,
     pub by_error: Vec<f64>,
 }

@@ -32,6 +32,7 @@
 //! # }
 //! ```
 
+mod acceleration;
 mod closure;
 mod filter;
 mod link_motion;
@@ -59,7 +60,7 @@ use crate::scene::Scene;
 use filter::Scratch;
 pub(crate) use robot::Belief;
 use robot::{Record, Robot, add_innovations};
-use settings::Plan;
+use settings::{Plan, Timing};
 use std::borrow::Borrow;
 
 /// Number of steps of a window of innovations, for tests of divergence.
@@ -70,9 +71,11 @@ const COST: [usize; 2] = [10_000, 1];
 
 /// Observer of one or several robots of one scene.
 ///
-/// Each step processes the readings of the present time, then predicts the next time: a = FD(q, qd, tau + n, w),
-/// qd + dt a, and q (+) dt (qd + dt a). Readings are linearized at the prediction. Damping, friction and springs of the
-/// scene are not part of the model: add their torques to tau, and their uncertainty to the torque noise.
+/// Each step processes the readings of the present time, then predicts the next time by a step of order 2, with the
+/// acceleration a in its middle: qd1 = qd + dt a and q (+) dt (qd + qd1)/2, where a = FD(q (+) dt qd/2, qd + dt a0/2,
+/// tau + n, (w + w1)/2) and a0 = FD(q, qd, tau + n, w), with the wrenches w1 at the end of the step. Readings are
+/// linearized at the prediction. Damping, friction and springs of the scene are not part of the model: add their torques
+/// to tau, and their uncertainty to the torque noise.
 ///
 /// `S` is a [`Scene`], `&Scene` or `Arc<Scene>`. Scenes with connections, contacts or joints that follow others are not
 /// supported. A clone is an independent observer with the same estimates.
@@ -80,6 +83,10 @@ const COST: [usize; 2] = [10_000, 1];
 pub struct Observer<S> {
     scene: S,
     plan: Plan,
+    /// The noise of the last step.
+    timing: Timing,
+    /// One for each wrench of each robot.
+    ones: Vec<f64>,
     robots: Vec<Robot>,
     pool: Pool<Scratch>,
 }
@@ -117,10 +124,12 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
             |scratch| {
                 let (tau, mut flow) = (vec![0.0; plan.nv], vec![0.0; plan.width * plan.flow_stride()]);
                 let prior = &robots[0].prior;
-                let _ = scratch.linearize((&plan, own), (&prior.q, &prior.qd, &prior.rest), &tau, &mut flow);
+                let state = (&*prior.q, &*prior.qd, &*prior.rest);
+                let _ = scratch.acceleration.at((&plan, own), state, &tau, &mut flow);
             },
         );
-        Ok(Self { scene, plan, robots, pool })
+        let (timing, ones) = (plan.timing.clone(), vec![1.0; robots.len() * plan.wrenches.len()]);
+        Ok(Self { scene, plan, timing, ones, robots, pool })
     }
 
     /// The number of robots.
@@ -161,18 +170,47 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
     /// [`Error::SingularJoint`]; [`Error::Memory`] if the history does not fit in memory. The observer is then
     /// unchanged.
     pub fn step(&mut self, tau: &[f64], readings: &[f64]) -> Result<(), Fault> {
-        let Self { scene, plan, robots, pool } = self;
+        self.step_over(self.plan.timing.dt, tau, readings, &[])
+    }
+
+    /// [`step`](Self::step) with the time `dt` to the next step, s, for all robots, and for each robot the wrenches that
+    /// act from the present time: 1, or 0 for a wrench that is zero, for instance without contact; empty: all act.
+    /// Delays remain numbers of steps. A wrench that begins to act has its initial deviation.
+    ///
+    /// # Errors
+    ///
+    /// As [`step`](Self::step), and [`Error::Argument`] for a time that is not positive, and other numbers than 0 and 1.
+    pub fn step_over(&mut self, dt: f64, tau: &[f64], readings: &[f64], acting: &[f64]) -> Result<(), Fault> {
+        let Self { scene, plan, timing, ones, robots, pool } = self;
         let (scene, plan) = ((*scene).borrow(), &*plan);
         let of_first = |error| Fault { state: 0, error };
+        settings::check_duration(dt).map_err(of_first)?;
         check_length("tau", tau.len(), robots.len() * plan.nv).map_err(of_first)?;
         check_length("readings", readings.len(), robots.len() * plan.readings).map_err(of_first)?;
+        let wrenches = plan.wrenches.len();
+        let acting = if acting.is_empty() { &*ones } else { acting };
+        check_length("acting", acting.len(), robots.len() * wrenches).map_err(of_first)?;
+        if let Some(wrong) = acting.iter().find(|flag| ![0.0, 1.0].contains(*flag)) {
+            return Err(of_first(Error::argument("acting", wrong.to_string(), "0 or 1")));
+        }
         let of_robot = |i: usize| &readings[i * plan.readings..(i + 1) * plan.readings];
         for (state, tau) in tau.chunks_exact(plan.nv).enumerate() {
             scene.check_rates("tau", tau).map_err(|error| Fault { state, error })?;
             check_readings(plan, of_robot(state)).map_err(|error| Fault { state, error })?;
         }
+        if dt.to_bits() != timing.dt.to_bits() {
+            if dt.to_bits() == plan.timing.dt.to_bits() {
+                timing.copy_from(&plan.timing);
+            } else {
+                plan.time(dt, timing);
+            }
+        }
         for (state, tau) in tau.chunks_exact(plan.nv).enumerate() {
-            if let Err(error) = robots[state].begin(plan, tau, of_robot(state)) {
+            if let Err(error) = robots[state].begin(
+                plan,
+                timing,
+                (tau, of_robot(state), &acting[state * wrenches..(state + 1) * wrenches]),
+            ) {
                 robots[..state].iter_mut().for_each(|robot| robot.undo(plan));
                 return Err(Fault { state, error });
             }
@@ -210,6 +248,13 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         Some((record.nis, record.count))
     }
 
+    /// For each reading of the time of [`innovation`](Self::innovation), one if it was beyond the gate of its sensor and
+    /// was not processed, otherwise zero; `None` if there is no such time.
+    #[must_use]
+    pub fn rejected(&self, robot: usize) -> Option<&[f64]> {
+        Some(&self.robots.get(robot)?.completed(&self.plan)?.rejected)
+    }
+
     /// The innovations of the present window of a robot: its number of steps, and for each sensor the sum of its
     /// normalized innovations squared and the number of readings in it.
     ///
@@ -239,15 +284,19 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         let own = self.robots.get(robot).ok_or_else(|| index("robot", robot, self.robots.len()))?;
         let left_out = plan.sensors.get(sensor).ok_or_else(|| index("sensor", sensor, plan.sensors.len()))?;
         let (mut belief, mut record) = (own.window.prior.clone(), Record::new(plan)?);
+        let mut timing = plan.timing.clone();
         let mut sums = vec![(0.0, 0); plan.sensors.len()];
-        let inputs = own.window.inputs.chunks_exact(plan.nv + plan.readings).take(own.window.steps);
+        let inputs = own.window.inputs.chunks_exact(plan.inputs()).take(own.window.steps);
         self.pool.with(
             || Scratch::new(plan, scene),
             |scratch| {
                 for input in inputs {
                     interrupt::check()?;
-                    let (tau, readings) = input.split_at(plan.nv);
+                    let (tau, others) = input.split_at(plan.nv);
+                    let (readings, dt) = others.split_at(plan.readings);
                     record.tau.copy_from_slice(tau);
+                    plan.time(dt[0], &mut timing);
+                    record.time_steps(&timing, &dt[1..]);
                     record.readings.copy_from_slice(readings);
                     record.readings[left_out.range.clone()].fill(f64::NAN);
                     scratch.step((plan, scene), &mut belief, &mut record)?;
@@ -322,7 +371,7 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
 
     /// Factor of wrenches and biases per step, and standard deviation of their growth.
     pub(crate) fn process(&self) -> (&[f64], &[f64]) {
-        (&self.plan.decay, &self.plan.walk)
+        (&self.plan.timing.decay, &self.plan.timing.walk)
     }
 
     /// The estimate of a robot that the next step begins with, before its readings, and the root of its covariance, row

@@ -1,7 +1,7 @@
 //! The estimate of one robot, its stored steps, and the window of its divergence test.
 
 use super::WINDOW;
-use super::settings::Plan;
+use super::settings::{Plan, Timing};
 use crate::error::Error;
 use crate::memory;
 use std::collections::VecDeque;
@@ -13,6 +13,8 @@ pub(crate) struct Belief {
     pub qd: Vec<f64>,
     /// Wrenches, then biases.
     pub rest: Vec<f64>,
+    /// One for each wrench that acted in the last step, otherwise zero.
+    pub(super) acting: Vec<f64>,
     pub(super) root: Vec<f64>,
 }
 
@@ -23,7 +25,13 @@ impl Belief {
         for (i, &deviation) in plan.initial.iter().enumerate() {
             root[i * column + i] = deviation;
         }
-        Self { q: q.to_vec(), qd: qd.to_vec(), rest: vec![0.0; plan.rest], root }
+        Self {
+            q: q.to_vec(),
+            qd: qd.to_vec(),
+            rest: vec![0.0; plan.rest],
+            acting: vec![1.0; plan.wrenches.len()],
+            root,
+        }
     }
 
     /// The root, row by row in the order (q, qd, wrenches, biases).
@@ -41,6 +49,7 @@ impl Belief {
         self.q.copy_from_slice(&other.q);
         self.qd.copy_from_slice(&other.qd);
         self.rest.copy_from_slice(&other.rest);
+        self.acting.copy_from_slice(&other.acting);
         self.root.copy_from_slice(&other.root);
     }
 }
@@ -49,8 +58,15 @@ impl Belief {
 #[derive(Debug, Clone)]
 pub(crate) struct Record {
     pub tau: Vec<f64>,
+    /// Time since the first step, s, and the duration of the step with its noise.
+    pub time: f64,
+    pub(super) timing: Timing,
+    /// One for each wrench that acts, otherwise zero.
+    pub(super) acting: Vec<f64>,
     /// Readings of all sensors; NaN for missing ones.
     pub readings: Vec<f64>,
+    /// One for each reading that was rejected as an outlier, otherwise zero.
+    pub rejected: Vec<f64>,
     /// The estimate after the readings.
     pub q: Vec<f64>,
     pub qd: Vec<f64>,
@@ -61,6 +77,8 @@ pub(crate) struct Record {
     pub(super) root: Vec<f64>,
     /// Derivatives of the accelerations by the error and the torque noise, by columns.
     pub(super) flow: Vec<f64>,
+    /// Derivatives of the accelerations by the wrenches in the middle of the step, by columns.
+    pub(super) by_wrench: Vec<f64>,
     /// The prediction of the next time.
     pub(super) next_q: Vec<f64>,
     pub(super) next_qd: Vec<f64>,
@@ -81,13 +99,18 @@ impl Record {
         let [_, column] = plan.strides();
         Ok(Self {
             tau: nan(plan.nv)?,
+            time: f64::NAN,
+            timing: plan.timing.clone(),
+            acting: filled(plan.wrenches.len(), 1.0)?,
             readings: nan(plan.readings)?,
+            rejected: filled(plan.readings, 0.0)?,
             q: nan(plan.nq)?,
             qd: nan(plan.nv)?,
             rest: nan(plan.rest)?,
             noise: nan(plan.nv)?,
             root: filled(plan.width * column, 0.0)?,
             flow: filled(plan.width * plan.flow_stride(), 0.0)?,
+            by_wrench: filled(6 * plan.wrenches.len() * plan.flow_stride(), 0.0)?,
             next_q: nan(plan.nq)?,
             next_qd: nan(plan.nv)?,
             next_rest: nan(plan.rest)?,
@@ -95,6 +118,19 @@ impl Record {
             count: 0,
             by_sensor: memory::filled(argument, plan.sensors.len(), (0.0, 0))?,
         })
+    }
+}
+
+impl Record {
+    /// Takes the noise of a step, in which wrenches that do not act do not grow.
+    pub(super) fn time_steps(&mut self, timing: &Timing, acting: &[f64]) {
+        self.timing.copy_from(timing);
+        self.acting.copy_from_slice(acting);
+        for (growth, acting) in self.timing.walk.as_chunks_mut::<6>().0.iter_mut().zip(acting) {
+            for growth in growth {
+                *growth *= acting;
+            }
+        }
     }
 }
 
@@ -107,7 +143,7 @@ pub(crate) struct Window {
     pub sums: Vec<(f64, usize)>,
     /// The estimate at the start.
     pub(super) prior: Belief,
-    /// Torques and readings of each step.
+    /// Torques, readings, duration and acting wrenches of each step.
     pub(super) inputs: Vec<f64>,
 }
 
@@ -126,6 +162,8 @@ pub(crate) struct Robot {
     pub(super) last: Option<Box<Record>>,
     spare: Option<Box<Record>>,
     pub steps: usize,
+    /// Time of the next step since the first, s.
+    pub(super) time: f64,
     pub window: Window,
 }
 
@@ -135,21 +173,28 @@ impl Robot {
             steps: 0,
             sums: vec![(0.0, 0); plan.sensors.len()],
             prior: prior.clone(),
-            inputs: vec![0.0; WINDOW * (plan.nv + plan.readings)],
+            inputs: vec![0.0; WINDOW * plan.inputs()],
         };
         let (running, next) = (prior.clone(), prior.clone());
         let (pending, history) = (VecDeque::new(), VecDeque::new());
-        Self { prior, running, next, pending, history, last: None, spare: None, steps: 0, window }
+        Self { prior, running, next, pending, history, last: None, spare: None, steps: 0, time: 0.0, window }
     }
 
-    /// Adds a time with its torques. Readings with a delay belong to the time that many steps ago; those of times before
-    /// the first step are dropped.
-    pub(super) fn begin(&mut self, plan: &Plan, tau: &[f64], readings: &[f64]) -> Result<(), Error> {
+    /// Adds a time with its torques and the duration of its step. Readings with a delay belong to the time that many
+    /// steps ago; those of times before the first step are dropped.
+    pub(super) fn begin(
+        &mut self,
+        plan: &Plan,
+        timing: &Timing,
+        (tau, readings, acting): (&[f64], &[f64], &[f64]),
+    ) -> Result<(), Error> {
         let mut record = match self.spare.take() {
             Some(spare) => spare,
             None => Box::new(Record::new(plan)?),
         };
         record.tau.copy_from_slice(tau);
+        record.time = self.time;
+        record.time_steps(timing, acting);
         record.readings.fill(f64::NAN);
         self.pending.push_back(record);
         for sensor in &plan.sensors {
@@ -174,6 +219,7 @@ impl Robot {
     /// Ends a step: the earliest time is complete if no sensor delivers readings of it later.
     pub(super) fn commit(&mut self, plan: &Plan) {
         self.steps += 1;
+        self.time = self.pending.back().map_or(self.time, |record| record.time + record.timing.dt);
         if self.pending.len() <= plan.lag {
             return;
         }
@@ -198,10 +244,13 @@ impl Robot {
             window.sums.fill((0.0, 0));
             window.prior.copy_from(&self.prior);
         }
-        let inputs = &mut window.inputs[window.steps * (plan.nv + plan.readings)..][..plan.nv + plan.readings];
-        let (tau, readings) = inputs.split_at_mut(plan.nv);
+        let width = plan.inputs();
+        let (tau, others) = window.inputs[window.steps * width..][..width].split_at_mut(plan.nv);
+        let (readings, dt) = others.split_at_mut(plan.readings);
         tau.copy_from_slice(&record.tau);
         readings.copy_from_slice(&record.readings);
+        dt[0] = record.timing.dt;
+        dt[1..].copy_from_slice(&record.acting);
         add_innovations(&mut window.sums, record);
         window.steps += 1;
     }

@@ -2,8 +2,10 @@
 
 use super::link_motion::{LinkMotion, LinkPath};
 use super::settings::{Plan, Reader, Source};
-use crate::kinematics::Frame;
+use crate::kinematics::{Frame, local_jacobian};
 use crate::scene::Scene;
+use nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
+use std::borrow::Cow;
 #[cfg(feature = "python")]
 use {super::settings::Sensor, crate::error::Error};
 
@@ -24,6 +26,8 @@ pub(crate) struct SensorRows {
     pub has_noise: bool,
     /// A matrix of the tree, for scenes with joints that follow others.
     of_tree: Vec<f64>,
+    /// Jacobian of a frame, (6 x nv) of the tree.
+    jacobian: Vec<f64>,
 }
 
 impl SensorRows {
@@ -43,6 +47,7 @@ impl SensorRows {
             has_qdd: false,
             has_noise: false,
             of_tree: zeros(),
+            jacobian: vec![0.0; 6 * scene.model().nv()],
         }
     }
 
@@ -117,6 +122,19 @@ impl SensorRows {
                 moving(frame, path, None);
                 self.velocity(motion, path, 3);
             }
+            Source::Pose(frame, _) => {
+                let q = coupling.map_or(Cow::Borrowed(q), |coupling| Cow::Owned(coupling.configuration(q)));
+                let nv = scene.model().nv();
+                let placement = local_jacobian(scene.model(), &q, frame, &mut self.jacobian);
+                let turned = Rotation3::from_matrix_unchecked(placement.rotation).scaled_axis();
+                self.value[..3].copy_from_slice(turned.as_slice());
+                self.value[3..6].copy_from_slice(placement.lever.as_slice());
+                for (i, row) in self.jacobian.chunks_exact(nv.max(1)).enumerate() {
+                    for (k, entry) in row.iter().enumerate() {
+                        self.by_q[6 * k + i] = *entry;
+                    }
+                }
+            }
             Source::Accelerometer(frame, path) => {
                 moving(frame, path, Some(qdd));
                 self.has_qdd = true;
@@ -130,12 +148,29 @@ impl SensorRows {
             }
         }
         // Encoders and joint torques are those of the joints of the scene, and links move with all joints of the tree.
-        let on_link = matches!(sensor.source, Source::Gyro(..) | Source::Contact(..) | Source::Accelerometer(..));
+        let on_link = !matches!(sensor.source, Source::Encoder(..) | Source::JointTorque(..));
         if let Some(coupling) = coupling.filter(|_| on_link) {
             for matrix in [&mut self.by_q, &mut self.by_qd, &mut self.by_qdd] {
                 std::mem::swap(matrix, &mut self.of_tree);
                 coupling.reduce_rows(&self.of_tree[..size * scene.model().nv()], size, matrix);
             }
+        }
+    }
+
+    /// The difference of a measured pose from the prediction, (rotation, position) in the axes of the predicted frame,
+    /// and the derivatives, both in units of the deviations that the covariance has: changes value and `by_q`.
+    pub(super) fn whiten_pose(&mut self, readings: &[f64], inverse: &Matrix6<f64>) {
+        let turned = |x: &[f64]| Rotation3::new(Vector3::new(x[0], x[1], x[2]));
+        let back = turned(&self.value).inverse();
+        let moved = Vector3::from_fn(|i, _| readings[3 + i] - self.value[3 + i]);
+        let (rotation, position) = ((back * turned(readings)).scaled_axis(), back * moved);
+        let error = Vector6::from_fn(|i, _| if i < 3 { rotation[i] } else { position[i - 3] });
+        let white = inverse * error;
+        // The error is the reading minus the value.
+        self.value.iter_mut().zip(readings.iter().zip(&white)).for_each(|(value, (read, white))| *value = read - white);
+        for column in self.by_q.chunks_exact_mut(6) {
+            let white = inverse * Vector6::from_column_slice(column);
+            column.copy_from_slice(white.as_slice());
         }
     }
 

@@ -8,6 +8,7 @@ use crate::memory::{bytes_of, room};
 use crate::scene::{Joint, Scene};
 use crate::setters::setters;
 use crate::spatial::RigidShift;
+use nalgebra::Matrix6;
 use std::ops::Range;
 
 /// Largest delay of a sensor, in steps: each step filters all times again whose readings may be incomplete.
@@ -50,6 +51,10 @@ pub enum Quantity {
     /// Velocity of the origin of the sensor frame, in that frame, m/s. The readings of a point in contact with the
     /// ground are zeros, and those of a point without contact are NaN.
     Contact(Mount),
+    /// Pose of the sensor frame in the base frame: its rotation vector, rad, and the position of its origin, m. The
+    /// matrix is the covariance of the error (rotation, position) in the axes of the sensor; the noise of the sensor is
+    /// a factor of its standard deviations.
+    Pose(Mount, Box<[[f64; 6]; 6]>),
 }
 
 /// A sensor of an observer.
@@ -69,13 +74,24 @@ pub struct Sensor {
     /// Growth of the standard deviation of the bias per square root of a second. With `bias` zero too, there is no
     /// bias.
     pub bias_walk: f64,
+    /// Largest difference from the prediction in its standard deviations; a component beyond is an outlier and is not
+    /// processed. Infinite: all are.
+    pub gate: f64,
 }
 
 impl Sensor {
     /// A sensor without delay and bias, with one standard deviation for all components.
     #[must_use]
     pub fn new(name: impl Into<String>, quantity: Quantity, noise: f64) -> Self {
-        Self { name: name.into(), quantity, noise: vec![noise], delay: 0, bias: 0.0, bias_walk: 0.0 }
+        Self {
+            name: name.into(),
+            quantity,
+            noise: vec![noise],
+            delay: 0,
+            bias: 0.0,
+            bias_walk: 0.0,
+            gate: f64::INFINITY,
+        }
     }
 }
 
@@ -84,6 +100,7 @@ setters!(Sensor {
     with_delay: delay: usize,
     with_bias: bias: f64,
     with_bias_walk: bias_walk: f64,
+    with_gate: gate: f64,
 });
 
 /// An external wrench (moment, force) on a link, at the link origin in the link frame: a random walk, or an
@@ -161,6 +178,8 @@ pub(super) enum Source {
     Gyro(Frame<f64>, LinkPath),
     Accelerometer(Frame<f64>, LinkPath),
     Contact(Frame<f64>, LinkPath),
+    /// With the inverse of a root of the covariance.
+    Pose(Frame<f64>, Box<Matrix6<f64>>),
 }
 
 /// A checked sensor.
@@ -171,6 +190,8 @@ pub(crate) struct Reader {
     /// Standard deviation of each component.
     pub(super) deviations: Vec<f64>,
     pub(super) delay: usize,
+    /// Square of the largest normalized innovation of a component.
+    pub(super) gate: f64,
     /// Index of its bias among wrenches and biases.
     pub(super) bias: Option<usize>,
     /// Its components among the readings of all sensors.
@@ -181,6 +202,11 @@ impl Reader {
     /// True if the readings depend on the joint accelerations.
     pub(super) fn needs_acceleration(&self) -> bool {
         matches!(self.source, Source::Accelerometer(..))
+    }
+
+    /// True if the readings are processed together or not at all.
+    pub(super) fn is_whole(&self) -> bool {
+        matches!(self.source, Source::Pose(..))
     }
 
     /// The sensor without its noise and its place among others.
@@ -204,9 +230,20 @@ impl Reader {
             Quantity::Gyro(at) => mount(at).map(|(frame, path)| (Source::Gyro(frame, path), 3))?,
             Quantity::Accelerometer(at) => mount(at).map(|(frame, path)| (Source::Accelerometer(frame, path), 3))?,
             Quantity::Contact(at) => mount(at).map(|(frame, path)| (Source::Contact(frame, path), 3))?,
+            Quantity::Pose(at, covariance) => {
+                let given = Matrix6::from_fn(|i, j| covariance[i][j]);
+                let root = Some(given).filter(|given| (given - given.transpose()).amax() <= 1e-9 * given.amax());
+                let inverse = root.and_then(Matrix6::cholesky).and_then(|root| root.l().try_inverse());
+                let inverse = inverse.filter(|inverse| inverse.iter().all(|entry| entry.is_finite()));
+                let expected = "a symmetric, positive definite matrix (6 x 6), rad^2 and m^2";
+                let refused =
+                    || Error::argument(format!("covariance of '{}'", sensor.name), "another matrix", expected);
+                (Source::Pose(scene.frame(&at.into())?, Box::new(inverse.ok_or_else(refused)?)), 6)
+            }
         };
         let name = sensor.name.clone();
-        Ok(Self { name, source, deviations: Vec::new(), delay: sensor.delay, bias: None, range: 0..size })
+        let (delay, gate) = (sensor.delay, sensor.gate * sensor.gate);
+        Ok(Self { name, source, deviations: Vec::new(), delay, gate, bias: None, range: 0..size })
     }
 }
 
@@ -226,6 +263,34 @@ fn one_axis<'a>(scene: &'a Scene, sensor: &Sensor, names: Option<&[String]>) -> 
     names.iter().map(check).collect()
 }
 
+/// Duration of a step, and what follows from it.
+#[derive(Debug, Clone)]
+pub(crate) struct Timing {
+    pub dt: f64,
+    /// Standard deviation of the torque noise, held constant over a step.
+    pub(super) torque_deviations: Vec<f64>,
+    /// Factor of wrenches and biases per step, and standard deviation of their growth.
+    pub decay: Vec<f64>,
+    pub walk: Vec<f64>,
+}
+
+impl Timing {
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.dt = other.dt;
+        self.torque_deviations.copy_from_slice(&other.torque_deviations);
+        self.decay.copy_from_slice(&other.decay);
+        self.walk.copy_from_slice(&other.walk);
+    }
+}
+
+/// Checks the duration of a step.
+pub(super) fn check_duration(dt: f64) -> Result<(), Error> {
+    if dt.is_finite() && dt > 0.0 {
+        return Ok(());
+    }
+    Err(Error::argument("dt", dt.to_string(), "a time in s, finite and positive"))
+}
+
 /// The checked settings. The error is ordered (wrenches, biases, q, qd, torque noise of the step), so that the rows of
 /// the random walks come first in triangular roots.
 #[derive(Debug, Clone)]
@@ -240,14 +305,18 @@ pub(crate) struct Plan {
     pub width: usize,
     /// Number of readings of all sensors.
     pub readings: usize,
-    pub dt: f64,
-    /// Standard deviation of the torque noise, held constant over a step.
-    pub(super) torque_deviations: Vec<f64>,
-    /// Factor of wrenches and biases per step, and standard deviation of their growth.
-    pub decay: Vec<f64>,
-    pub walk: Vec<f64>,
-    /// The components with growth, ascending.
+    /// The noise of a step of the usual duration.
+    pub timing: Timing,
+    /// Density of the torque noise.
+    torque_noise: Vec<f64>,
+    /// Densities of the growth of wrenches and biases, and their correlation times.
+    densities: Vec<f64>,
+    times: Vec<f64>,
+    /// The components with growth, ascending, then for each wrench component with growth the number of components, as
+    /// the first row of the columns of its growth within a step.
     pub(super) walks: Vec<usize>,
+    /// The number of components with growth.
+    pub(super) grown: usize,
     /// Initial standard deviations, in the order of the error.
     pub(super) initial: Vec<f64>,
     pub(super) wrenches: Vec<Frame<f64>>,
@@ -262,9 +331,7 @@ pub(crate) struct Plan {
 impl Plan {
     pub fn new(scene: &Scene, settings: &ObserverSettings) -> Result<Self, Error> {
         let ObserverSettings { dt, history, .. } = *settings;
-        if !(dt.is_finite() && dt > 0.0) {
-            return Err(Error::argument("dt", dt.to_string(), "a time in s, finite and positive"));
-        }
+        check_duration(dt)?;
         let nv = scene.nv();
         check_length("torque_noise", settings.torque_noise.len(), nv)?;
         not_negative("torque_noise", &settings.torque_noise)?;
@@ -277,11 +344,12 @@ impl Plan {
             states: 0,
             width: 0,
             readings: 0,
-            dt,
-            torque_deviations: settings.torque_noise.iter().map(|density| (density / dt).sqrt()).collect(),
-            decay: Vec::new(),
-            walk: Vec::new(),
+            timing: Timing { dt, torque_deviations: vec![0.0; nv], decay: Vec::new(), walk: Vec::new() },
+            torque_noise: settings.torque_noise.clone(),
+            densities: Vec::new(),
+            times: Vec::new(),
             walks: Vec::new(),
+            grown: 0,
             initial: Vec::new(),
             wrenches: Vec::new(),
             sensors: Vec::new(),
@@ -299,12 +367,34 @@ impl Plan {
         for sensor in &settings.sensors {
             plan.add_sensor(scene, sensor)?;
         }
-        plan.rest = plan.decay.len();
+        plan.rest = plan.times.len();
         plan.states = plan.rest + 2 * nv;
         plan.width = plan.states + nv;
-        plan.walks = (0..plan.rest).filter(|&i| plan.walk[i] > 0.0).collect();
         plan.initial.extend_from_slice(&settings.initial);
+        let mut timing = plan.timing.clone();
+        timing.decay.resize(plan.rest, f64::NAN);
+        timing.walk.resize(plan.rest, f64::NAN);
+        plan.time(dt, &mut timing);
+        plan.walks = (0..plan.rest).filter(|&i| timing.walk[i] > 0.0).collect();
+        plan.grown = plan.walks.len();
+        let of_wrenches = plan.walks.partition_point(|&row| row < 6 * plan.wrenches.len());
+        plan.walks.extend(std::iter::repeat_n(plan.rest, of_wrenches));
+        plan.timing = timing;
         Ok(plan)
+    }
+
+    /// The noise of a step of the duration `dt`.
+    pub(super) fn time(&self, dt: f64, timing: &mut Timing) {
+        timing.dt = dt;
+        for (deviation, density) in timing.torque_deviations.iter_mut().zip(&self.torque_noise) {
+            *deviation = (density / dt).sqrt();
+        }
+        for (i, (&time, density)) in self.times.iter().zip(&self.densities).enumerate() {
+            let walks = time.is_infinite();
+            let added = if walks { dt } else { -0.5 * time * (-2.0 * dt / time).exp_m1() };
+            timing.decay[i] = if walks { 1.0 } else { (-dt / time).exp() };
+            timing.walk[i] = (density * added).sqrt();
+        }
     }
 
     fn add_wrench(&mut self, scene: &Scene, wrench: &ExternalWrench) -> Result<(), Error> {
@@ -316,9 +406,8 @@ impl Plan {
             return Err(Error::argument("correlation_time", time.to_string(), expected));
         }
         let walks = time.is_infinite();
-        self.decay.extend([if walks { 1.0 } else { (-self.dt / time).exp() }; 6]);
-        let added = if walks { self.dt } else { -0.5 * time * (-2.0 * self.dt / time).exp_m1() };
-        self.walk.extend(wrench.density.iter().map(|density| (density * added).sqrt()));
+        self.times.extend([time; 6]);
+        self.densities.extend(wrench.density);
         match &wrench.deviation {
             Some(given) => {
                 not_negative(&format!("deviation of the wrench on '{}'", wrench.link), given)?;
@@ -346,6 +435,10 @@ impl Plan {
             return Err(Error::argument(format!("noise of '{name}'"), format!("{:?}", sensor.noise), expected));
         }
         reader.deviations = if sensor.noise.len() == size { sensor.noise.clone() } else { vec![sensor.noise[0]; size] };
+        if !(sensor.gate > 0.0) {
+            let expected = "standard deviations, positive or infinite";
+            return Err(Error::argument(format!("gate of '{name}'"), sensor.gate.to_string(), expected));
+        }
         let (bias, bias_walk) = (sensor.bias, sensor.bias_walk);
         not_negative(&format!("bias of '{name}'"), &[bias, bias_walk])?;
         if bias > 0.0 || bias_walk > 0.0 {
@@ -353,9 +446,9 @@ impl Plan {
                 let found = format!("{bias} with a walk of {bias_walk}");
                 return Err(Error::argument(format!("bias of '{name}'"), found, "zero: only gyros and accelerometers"));
             }
-            reader.bias = Some(self.decay.len());
-            self.decay.extend([1.0; 3]);
-            self.walk.extend([bias_walk * self.dt.sqrt(); 3]);
+            reader.bias = Some(self.times.len());
+            self.times.extend([f64::INFINITY; 3]);
+            self.densities.extend([bias_walk * bias_walk; 3]);
             self.initial.extend([bias; 3]);
         }
         if sensor.delay > LONGEST_DELAY {
@@ -377,13 +470,18 @@ impl Plan {
             let bytes = matrices.iter().map(|[of, rows, columns]| bytes_of::<f64>(&[count, *of, *rows, *columns]));
             bytes.fold(0, u128::saturating_add)
         };
-        let window = [1, WINDOW, self.nv + self.readings];
+        let window = [1, WINDOW, self.inputs()];
         let robot = [[4, self.states, column], [1, self.width, wide], [1, self.width, stride], window];
         let predicted = [1, self.width + self.walks.len(), column];
         let thread =
             [[3, self.nv, self.nv], [1, self.width, stride], [2, self.width, self.reading_stride()], predicted];
         let bytes = all(robots, &robot).saturating_add(all(threads, &thread));
         room(if robots > 1 { "q" } else { "scene" }, bytes)
+    }
+
+    /// The number of torques, readings and others that a window stores of a step.
+    pub(super) fn inputs(&self) -> usize {
+        self.nv + self.readings + 1 + self.wrenches.len()
     }
 
     /// Index of the first component of q in the error.

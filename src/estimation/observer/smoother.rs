@@ -21,6 +21,8 @@ const SINGULAR: f64 = 1e-12;
 pub struct SmoothedMotion {
     /// Index of the first time: the number of steps before it.
     pub first: usize,
+    /// Times since the first step, s.
+    pub time: Vec<f64>,
     /// Configurations, (steps, nq).
     pub q: Vec<f64>,
     /// Joint velocities, (steps, nv).
@@ -52,11 +54,12 @@ pub(super) fn smooth(
     memory::room("history", memory::bytes_of::<f64>(&[AT_ONCE, n, plan.width]))?;
     let nan = |width: usize| memory::filled("history", steps * width, f64::NAN);
     let (q, qd, rest, covariance) = (nan(plan.nq)?, nan(plan.nv)?, nan(plan.rest)?, nan(n * n)?);
-    let mut out = SmoothedMotion { first, q, qd, rest, covariance };
+    let time = records.iter().map(|record| record.time).collect();
+    let mut out = SmoothedMotion { first, time, q, qd, rest, covariance };
     let mut later: Option<Smoothed> = None;
     for (at, record) in records.iter().enumerate().rev() {
         let now = match &later {
-            Some(later) => smoothed((plan, scene), scratch, record, later)?,
+            Some(later) => smoothed((plan, scene), scratch, (record, &records[at + 1].acting), later)?,
             None => filtered(plan, record),
         };
         out.q[at * plan.nq..(at + 1) * plan.nq].copy_from_slice(&now.q);
@@ -84,7 +87,7 @@ fn filtered(plan: &Plan, record: &Record) -> Smoothed {
 fn smoothed(
     (plan, scene): (&Plan, &Scene),
     scratch: &mut Scratch,
-    record: &Record,
+    (record, acting): (&Record, &[f64]),
     later: &Smoothed,
 ) -> Result<Smoothed, Error> {
     let (n, [column, _]) = (plan.states, plan.strides());
@@ -95,7 +98,10 @@ fn smoothed(
     let carried = predicted.columns(0, plan.width);
     // Rows are normalized, so that zero variance is distinguished from small variance.
     let size = DVector::from_fn(n, |i, _| Some(predicted.row(i).norm()).filter(|size| *size > 0.0).unwrap_or(1.0));
-    let (kept, root) = independent_rows(DMatrix::from_fn(columns, n, |j, i| predicted[(i, j)] / size[i]));
+    // That a wrench has ended says nothing about its size before.
+    let ended = |i: usize| acting.get(i / 6).is_some_and(|&acts| acts == 0.0);
+    let (kept, root) =
+        independent_rows(DMatrix::from_fn(columns, n, |j, i| if ended(i) { 0.0 } else { predicted[(i, j)] / size[i] }));
     let shared = carried * now.root.transpose();
     let right = DMatrix::from_fn(kept.len(), n, |k, j| shared[(kept[k], j)] / size[kept[k]]);
     let lost = || Error::argument("covariance of the prediction", "a root without an inverse", "finite variances");

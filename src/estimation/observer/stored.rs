@@ -2,7 +2,7 @@
 
 use super::WINDOW;
 use super::robot::{Belief, Record, Robot};
-use super::settings::Plan;
+use super::settings::{Plan, Timing};
 use crate::error::Error;
 use std::collections::VecDeque;
 
@@ -22,6 +22,7 @@ impl Robot {
             }
         }
         [self.steps, self.window.steps] = [counts[0], counts[1]];
+        visit(std::slice::from_mut(&mut self.time))?;
         visit_records(&mut self.pending, counts[2], plan, visit)?;
         visit_records(&mut self.history, counts[3], plan, visit)?;
         let mut last: VecDeque<_> = self.last.take().into_iter().collect();
@@ -36,18 +37,59 @@ impl Robot {
 
 impl Belief {
     fn visit(&mut self, visit: &mut Visit<'_>) -> Result<(), Error> {
-        [&mut self.q, &mut self.qd, &mut self.rest, &mut self.root].into_iter().try_for_each(|part| visit(part))
+        [&mut self.q, &mut self.qd, &mut self.rest, &mut self.acting, &mut self.root]
+            .into_iter()
+            .try_for_each(|part| visit(part))
     }
 }
 
 impl Record {
     fn visit(&mut self, visit: &mut Visit<'_>) -> Result<(), Error> {
-        let Self { tau, readings, q, qd, rest, noise, root, flow, next_q, next_qd, next_rest, nis, count, by_sensor } =
-            self;
-        for part in [tau, readings, q, qd, rest, noise, root, flow, next_q, next_qd, next_rest] {
+        let Self {
+            tau,
+            time,
+            acting,
+            timing: Timing { dt, torque_deviations, decay, walk },
+            readings,
+            rejected,
+            q,
+            qd,
+            rest,
+            noise,
+            root,
+            flow,
+            by_wrench,
+            next_q,
+            next_qd,
+            next_rest,
+            nis,
+            count,
+            by_sensor,
+        } = self;
+        for part in [
+            tau,
+            acting,
+            torque_deviations,
+            decay,
+            walk,
+            readings,
+            rejected,
+            q,
+            qd,
+            rest,
+            noise,
+            root,
+            flow,
+            by_wrench,
+            next_q,
+            next_qd,
+            next_rest,
+        ] {
             visit(part)?;
         }
-        visit(std::slice::from_mut(nis))?;
+        for number in [time, dt, nis] {
+            visit(std::slice::from_mut(number))?;
+        }
         visit_count(count, visit)?;
         visit_sums(by_sensor, visit)
     }

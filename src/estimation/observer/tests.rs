@@ -200,15 +200,24 @@ impl<'a> Textbook<'a> {
         DVector::from_vec(all)
     }
 
-    fn next(&self, x: &State, tau: &[f64], noise: &[f64]) -> State {
+    /// The next state, with the growth of wrenches and biases.
+    fn next(&self, x: &State, tau: &[f64], noise: &[f64], growth: &[f64]) -> State {
         let (scene, h) = (&self.case.scene, self.case.settings.dt);
-        let qdd = self.acceleration(x, tau, noise);
-        let qd: Vec<f64> = x.1.iter().zip(&qdd).map(|(qd, qdd)| qd + h * qdd).collect();
-        let rest = x.2.iter().zip(&self.decay).map(|(rest, decay)| decay * rest).collect();
-        let step: Vec<f64> = qd.iter().map(|qd| h * qd).collect();
-        let mut q = vec![f64::NAN; scene.nq()];
-        scene.integrate(&x.0, &step, &mut q).unwrap();
-        State(q, qd, rest)
+        let moved = |velocity: &[f64], h: f64| {
+            let step: Vec<f64> = velocity.iter().map(|qd| h * qd).collect();
+            let mut q = vec![f64::NAN; scene.nq()];
+            scene.integrate(&x.0, &step, &mut q).unwrap();
+            q
+        };
+        let faster = |qdd: &[f64], h: f64| x.1.iter().zip(qdd).map(|(qd, qdd)| qd + h * qdd).collect::<Vec<_>>();
+        let start = self.acceleration(x, tau, noise);
+        let rest: Vec<f64> =
+            x.2.iter().zip(&self.decay).zip(growth).map(|((rest, decay), growth)| decay * rest + growth).collect();
+        let mean_rest = x.2.iter().zip(&rest).map(|(before, after)| 0.5 * (before + after)).collect();
+        let middle = State(moved(&x.1, 0.5 * h), faster(&start, 0.5 * h), mean_rest);
+        let qd = faster(&self.acceleration(&middle, tau, noise), h);
+        let mean: Vec<f64> = x.1.iter().zip(&qd).map(|(before, after)| 0.5 * (before + after)).collect();
+        State(moved(&mean, h), qd, rest)
     }
 
     /// x (+) e.
@@ -278,15 +287,20 @@ impl<'a> Textbook<'a> {
             (self.x, p) = self.corrected(&self.x, &change, &p);
         }
         let x = self.x.clone();
-        let next = self.next(&x, tau, &noise);
+        let still = vec![0.0; self.walk.len()];
+        let next = self.next(&x, tau, &noise, &still);
         let flow = differences(n + nv, |e| {
             let noise: Vec<f64> = noise.iter().zip(&e.as_slice()[n..]).map(|(a, b)| a + b).collect();
-            self.minus(&self.next(&self.plus(&x, &e.as_slice()[..n]), tau, &noise), &next)
+            self.minus(&self.next(&self.plus(&x, &e.as_slice()[..n]), tau, &noise, &still), &next)
         });
-        let mut next_p = &flow * &p * flow.transpose();
-        for (i, walk) in self.walk.iter().enumerate() {
-            next_p[(2 * nv + i, 2 * nv + i)] += walk * walk;
-        }
+        // The growth acts in the middle of the step through the torques in the middle, without the start.
+        let by_growth =
+            differences(self.walk.len(), |growth| self.minus(&self.next(&x, tau, &noise, growth.as_slice()), &next));
+        let by_growth = by_growth * DMatrix::from_diagonal(&DVector::from_column_slice(&self.walk));
+        // The mean of a wrench, given both ends, has a twelfth of the variance of the growth.
+        let mut within = by_growth.columns(0, 6) / 3.0_f64.sqrt();
+        within.rows_mut(2 * nv, self.walk.len()).fill(0.0);
+        let next_p = &flow * &p * flow.transpose() + &by_growth * by_growth.transpose() + &within * within.transpose();
         (self.x, self.p) = (next.clone(), next_p.clone());
         (nis, seen.len(), Step { x, p, flow, next, next_p, alone })
     }
@@ -541,6 +555,8 @@ fn settings_are_refused_by_name() {
     refused(&|s| s.sensors[0].noise = vec![0.0], "noise of 'encoder'");
     refused(&|s| s.sensors[0].delay = 10_001, "delay of 'encoder': found 10001; expected at most 10000 steps");
     refused(&|s| s.sensors[0].bias = 1.0, "bias of 'encoder'");
+    refused(&|s| s.sensors[1].gate = 0.0, "gate of 'gyro': found 0; expected standard deviations");
+    refused(&|s| s.sensors[1].quantity = Quantity::Pose("link1".into(), Box::default()), "covariance of 'gyro'");
     refused(&|s| s.sensors[1].bias_walk = -1.0, "bias of 'gyro': found -1");
     refused(&|s| s.sensors[1].quantity = Quantity::Gyro("nowhere".into()), "nowhere");
     refused(&|s| s.sensors[0].quantity = Quantity::Encoder(Some(vec!["knee".into()])), "knee");
