@@ -251,7 +251,7 @@ fn rounding<T: Real>(s: &Scratch<T>, row: usize, displaced: T) -> T {
     scale.mul_add(one.constant(ROUNDING), one.constant(f64::MIN_POSITIVE))
 }
 
-/// What the end of a step says of the piece of a row.
+/// The result of the test of the piece of a row.
 struct Verdict<T> {
     /// The margin of the torque from those that contradict the piece; not positive if it does.
     margin: T,
@@ -260,7 +260,7 @@ struct Verdict<T> {
     phase: T,
 }
 
-/// The test of the piece of a row by the velocities `ends` at the end of the step.
+/// Tests the piece of a row by the velocities `ends` at the end of the step.
 ///
 /// In steps of one stage, and with error control, the torque at the end has to be on the piece. In others a row changes
 /// its piece in the step that contains the larger part of the change: the law is linear if its mean torque is within
