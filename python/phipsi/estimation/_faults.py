@@ -533,6 +533,6 @@ def warn_of_bodies(names: list[str], beyond: _Array, free: _Array, after: _Array
         f" or N, {free[at]:.3g} by unconstrained least squares; expected about the same"
     )
     warn(
-        f"{text}: check sign, joint order, unit and gravity of tau, the friction in fit, and the axes of the model",
+        f"{text}: check sign, joint order, unit and gravity of tau, the friction in fit, the bodies in keep, and the axes of the model",
         LogWarning,
     )

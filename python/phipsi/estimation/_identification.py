@@ -565,7 +565,7 @@ def solved(
         np.zeros(columns.motors, dtype=np.intp) if outliers is None else outliers,
     )
     if check:
-        _check_bodies(problem, triangle, weights, found)
+        _check_bodies(problem, weights, found)
     _warn_of_bias(found)
     return found
 
@@ -576,16 +576,17 @@ def _squared(root: _Array) -> _Array:
     return np.asarray(flat @ flat.T)
 
 
-def _check_bodies(problem: Problem, triangle: _Array, weights: _Array, found: Identification) -> None:
+def _check_bodies(problem: Problem, weights: _Array, found: Identification) -> None:
     """Warn if the residuals of possible bodies exceed those of least squares, with a prior of almost no weight."""
     independent = np.zeros(problem.columns.width)
     independent[_combinations(problem.columns).columns] = found.base.values
     free, after = problem.residual(independent), found.after
     if beyond_bodies(weights, free, after).max(initial=0.0) <= BEYOND:
         return
+    rows, target = problem.least_squares(weights)
     try:
-        alike = np.ones(triangle.shape[1] - 1 - 10 * problem.bodies)
-        z, _ = most_probable(triangle[:, :-1], triangle[:, -1], problem.bodies, FLAT, alike)
+        alike = np.ones(rows.shape[1] - 10 * problem.bodies)
+        z, _ = most_probable(rows @ problem.to_own, target, problem.bodies, FLAT, alike)
         after = problem.residual(problem.to_own @ z)
     except PhipsiError:
         pass
