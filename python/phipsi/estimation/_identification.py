@@ -585,7 +585,7 @@ def _check_bodies(problem: Problem, weights: _Array, found: Identification) -> N
         return
     rows, target = problem.least_squares(weights)
     try:
-        alike = np.ones(rows.shape[1] - 10 * problem.bodies)
+        alike = np.ones(problem.to_own.shape[1] - 10 * problem.bodies)
         z, _ = most_probable(rows @ problem.to_own, target, problem.bodies, FLAT, alike)
         after = problem.residual(problem.to_own @ z)
     except PhipsiError:
