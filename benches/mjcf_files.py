@@ -1,5 +1,5 @@
 """Result of phipsi.load for the MJCF files of public repositories: read, read with warnings, SceneError, crashed; and
-whether their servos settle where MuJoCo's do.
+the rest position of their servos, compared with MuJoCo's.
 
 Usage: python benches/mjcf_files.py FOLDER [--markdown FILE] [--list FILE]
 

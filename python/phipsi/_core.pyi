@@ -4081,7 +4081,7 @@ class Scene:
             Correlation time T of the torque noise, s; zero for white noise. Its variance is torque_noise/(2 T).
         stiction : float or (nv,) array_like, default 0
             Largest torque of dry friction that holds a joint at rest and is not part of tau, N m or N. The alarm tests
-            what no friction of this size explains.
+            the part of the torque that friction of at most this size cannot explain.
         rest_speed : float or (nv,) array_like, default 0.01
             Joint velocity up to which a joint is at rest, rad/s or m/s.
 

@@ -7,7 +7,6 @@ use crate::dynamics::Energy;
 use crate::dynamics::coupled::Ask;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::{Error, Fault, check_finite, check_length};
-use crate::kinematics;
 use crate::scene::{Coupling, Link, Scene};
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
@@ -156,8 +155,7 @@ impl Scene {
     pub fn placements(&self, q: &[f64]) -> Result<Vec<RigidShift<f64>>, Error> {
         let q = &*self.tree_configuration("q", q)?;
         let mut bodies = vec![RigidShift::identity(); self.model().bodies.len()];
-        kinematics::placements_base_to_tip(self.model(), q, &mut bodies);
-        kinematics::placements_on_base(self.model(), 0..bodies.len(), &mut bodies);
+        self.place_bodies(q, &mut bodies);
         let placements: Vec<_> = self.links().iter().map(|link| on_base(link, &bodies)).collect();
         placements.iter().try_for_each(|placement| self.check_result("placements", placement.lever.as_slice()))?;
         Ok(placements)
@@ -170,16 +168,26 @@ impl Scene {
     ///
     /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
     pub fn poses(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
+        self.write_poses("poses", workspace, q, out)
+    }
+
+    /// As [`Scene::poses`], with the name of the result in the error for numbers that are not finite.
+    pub(crate) fn write_poses(
+        &self,
+        result: &str,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
         let q = &*self.tree_configuration("q", q)?;
         self.check_workspace(workspace)?;
         check_length("out", out.len(), 16 * self.links().len())?;
         let bodies = &mut workspace.store.shifts;
-        kinematics::placements_base_to_tip(self.model(), q, bodies);
-        kinematics::placements_on_base(self.model(), 0..bodies.len(), bodies);
+        self.place_bodies(q, bodies);
         for (link, out) in self.links().iter().zip(out.chunks_exact_mut(16)) {
             on_base(link, bodies).homogeneous(out);
         }
-        self.check_result("poses", out)
+        self.check_result(result, out)
     }
 
     /// Converts wrenches (moment, force) on links, each at the origin of its link frame and in its axes, to spatial

@@ -29,11 +29,8 @@ impl PyScene {
         let call =
             self.call([self.configuration("q", q)?], PLACEMENTS.cost[0] * (self.size() + links.len()), errors)?;
         let mut all = call.scratch_results(py, 16 * links.len())?;
-        call.numbers(py, all.numbers()?, |scene, _, [q], out| {
-            for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
-                shift.homogeneous(out);
-            }
-            Ok(())
+        call.numbers(py, all.numbers()?, |scene, scratch, [q], out| {
+            scene.write_poses("placements", &mut scratch.workspace, q, out)
         })?;
         let shape = [&call.batch[..], &[4, 4]].concat();
         let placements = PyDict::new(py);

@@ -110,7 +110,7 @@ impl PyObserver {
     /// Process readings (robots, m) and advance by dt under tau (robots, nv).
     ///
     /// Returns q, qd, wrenches and biases, covariance, NIS and its number of readings, the rejected readings, and
-    /// whether a window of innovations is complete.
+    /// true if a window of innovations is complete.
     fn step<'py>(
         &self,
         py: Python<'py>,

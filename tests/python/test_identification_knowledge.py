@@ -1,4 +1,4 @@
-"""Identification with knowledge beside the log (the mass of the robot), with outliers, and what it explains."""
+"""Identification with knowledge beside the log (the mass of the robot), with outliers, and the explained variance."""
 
 from __future__ import annotations
 

@@ -37,11 +37,12 @@ from ..errors import ArgumentError, IdentificationWarning, PhipsiError, ShapeErr
 from ._accumulator import Accumulator, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
 from ._bodies import with_parameters
-from ._columns import PROPERTIES, SIGNED, Columns, flattened, per_joint
+from ._columns import PROPERTIES, SIGNED, Columns, flattened
 from ._faults import BEYOND, Clock, beyond_bodies, warn_of_bodies
 from ._most_probable import most_probable
 from ._problem import UNKNOWN, Problem
 from ._student import student_quantile
+from ._values import positive
 from .uncertainty import ParameterCovariance
 
 if TYPE_CHECKING:
@@ -242,7 +243,7 @@ class Identification:
         -------
         bodies : (bodies, 10) ndarray of str
             Marks of the parameters: "", "*", "!" or "*!". "!" for mass and diagonal entries of the inertia, which are
-            positive: the interval is that of a normal distribution, which does not know.
+            positive: the interval is that of a normal distribution, which allows negative values.
         joints : dict
             Marks of `joints`; "!" for armature, damping, Coulomb friction and friction by load.
 
@@ -470,13 +471,6 @@ def predicted(columns: Columns, own: _Array, q: _Array, qd: _Array, qdd: _Array,
     return found
 
 
-def checked_trust(trust: Any) -> float:
-    """Weight of the prior."""
-    if not (np.isfinite(trust) and trust > 0.0):
-        raise of_argument(ArgumentError, "trust", f"found {trust}; expected a finite number above zero")
-    return float(trust)
-
-
 def checked_mass(total_mass: Any) -> tuple[float, float]:
     """Total mass and its standard deviation, kg."""
     given = numbers("total_mass", total_mass)
@@ -498,7 +492,7 @@ def solved(
     check: bool = True,
 ) -> Identification:
     """Identify the parameters from all states of an accumulator."""
-    trust = checked_trust(trust)
+    trust = positive("trust", trust)
     problem = Problem(accumulator)
     columns = problem.columns
     weights = problem.deviation() if noise is None else problem.checked_noise(noise)

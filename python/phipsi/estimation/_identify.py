@@ -15,8 +15,9 @@ from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, _log
 from ._checks import checked_time, shifted, warn_of_motion
 from ._faults import Clock, warn_of_faults
-from ._identification import Identification, _combinations, checked_mass, checked_trust, solved
+from ._identification import Identification, _combinations, checked_mass, solved
 from ._problem import Problem
+from ._values import positive
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -53,7 +54,7 @@ def identify(
     outliers: float | None = None,
 ) -> Identification:
     """Implementation of Scene.identify."""
-    checked_trust(trust)
+    positive("trust", trust)
     if total_mass is not None:
         checked_mass(total_mass)
     if outliers is not None:

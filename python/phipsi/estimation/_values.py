@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._arguments import numbers
 from ..errors import ArgumentError, ShapeError, of_argument
 
-__all__ = ["each"]
+__all__ = ["each", "positive"]
 
 _Array = NDArray[np.float64]
 
@@ -24,3 +24,10 @@ def each(name: str, value: ArrayLike, size: int, refused: str, *, positive: bool
     if not np.all(np.isfinite(found) & ((found > 0.0) if positive else (found >= 0.0))):
         raise of_argument(ArgumentError, name, refused.replace("{least}", str(found.min())))
     return np.array(np.broadcast_to(found, (size,)), float)
+
+
+def positive(name: str, value: float) -> float:
+    """A finite number above zero."""
+    if not (np.isfinite(value) and value > 0.0):
+        raise of_argument(ArgumentError, name, f"found {value}; expected a finite number above zero")
+    return float(value)

@@ -93,14 +93,14 @@ class WhiteMomentum:
             np.where(fresh[..., None, None], covariance, belief.covariance),
         )
 
-    def _gains(self, belief: Belief, mass: _Array) -> tuple[_Array, _Array, _Array, _Array]:
+    def _gains(self, belief: Belief, noise: _Array) -> tuple[_Array, _Array, _Array, _Array]:
         """Covariance of the prediction, the gain K, 1 - K H, and the innovation's answer to a constant torque, over dt.
 
         The error z of the prediction under the torque tau is F (1 - K H) z + [dt tau, 0].
         """
         nv, size = self._nv, self._size
         predicted = self._flow @ belief.covariance @ self._flow.T + self._added
-        gain = np.swapaxes(np.linalg.solve(predicted[..., :nv, :nv] + self.noise(mass), predicted[..., :nv, :]), -1, -2)
+        gain = np.swapaxes(np.linalg.solve(predicted[..., :nv, :nv] + noise, predicted[..., :nv, :]), -1, -2)
         kept = np.eye(size) - np.concatenate([gain, np.zeros((*gain.shape[:-1], size - nv))], axis=-1)
         lag = np.eye(size) - self._flow @ kept
         answer = np.linalg.solve(lag, np.broadcast_to(np.eye(size)[:, :nv], (*lag.shape[:-1], nv)))[..., :nv, :]
@@ -108,24 +108,25 @@ class WhiteMomentum:
 
     def density(self, belief: Belief, mass: _Array) -> _Array:
         """Density of the next innovation: its covariance over dt, at an unchanged mass matrix."""
-        predicted, _, _, answer = self._gains(belief, mass)
-        return self._density(predicted, mass, answer)
+        noise = self.noise(mass)
+        predicted, _, _, answer = self._gains(belief, noise)
+        return self._density(predicted, noise, answer)
 
-    def _density(self, predicted: _Array, mass: _Array, answer: _Array) -> _Array:
-        root = np.linalg.cholesky(predicted[..., : self._nv, : self._nv] + self.noise(mass))
+    def _density(self, predicted: _Array, noise: _Array, answer: _Array) -> _Array:
+        root = np.linalg.cholesky(predicted[..., : self._nv, : self._nv] + noise)
         half = np.linalg.solve(answer, root)
         return np.asarray(half @ np.swapaxes(half, -1, -2) / self._dt)
 
     def step(self, belief: Belief, momentum: _Array, mass: _Array, impulse: _Array) -> tuple[Belief, _Array, _Array]:
         """The belief after a step with the given impulse and a measured momentum, the innovation and its density."""
-        nv = self._nv
+        nv, noise = self._nv, self.noise(mass)
         state = np.einsum("ij,...j->...i", self._flow, belief.state)
         state[..., :nv] += impulse
-        predicted, gain, kept, answer = self._gains(belief, mass)
+        predicted, gain, kept, answer = self._gains(belief, noise)
         innovation = momentum - state[..., :nv]
         state = state + np.einsum("...ij,...j->...i", gain, innovation)
         turned = np.swapaxes(gain, -1, -2)
         # Joseph's form.
-        covariance = kept @ predicted @ np.swapaxes(kept, -1, -2) + gain @ self.noise(mass) @ turned
+        covariance = kept @ predicted @ np.swapaxes(kept, -1, -2) + gain @ noise @ turned
         white = np.linalg.solve(answer, innovation[..., None])[..., 0]
-        return Belief(state, covariance), white, self._density(predicted, mass, answer)
+        return Belief(state, covariance), white, self._density(predicted, noise, answer)

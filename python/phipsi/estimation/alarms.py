@@ -9,6 +9,7 @@ import numpy as np
 from .._arguments import whole
 from ..errors import ArgumentError, of_argument
 from ._chi_square import chi_square_cdf
+from ._values import positive
 
 __all__ = ["alarm_threshold", "mean_time_to_alarm"]
 
@@ -126,10 +127,3 @@ def alarm_threshold(false_alarms_per_hour: float, rate: float, dt: float, size: 
         )
         raise of_argument(ArgumentError, "false_alarms_per_hour", f"{found}; expected fewer")
     return threshold
-
-
-def positive(name: str, value: float) -> float:
-    # Used by the observer too.
-    if not (np.isfinite(value) and value > 0.0):
-        raise of_argument(ArgumentError, name, f"found {value}; expected a finite number above zero")
-    return float(value)

@@ -12,9 +12,9 @@ from .. import _core
 from .._arguments import check_result, numbers
 from ..errors import ArgumentError, ShapeError, SingularTaskError, of_argument
 from ._allowed import allowed_motions, mobility
-from ._values import each
+from ._values import each, positive
 from ._white import Belief, TorqueProcess, WhiteMomentum
-from .alarms import alarm_threshold, positive
+from .alarms import alarm_threshold
 from .uncertainty import ParameterCovariance
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ class MomentumObserver:
         Correlation time T of the torque noise, s; zero, the default, for white noise. Its variance is torque_noise/(2 T).
     stiction : (nv,) or float, optional
         Largest torque of dry friction that holds a joint at rest and is not part of tau, N m or N; zero by default. The
-        alarm tests what no friction of this size explains, and its rate is then an upper bound.
+        alarm tests the part that friction of at most this size cannot explain; its rate is then an upper bound.
     rest_speed : (nv,) or float, optional
         Joint velocity, rad/s or m/s, up to which a joint is at rest; 0.01 by default. Choose it above the noise of qd.
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..errors import ArgumentError, ShapeError, of_argument
-from .alarms import positive
+from ._values import positive
 
 if TYPE_CHECKING:
     from .._core import Scene

@@ -379,9 +379,14 @@ class Observer:
         ratios = innovation_ratios(sums)
         if np.all(ratios <= 1.0):
             return
-        robot, sensor = np.unravel_index(int(np.argmax(ratios)), ratios.shape)
-        state = tuple(map(int, np.unravel_index(int(robot), self._batch))) if self._batch else ()
-        self._warn(float(ratios[robot, sensor]), int(sensor), int(robot), state)
+        robot, sensor, state = self._largest(ratios)
+        self._warn(float(ratios[robot, sensor]), sensor, robot, state)
+
+    def _largest(self, of_sensors: _Array) -> tuple[int, int, tuple[int, ...]]:
+        """Robot and sensor of the largest value, (robots, sensors), and the index of the robot in the batch."""
+        robot, sensor = map(int, np.unravel_index(int(np.argmax(of_sensors)), of_sensors.shape))
+        state = tuple(map(int, np.unravel_index(robot, self._batch))) if self._batch else ()
+        return robot, sensor, state
 
     def _warn_of_gates(self, processed: _Array) -> None:
         """Warn if gates rejected most readings of a sensor in a window: the filter may follow a wrong estimate."""
@@ -389,9 +394,8 @@ class Observer:
         self._rejected = np.zeros_like(self._rejected)
         if np.all(rejected <= processed):
             return
-        robot, sensor = np.unravel_index(int(np.argmax(rejected - processed)), rejected.shape)
-        state = tuple(map(int, np.unravel_index(int(robot), self._batch))) if self._batch else ()
-        name, place = self.sensors[int(sensor)].name, f" of robot {state}" if state else ""
+        robot, sensor, state = self._largest(rejected - processed)
+        name, place = self.sensors[sensor].name, f" of robot {state}" if state else ""
         count = int(rejected[robot, sensor])
         warning = DivergenceWarning(
             f"sensor {name!r}{place}: its gate rejected {count} of {count + int(processed[robot, sensor])} readings in"
