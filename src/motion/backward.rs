@@ -46,6 +46,8 @@ use std::sync::Arc;
 pub(super) struct StepGradients<T> {
     /// By the end state of the step.
     pub end: [Vec<T>; 2],
+    /// By the increment of the step, besides those by its end; empty if there are none.
+    pub end_increment: Vec<T>,
     /// By the initial state of the step.
     pub start: [Vec<T>; 2],
     /// By torque, target, target velocity, armature, damping, stiffness and friction, (nv) each.
@@ -90,6 +92,7 @@ impl<T: Real> StepGradients<T> {
         let links = settings.wrenches.as_ref().map_or(0, |wrenches| wrenches.links());
         Self {
             end: [rates(), rates()],
+            end_increment: Vec::new(),
             start: [rates(), rates()],
             acting: std::array::from_fn(|_| rates()),
             wrenches: vec![nan; 6 * links],
@@ -398,7 +401,7 @@ impl<T: Real> StepGradients<T> {
     #[inline(always)]
     fn of_end(&mut self, (_, scheme): StepArguments<'_>, s: &Scratch<T>) {
         let t = &scheme.tableau;
-        let Self { end, start, acting, wrenches, parameters, l, m, x, chord, increment, .. } = self;
+        let Self { end, end_increment, start, acting, wrenches, parameters, l, m, x, chord, increment, .. } = self;
         for numbers in acting.iter_mut().chain([wrenches]) {
             clear(numbers);
         }
@@ -412,6 +415,9 @@ impl<T: Real> StepGradients<T> {
             add_scaled(increment, t.weights[i], &s.l[i]);
         }
         advance_cotangents(&s.model, increment, &end[0], (&mut start[0], x));
+        if !end_increment.is_empty() {
+            add_scaled(x, 1.0, end_increment);
+        }
         for i in 0..t.stages {
             clear(&mut l[i]);
             clear(&mut m[i]);

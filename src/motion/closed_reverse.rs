@@ -206,16 +206,19 @@ impl ClosedReverse {
             by_q: vec![0.0; nv],
             by_v: vec![0.0; nv],
             by_free: vec![0.0; nv],
+            by_mean: vec![0.0; nv],
             by_friction: vec![0.0; nv],
             by_target: vec![0.0; nv],
             by_rate: vec![0.0; nv],
             by_torque: vec![0.0; nv],
         };
         let mut through = Ok(());
+        gradients.end_increment.clear();
         if let Some(record) = &record {
             through = stopped.through(s, record, &mut gradients.end);
             clear(&mut gradients.end[0]);
             gradients.end[1].copy_from_slice(&stopped.by_free);
+            gradients.end_increment = stopped.by_mean.iter().map(|x| x / scheme.step).collect();
         }
         let StopReverse { by_q, by_v, by_friction, by_target, by_rate, by_torque, .. } = stopped;
         let through = through.and_then(|()| {

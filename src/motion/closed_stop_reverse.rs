@@ -4,14 +4,14 @@
 //! is
 //!
 //! ```text
-//! M (v - v_free) = J* p + h r,   J v = 0,   v_S = w
+//! M (v - v_free) = J* p + s h r,   J v = 0,   v_S = w
 //! M y + J* rho + sigma_S = v_bar,   J y = 0,   y_S = 0
-//! v_bar* dv = y* (M dv_free - dM (v - v_free) + dJ* p + h dr) - rho* dJ v + sigma* dw
+//! v_bar* dv = y* (M dv_free - dM (v - v_free) + dJ* p + s h dr) - rho* dJ v + sigma* dw
 //! ```
 //!
-//! so that the rows S, which are constant, are further rows of the [adjoint of the
-//! connections](crate::dynamics::constraints). A row on the slope b of its control law is one with the compliance 1/(h
-//! b): r = c - b v, so that `y_S` = sigma/(h b).
+//! with s = 1/2 for mean velocities, so that the rows S, which are constant, are further rows of the [adjoint of the
+//! connections](crate::dynamics::constraints). A row on the slope b of its control law is one with the compliance 1/(s
+//! h b): r = c - b v, so that `y_S` = sigma/(s h b).
 
 use super::closed_stops::{Displacement, LawSolution, StopRecord};
 use super::constrained::{ConstrainedScratch, solution_of_stuck};
@@ -25,7 +25,8 @@ use crate::dynamics::{factorise, solve};
 use crate::scene::Scene;
 use nalgebra::{DMatrix, DVector};
 
-/// The scratch of the step, and the gradients by its start and by the velocities at the end without friction and stops.
+/// The scratch of the step, and the gradients by its start and by the velocities without friction and stops, those at
+/// the end and the mean ones.
 pub(super) struct StopReverse<'a> {
     pub scene: &'a Scene,
     pub settings: &'a StepSettings,
@@ -36,6 +37,7 @@ pub(super) struct StopReverse<'a> {
     pub by_q: Vec<f64>,
     pub by_v: Vec<f64>,
     pub by_free: Vec<f64>,
+    pub by_mean: Vec<f64>,
     pub by_friction: Vec<f64>,
     pub by_target: Vec<f64>,
     pub by_rate: Vec<f64>,
@@ -51,7 +53,7 @@ impl StopReverse<'_> {
         [of_q, of_v]: &mut [Vec<f64>; 2],
     ) -> Result<(), RowFault> {
         let (h, compliance, constraints) = (self.h, &self.settings.compliance[..], self.scene.constraints());
-        let StopRecord { free, displacements, last, .. } = record;
+        let StopRecord { free, mean, displacements, last, .. } = record;
         if displacements.last().is_some_and(|last| last.end.is_some()) {
             let free_rows = lock(s, &last.locked);
             let ConstrainedScratch { workspace, rows, .. } = &mut *self.closed;
@@ -91,7 +93,7 @@ impl StopReverse<'_> {
                 *by_q -= bent / h;
                 *of_end = 0.0;
             }
-            of_bent = self.law(s, (free, solution), &of_velocities)?;
+            of_bent = self.law(s, (mean, solution), &of_velocities)?;
             for (of_end, bent) in of_end.iter_mut().zip(&of_bent) {
                 *of_end = bent / h;
             }
@@ -107,8 +109,9 @@ impl StopReverse<'_> {
         (free, solution): (&[f64], &LawSolution),
         of_v: &[f64],
     ) -> Result<Vec<f64>, RowFault> {
-        let Self { scene, settings, h, closed, adjoint, by_q, by_v, by_free, .. } = self;
-        let (h, compliance, system) = (*h, &settings.compliance[..], (&s.model, scene.constraints()));
+        let Self { scene, settings, h, closed, adjoint, by_q, by_v, by_free, by_mean, .. } = self;
+        let (compliance, system) = (&settings.compliance[..], (&s.model, scene.constraints()));
+        let (whole, h) = (*h, solution.share * *h);
         let ConstrainedScratch { workspace, rows, .. } = &mut **closed;
         let stuck = &solution.stuck;
         // The forces of the connections.
@@ -143,6 +146,7 @@ impl StopReverse<'_> {
         let (y, velocities) = (adjoint.y.clone(), &solution.velocities[..]);
         let change = Pushed { x: &x, p: &p };
         adjoint.of_solved_velocities(system, workspace, (&s.q, velocities, change), &mut of_free, by_q)?;
+        let by_free = if solution.share < 1.0 { by_mean } else { by_free };
         by_free.iter_mut().zip(&of_free).for_each(|(sum, more)| *sum += more);
         let mut of_bent = vec![0.0; y.len()];
         for (of, sigma) in stuck.iter().zip(&sigma) {
@@ -160,6 +164,11 @@ impl StopReverse<'_> {
         for of in stuck.iter().filter(|of| of.compliance > 0.0 && !solution.at_limit.contains(&of.row)) {
             of_displaced[of.row] = -h * y[of.row] * s.gains[KP][of.row];
             self.by_rate[of.row] += h * y[of.row] * s.gains[KD][of.row];
+        }
+        // Over the mean velocity u, a law that declines with that at the end, 2 u - v, depends on that at the start.
+        for of in stuck.iter().filter(|of| of.compliance > 0.0 && solution.share < 1.0) {
+            let by_position = if solution.at_limit.contains(&of.row) { 0.0 } else { whole * s.gains[KP][of.row] };
+            self.by_v[of.row] += h * y[of.row] * 0.5 * (1.0 / (h * of.compliance) - by_position);
         }
         for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
             let (row, ends) = (stage.first_row, (&s.target[body.q..], &s.q[body.q..]));

@@ -3,11 +3,14 @@
 //! first-order time stepping of J. J. Moreau.
 //!
 //! ```text
-//! v_free: velocities at the end without friction and stops, on the connections
+//! v_free: velocities at the end without friction and stops, on the connections; h w_free: the displacement
 //! W: columns h P M^-1 e_j, with P the projection onto the connections of least kinetic energy
-//! (e_j (v_free + W r), r_j) on the graph of row j               q' = q exp(h (v_free + W r)), on the connections
+//! (e_j (w_free + W r/2), r_j) on the graph of row j             q' = q exp(h (w_free + W r/2)), on the connections
 //! the same with rest or rebound at the stops that are reached    v' = v_free + W r, on the connections
 //! ```
+//!
+//! Constant torques change the mean velocity by half of what they change that at the end. A joint that is held from the
+//! start of the step to its end thus has no part in its error, nor have joints on which no row acts.
 //!
 //! At a dead center connections can prevent a joint from returning to its limits. Such a demand is dropped in this
 //! step.
@@ -19,7 +22,7 @@ use super::manifold::advance;
 use super::modes::STUCK_NOISE;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
-use super::stops::{Drive, Graph, Hold, Line, Piece, SetValued, settle};
+use super::stops::{Bound, Drive, Graph, Hold, Line, Piece, SetValued, settle};
 use super::totals::note_dropped;
 use super::works::RowWork;
 use crate::contact::{Cone, expansion_kept};
@@ -55,11 +58,28 @@ struct Acting {
     g: DMatrix<f64>,
     /// Per row of the scene: 0, or 1 if its stop only prevents motion further outside, or 2 if it is dropped.
     reduced: Vec<u8>,
-    /// The control laws with limits of effort.
-    drives: Vec<Option<Drive>>,
+    /// The control laws with limits of effort, over the mean velocity and over that at the end.
+    drives: Vec<Option<[Drive; 2]>>,
 }
 
-/// A solution of the set-valued law: all velocities at the end, and the torques and pieces of the acting rows.
+/// What the law is solved for: mean velocities of the step, or those at its end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Level {
+    Mean,
+    End,
+}
+
+impl Level {
+    /// The change by constant torques, relative to that at the end.
+    fn share(self) -> f64 {
+        match self {
+            Self::Mean => 0.5,
+            Self::End => 1.0,
+        }
+    }
+}
+
+/// A solution of the set-valued law: all velocities, and the torques and pieces of the acting rows.
 #[derive(Clone)]
 struct Solution {
     velocities: Vec<f64>,
@@ -71,9 +91,11 @@ struct Solution {
     lines: Vec<Line>,
 }
 
-/// A solution of the law in a step, for its adjoint: v = `v_free` + W r.
+/// A solution of the law in a step, for its adjoint: v = `v_free` + s W r.
 #[derive(Default)]
 pub(super) struct LawSolution {
+    /// s: one half for mean velocities.
+    pub share: f64,
     pub velocities: Vec<f64>,
     /// r of every row of the model, and the part of friction in that of moving rows.
     pub torques: Vec<f64>,
@@ -90,7 +112,7 @@ pub(super) struct LawSolution {
 pub(super) struct StuckRow {
     /// Index in v.
     pub row: usize,
-    /// 1/(h b) for the slope b of a control law, else zero.
+    /// 1/(s h b) for the slope b of a control law, else zero.
     pub compliance: f64,
     /// The derivatives of its velocity by q and v at the start, and by the curvature of the connections.
     pub slopes: [f64; 2],
@@ -108,8 +130,9 @@ pub(super) struct Displacement {
 /// The solutions of the law in a step.
 #[derive(Default)]
 pub(super) struct StopRecord {
-    /// The velocities at the end without friction and stops.
+    /// The velocities at the end without friction and stops, and the mean ones.
     pub free: Vec<f64>,
+    pub mean: Vec<f64>,
     /// The displacements that were tried; each uses the curvature of the connections along the one before.
     pub displacements: Vec<Displacement>,
     /// The velocities at the end.
@@ -144,8 +167,10 @@ impl Constrained<'_> {
     ) -> Result<f64, Failure> {
         let noise = std::mem::replace(&mut s.model.system.noise, settings.properties.armature.clone());
         s.displace_from_targets(settings, false);
-        let drive = |of: &SetValued| of.drives.then(|| Drive::of(settings, s, of.row, ending.0));
-        let torque = |of: &SetValued| s.u[of.row] + drive(of).map_or(0.0, |drive| drive.torque(s.v[of.row]));
+        let drive = |of: &SetValued| {
+            of.drives.then(|| [true, false].map(|is_mean| Drive::of(settings, s, (of.row, is_mean), ending.0)))
+        };
+        let torque = |of: &SetValued| s.u[of.row] + drive(of).map_or(0.0, |[_, end]| end.torque(s.v[of.row]));
         let rows: Vec<SetValued> = rows.iter().map(|of| s.at_start(of, torque(of))).collect();
         let drives = rows.iter().map(drive).collect();
         let outcome = self.stopped(settings, (&rows, drives), (s, ending), record);
@@ -156,56 +181,20 @@ impl Constrained<'_> {
     fn stopped(
         &mut self,
         settings: &StepSettings,
-        (rows, drives): (&[SetValued], Vec<Option<Drive>>),
+        (rows, drives): (&[SetValued], Vec<Option<[Drive; 2]>>),
         (s, (h, time, impacts)): (&mut Scratch<f64>, Ending<'_>),
         record: &mut StopRecord,
     ) -> Result<f64, Failure> {
         record.free.clone_from(&s.v_next);
-        let mut free = s.v_next.clone();
-        self.velocities_onto_connections(&s.model, &s.q, &mut free)?;
+        record.mean.extend(s.x.iter().map(|x| x / h));
+        let (mut free, mut mean) = (s.v_next.clone(), record.mean.clone());
+        for velocities in [&mut free, &mut mean] {
+            self.velocities_onto_connections(&s.model, &s.q, velocities)?;
+        }
         let limits: Vec<_> = rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h)).collect();
         let bounds: Vec<[f64; 2]> = limits.iter().map(|of| of.map(|bound| bound.velocity)).collect();
         let (mut acting, n) = (self.acting(drives, (rows, h), s)?, rows.len());
-        let mut bent = vec![0.0; n];
-        let mut correction = 0;
-        let (reached, is_still) = loop {
-            let wanted = |i: usize| bounds[i].map(|bound| bound - bent[i]);
-            let mut found = acting.solved(rows, &free, wanted);
-            for _ in 0..n {
-                let late = |&i: &usize| {
-                    let ([low, high], u) = (wanted(i), found.velocities[rows[i].row]);
-                    !acting.near.contains(&i) && h * (low - u).max(u - high) > LATE
-                };
-                let late: Vec<usize> = (0..n).filter(late).collect();
-                if late.is_empty() {
-                    break;
-                }
-                self.join(&mut acting, &late, (rows, h), s)?;
-                found = acting.solved(rows, &free, wanted);
-            }
-            let by_bent = if record.displacements.is_empty() { 0.0 } else { -1.0 };
-            let solution = acting.recorded((rows, h), (&found, &found), |i, side| {
-                let is_reduced = acting.reduced[i] > 0 && limits[i][side].velocity * [1.0, -1.0][side] > 0.0;
-                if is_reduced { ([0.0; 2], 0.0) } else { (limits[i][side].slopes, by_bent) }
-            });
-            let moved = self.displaced(&acting, (rows, h), (&found, solution), s)?;
-            let is_still = moved.end.is_none();
-            record.displacements.push(moved);
-            if is_still {
-                break (found, true);
-            }
-            // The projection moves joints because of the curvature of the connections.
-            let mut worst = 0.0_f64;
-            for (i, of) in rows.iter().enumerate().filter(|(i, of)| of.stops && acting.reduced[*i] < 2) {
-                let (straight, end) = (s.q[of.coordinate] + s.x[of.row], s.q_next[of.coordinate]);
-                bent[i] = (end - straight) / h;
-                worst = worst.max(of.beyond(&s.q_next) - (of.lower - straight).max(straight - of.upper).max(0.0));
-            }
-            correction += 1;
-            if worst <= CURVED || correction > CORRECTIONS {
-                break (found, false);
-            }
-        };
+        let (reached, is_still) = self.displace((rows, h), (&mut acting, &mean), &limits, (s, record))?;
         // Velocities at the end: zero at the stops, or rebound velocities limited so that the kinetic energy does not
         // increase.
         let stopped = |i: usize| {
@@ -238,29 +227,83 @@ impl Constrained<'_> {
         };
         let bounced: Vec<bool> = (0..n).map(bounces).collect();
         record.bounced = (0..n).filter(|&i| bounced[i]).map(|i| rows[i].row).collect();
-        let (is_stopped, elastic) = ((0..n).any(|i| stopped(i).is_some()), bounced.contains(&true));
+        let elastic = bounced.contains(&true);
         let (resting, rebounding): (Vec<_>, Vec<_>) = (0..n).map(|i| (returning(i), back(i))).unzip();
-        let mut last = if is_stopped { acting.solved(rows, &free, |i| resting[i]) } else { reached.clone() };
+        let mut last = acting.solved(rows, (Level::End, &free), |i| resting[i]);
         record.kept = 1.0;
         let mut pieces = last.clone();
         if elastic {
             (record.kept, pieces) = acting.expand(rows, &free, h, &mut last, |i| rebounding[i]);
         }
-        record.last = acting.recorded((rows, h), (&last, &pieces), |i, side| match () {
+        record.last = acting.recorded((rows, h, Level::End), (&last, &pieces), |i, side| match () {
             () if bounced[i] => ([0.0, -settings.restitution], 0.0),
             () if rows[i].is_outside(&s.q) => (limits[i][side].slopes, 0.0),
             () => ([0.0; 2], 0.0),
         });
         s.v_next.copy_from_slice(&last.velocities);
+        // The curvature of the connections, which changes the velocities below, does no work on the stops.
+        let impulses = acting.add_works(rows, (&reached, &last), h, s);
         if !is_still {
             let held = acting.hold(rows, &last, s);
             let projected = self.velocities_onto_connections(&s.model, &s.q_next, &mut s.v_next);
             s.model.system.noise.copy_from_slice(&held);
             projected?;
         }
-        impacts.extend(acting.finish(rows, (&reached, &last), (h, time, &resting, elastic), s));
+        impacts.extend(acting.finish(rows, (&reached, &impulses), (time, &resting, elastic), s));
         note_dropped(&mut s.totals, acting.reduced.iter().position(|&by| by > 0).map(|i| rows[i].row));
         Ok(acting.error(rows, (&reached, &bounced), (settings, h, &free), s))
+    }
+
+    /// The displacement of a step, with the mean velocities `mean` without friction and stops. Returns the solution of
+    /// the law, and true if no joint moves.
+    fn displace(
+        &mut self,
+        (rows, h): (&[SetValued], f64),
+        (acting, mean): (&mut Acting, &[f64]),
+        limits: &[[Bound; 2]],
+        (s, record): (&mut Scratch<f64>, &mut StopRecord),
+    ) -> Result<(Solution, bool), Failure> {
+        let n = rows.len();
+        let mut bent = vec![0.0; n];
+        let mut correction = 0;
+        loop {
+            let wanted = |i: usize| limits[i].each_ref().map(|bound| bound.velocity - bent[i]);
+            let mut found = acting.solved(rows, (Level::Mean, mean), wanted);
+            for _ in 0..n {
+                let late = |&i: &usize| {
+                    let ([low, high], u) = (wanted(i), found.velocities[rows[i].row]);
+                    !acting.near.contains(&i) && h * (low - u).max(u - high) > LATE
+                };
+                let late: Vec<usize> = (0..n).filter(late).collect();
+                if late.is_empty() {
+                    break;
+                }
+                self.join(acting, &late, (rows, h), s)?;
+                found = acting.solved(rows, (Level::Mean, mean), wanted);
+            }
+            let by_bent = if record.displacements.is_empty() { 0.0 } else { -1.0 };
+            let solution = acting.recorded((rows, h, Level::Mean), (&found, &found), |i, side| {
+                let is_reduced = acting.reduced[i] > 0 && limits[i][side].velocity * [1.0, -1.0][side] > 0.0;
+                if is_reduced { ([0.0; 2], 0.0) } else { (limits[i][side].slopes, by_bent) }
+            });
+            let moved = self.displaced(acting, (rows, h), (&found, solution), s)?;
+            let is_still = moved.end.is_none();
+            record.displacements.push(moved);
+            if is_still {
+                return Ok((found, true));
+            }
+            // The projection moves joints because of the curvature of the connections.
+            let mut worst = 0.0_f64;
+            for (i, of) in rows.iter().enumerate().filter(|(i, of)| of.stops && acting.reduced[*i] < 2) {
+                let (straight, end) = (s.q[of.coordinate] + s.x[of.row], s.q_next[of.coordinate]);
+                bent[i] = (end - straight) / h;
+                worst = worst.max(of.beyond(&s.q_next) - (of.lower - straight).max(straight - of.upper).max(0.0));
+            }
+            correction += 1;
+            if worst <= CURVED || correction > CORRECTIONS {
+                return Ok((found, false));
+            }
+        }
     }
 
     /// The displacement by the velocities of a solution, onto the connections.
@@ -290,7 +333,7 @@ impl Constrained<'_> {
     /// The rows that act in every step: those with friction or limits of effort.
     fn acting(
         &mut self,
-        drives: Vec<Option<Drive>>,
+        drives: Vec<Option<[Drive; 2]>>,
         (rows, h): (&[SetValued], f64),
         s: &Scratch<f64>,
     ) -> Result<Acting, Failure> {
@@ -334,8 +377,13 @@ impl Constrained<'_> {
 impl Acting {
     /// The solution of the law from the velocities `free`, with the velocity bounds of the stops. A demand that the
     /// connections prevent is reduced.
-    fn solved(&mut self, rows: &[SetValued], free: &[f64], bounds: impl Fn(usize) -> [f64; 2]) -> Solution {
-        let n = self.near.len();
+    fn solved(
+        &mut self,
+        rows: &[SetValued],
+        (level, free): (Level, &[f64]),
+        bounds: impl Fn(usize) -> [f64; 2],
+    ) -> Solution {
+        let (n, share) = (self.near.len(), level.share());
         let own = DVector::from_fn(n, |a, _| free[rows[self.near[a]].row]);
         loop {
             let graph = |&i: &usize| {
@@ -344,12 +392,13 @@ impl Acting {
                     (1, [low, high]) => [low.min(0.0), high.max(0.0)],
                     _ => [f64::NEG_INFINITY, f64::INFINITY],
                 };
-                Graph::between(low, high.max(low), rows[i].friction, self.drives[i])
+                let drive = self.drives[i].map(|[mean, end]| if level == Level::Mean { mean } else { end });
+                Graph::between(low, high.max(low), rows[i].friction, drive)
             };
             let graphs: Vec<Graph> = self.near.iter().map(graph).collect();
             let mut pieces: Vec<Piece> = graphs.iter().zip(&own).map(|(graph, &u)| graph.piece(u)).collect();
             settle(&mut pieces, |pieces, found| {
-                let (torques, u) = self.response(&own, &graphs, pieces);
+                let (torques, u) = self.response((share, &own), &graphs, pieces);
                 let (slow, weak) = (ROUNDING * (own.amax() + u.amax()), ROUNDING * torques.amax());
                 for (a, (graph, &piece)) in graphs.iter().zip(pieces).enumerate() {
                     let value = if matches!(piece, Piece::At(_)) { torques[a] } else { u[a] };
@@ -357,11 +406,11 @@ impl Acting {
                     found.extend(graph.contradicted(piece, value, [slow, weak]).map(|piece| (a, piece)));
                 }
             });
-            let (torques, u) = self.response(&own, &graphs, &pieces);
+            let (torques, u) = self.response((share, &own), &graphs, &pieces);
             let mut velocities = free.to_vec();
             for (column, torque) in self.columns.iter().zip(&torques) {
                 for (v, change) in velocities.iter_mut().zip(column) {
-                    *v += change * torque;
+                    *v += change * (share * torque);
                 }
             }
             let holds: Vec<_> = graphs.iter().zip(&pieces).map(|(graph, &piece)| graph.velocity(piece)).collect();
@@ -413,7 +462,13 @@ impl Acting {
 
     /// The torques of the rows on these pieces, and their velocities. Those of stuck rows, and of rows on the slope of
     /// a control law, r = c - b u, are unknown: u = w - r/b with w the prescribed velocity, or c/b.
-    fn response(&self, free: &DVector<f64>, graphs: &[Graph], pieces: &[Piece]) -> (DVector<f64>, DVector<f64>) {
+    fn response(
+        &self,
+        (share, free): (f64, &DVector<f64>),
+        graphs: &[Graph],
+        pieces: &[Piece],
+    ) -> (DVector<f64>, DVector<f64>) {
+        let of_all = share * &self.g;
         let unknown = |(a, (graph, &piece)): (usize, (&Graph, &Piece))| match (graph.velocity(piece), graph.line(piece))
         {
             (Some((velocity, _)), _) => Some((a, velocity, 0.0)),
@@ -425,22 +480,22 @@ impl Acting {
         let stuck: Vec<(usize, f64, f64)> = graphs.iter().zip(pieces).enumerate().filter_map(unknown).collect();
         let mut torques =
             DVector::from_fn(graphs.len(), |a, _| graphs[a].torque(pieces[a]) + graphs[a].line(pieces[a]).torque);
-        let mut g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| self.g[(stuck[a].0, stuck[b].0)]);
+        let mut g = DMatrix::from_fn(stuck.len(), stuck.len(), |a, b| of_all[(stuck[a].0, stuck[b].0)]);
         for (a, (.., compliance)) in stuck.iter().enumerate() {
             g[(a, a)] += compliance;
         }
-        let largest = (0..self.g.nrows()).fold(f64::MIN_POSITIVE, |most, a| most.max(self.g[(a, a)]));
+        let largest = (0..of_all.nrows()).fold(f64::MIN_POSITIVE, |most, a| most.max(of_all[(a, a)]));
         solution_of_stuck(g, largest, |found| {
             for (&(a, ..), torque) in stuck.iter().zip(found) {
                 torques[a] = *torque;
             }
-            let u = free + &self.g * &torques;
+            let u = free + &of_all * &torques;
             DVector::from_fn(stuck.len(), |k, _| {
                 let (a, velocity, compliance) = stuck[k];
                 velocity - compliance * torques[a] - u[a]
             })
         });
-        let u = free + &self.g * &torques;
+        let u = free + &of_all * &torques;
         (torques, u)
     }
 
@@ -453,7 +508,7 @@ impl Acting {
         rest: &mut Solution,
         bounds: impl Fn(usize) -> [f64; 2],
     ) -> (f64, Solution) {
-        let bounced = self.solved(rows, free, bounds);
+        let bounced = self.solved(rows, (Level::End, free), bounds);
         let normal = |of: &dyn Fn(usize) -> f64| {
             DVector::from_fn(3 * self.near.len(), |row, _| if row % 3 == 2 { of(row / 3) } else { 0.0 })
         };
@@ -481,11 +536,12 @@ impl Acting {
     /// and by the curvature of the connections.
     fn recorded(
         &self,
-        (rows, h): (&[SetValued], f64),
+        (rows, h, level): (&[SetValued], f64, Level),
         (found, pieces): (&Solution, &Solution),
         slopes: impl Fn(usize, usize) -> ([f64; 2], f64),
     ) -> LawSolution {
-        let mut solution = LawSolution { velocities: found.velocities.clone(), ..LawSolution::default() };
+        let (share, velocities) = (level.share(), found.velocities.clone());
+        let mut solution = LawSolution { share, velocities, ..LawSolution::default() };
         solution.torques.resize(found.velocities.len(), 0.0);
         solution.rubbing.resize(found.velocities.len(), 0.0);
         for (a, &index) in self.near.iter().enumerate() {
@@ -499,7 +555,7 @@ impl Acting {
                 solution.at_limit.push(row);
             }
             let ((slopes, by_bent), compliance) = match pieces.holds[a] {
-                None if slope > 0.0 => (([0.0; 2], 0.0), 1.0 / (h * slope)),
+                None if slope > 0.0 => (([0.0; 2], 0.0), 1.0 / (share * h * slope)),
                 None => continue,
                 Some(Hold::Friction) => (([0.0; 2], 0.0), 0.0),
                 Some(hold) => (slopes(index, usize::from(hold == Hold::Upper)), 0.0),
@@ -509,27 +565,40 @@ impl Acting {
         solution
     }
 
-    /// Adds the works of a step, removes rounding errors of joints at their stops, and returns the impacts.
-    fn finish(
+    /// Adds the works of the rows in a step to the velocities in the scratch. Returns the impulses of the stops.
+    fn add_works(
         &self,
         rows: &[SetValued],
         (reached, last): (&Solution, &Solution),
-        (h, time, resting, elastic): (f64, f64, &[[f64; 2]], bool),
+        h: f64,
         s: &mut Scratch<f64>,
-    ) -> Vec<StopImpact> {
-        let mut impacts = Vec::new();
-        for (at, &i) in self.near.iter().enumerate() {
+    ) -> Vec<f64> {
+        let of_row = |(at, &i): (usize, &usize)| {
             let (of, torque) = (&rows[i], last.torques[at] - last.driven[at]);
             if of.drives {
                 s.control[of.row] = h * last.driven[at];
             }
             let hold = reached.holds[at].filter(|&hold| hold != Hold::Friction);
-            let impulse = RowWork::new((of.row, of.friction), (h, torque, hold), s).add(s);
-            let Some(hold) = hold else { continue };
-            let upper = hold == Hold::Upper;
+            RowWork::new((of.row, of.friction), (h, torque, hold), s).add(s)
+        };
+        self.near.iter().enumerate().map(of_row).collect()
+    }
+
+    /// Removes rounding errors of joints at their stops, and returns the impacts.
+    fn finish(
+        &self,
+        rows: &[SetValued],
+        (reached, impulses): (&Solution, &[f64]),
+        (time, resting, elastic): (f64, &[[f64; 2]], bool),
+        s: &mut Scratch<f64>,
+    ) -> Vec<StopImpact> {
+        let mut impacts = Vec::new();
+        for (at, &i) in self.near.iter().enumerate() {
+            let Some(hold) = reached.holds[at].filter(|&hold| hold != Hold::Friction) else { continue };
+            let (of, upper) = (&rows[i], hold == Hold::Upper);
             let bound = if upper { of.upper } else { of.lower };
             let limit = LimitRow { body: 0, row: of.row, coordinate: of.coordinate, upper, bound };
-            let impulse = impulse * limit.sign();
+            let impulse = impulses[at] * limit.sign();
             let rests = (!elastic && impulse > 0.0).then(|| limit.sign() * resting[i][usize::from(upper)]);
             let ends = (&mut s.q_next[..], &mut s.v_next[..]);
             impacts.extend(settle_at(&limit, (time, limit.velocity(&s.v)), (impulse, rests), ends));

@@ -191,15 +191,21 @@ fn is_none<T: Real>(x: T) -> T {
 }
 
 impl Drive {
-    /// The law of a row in a step of h from the state in the scratch, from whose target its displacement is known.
-    pub fn of(settings: &StepSettings, s: &Scratch<f64>, row: usize, h: f64) -> Self {
+    /// The law of a row in a step of h from the state in the scratch, from whose target its displacement is known: over
+    /// the velocity at the end, or over the mean of those at both ends.
+    pub fn of(settings: &StepSettings, s: &Scratch<f64>, (row, is_mean): (usize, bool), h: f64) -> Self {
         let [kp, kd] = [KP, KD].map(|i| s.gains[i][row]);
-        let offset = kd * s.target_rate[row] - kp * s.displaced_target[row];
+        // v' = 2 u - v for the mean u.
+        let (twice, start) = if is_mean { (2.0, s.v[row]) } else { (1.0, 0.0) };
+        let offset = kd * (s.target_rate[row] + start) - kp * s.displaced_target[row];
         let Limits { effort: [down, up], stall, decline, applied, .. } = s.limits(settings, row);
-        let of = |torque: f64, decline: f64| Line { torque: torque - applied, slope: decline, is_limit: true };
+        let of = |torque: f64, decline: f64| {
+            let torque = torque - applied + decline * start;
+            Line { torque, slope: twice * decline, is_limit: true }
+        };
         let limits =
             [[of(-down, 0.0), of(-stall, decline), of(0.0, 0.0)], [of(up, 0.0), of(stall, decline), of(0.0, 0.0)]];
-        Self { offset, slope: kd + h * kp, limits }
+        Self { offset, slope: twice * kd + h * kp, limits }
     }
 }
 

@@ -71,6 +71,37 @@ def test_a_pushed_linkage_rests_exactly_on_its_stop() -> None:
     assert np.array_equal(reported.q, passed.q) and reported.violations()[0].joint == "rocker"
 
 
+def pendulum_beside(builder: phipsi.SceneBuilder) -> phipsi.Scene:
+    """Add a double pendulum to a scene, with a heavy first link."""
+    builder.link("upper", 2.0, (0, 0, -0.2), 0.03 * np.eye(3)).link("lower", 1.0, (0, 0, -0.2), 0.01 * np.eye(3))
+    builder.joint("shoulder", "continuous", "ground", "upper", xyz=(0, 2, 0), axis=(0, 1, 0))
+    builder.joint("elbow", "continuous", "upper", "lower", xyz=(0, 0, -0.4), axis=(0, 1, 0))
+    return builder.build()
+
+
+@pytest.mark.parametrize("held_by", ["stop", "friction"])
+def test_a_robot_beside_a_held_linkage_moves_as_if_it_were_alone(held_by: str) -> None:
+    """From rest, in few substeps, with the order of the method: a row that holds has no part in the error."""
+    q = four_bar(-10.0, 10.0).project([0.5, 0.8, 0.2], np.zeros(3))[0]
+    friction = (20.0 if held_by == "friction" else 0.0) * np.array([1.0, 1.0, 1.0, 0.0, 0.0])
+    linkage = four_bar(q[2], 10.0) if held_by == "stop" else four_bar(-10.0, 10.0)
+    scene = pendulum_beside(linkage.to_builder()).with_properties(friction=friction)
+    alone = pendulum_beside(phipsi.SceneBuilder().link("ground"))
+    start, names = np.zeros(scene.nq), ("shoulder", "elbow")
+    own = np.r_[tuple(scene.q_index(name) for name in names)]
+    for name, angle in zip(linkage.joint_names, q, strict=False):
+        start[scene.q_index(name)] = angle
+    start[own] = [1.0, -0.5]
+    tau = np.zeros(scene.nv)
+    tau[scene.v_index("crank")] = -8.0
+    path = scene.simulate(start, np.zeros(scene.nv), tau=tau, dt=1e-3, steps=500)
+    other = alone.simulate(start[own], np.zeros(2), dt=1e-3, steps=500)
+    assert path.events > 0 and path.substeps <= 4
+    assert np.abs(path.q[:, own] - other.q).max() < 1e-9 and np.abs(other.q[-1] - other.q[0]).max() > 0.1
+    rest = np.delete(path.q[-1] - start, own)
+    assert np.abs(rest).max() < 1e-9
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.7, 1.0])
 def test_stops_give_a_linkage_no_energy(restitution: float) -> None:
     q, qd, _ = four_bar(-10.0, 10.0).project([0.5, 0.8, 0.2], [4.0, 0.0, 0.0])
