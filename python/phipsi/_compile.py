@@ -26,10 +26,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _xla
 from ._arguments import names_of
 from ._batches import Batches, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
-from ._functions import ARGUMENTS, COMPILED, IN_FORM, THROUGH_CONNECTIONS, Function, Functions, functions_of, parts, rows_of, shapes, symbol
+from ._functions import ARGUMENTS, COMPILED, IN_FORM, THROUGH_CONNECTIONS, Function, Functions, functions_of, parts, rows_of, said, shapes, symbol
 from ._results import ConstrainedDynamics, by_connection
 from .errors import ArgumentError, CacheWarning, ConstraintError, LinkageWarning, LongCodeWarning, of_argument, warn
 
@@ -49,6 +50,10 @@ LONG, SECONDS_EACH = 50_000, 4e-4
 WATCHED: dict[str, Any] = {name: row["watched"] for name, row in COMPILED.items() if row["watched"]}
 #: The other functions with a form have no margin of their own: the margin of the factor of M, which they all use, is compiled with them.
 WATCH, WATCHES = "factor_watched", tuple(name for name in IN_FORM if name not in WATCHED)
+#: The functions that phipsi.jax calls.
+IN_JAX = (
+    "forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "placement", "jacobian",
+)  # fmt: skip
 #: The number of states below which the call of the scene takes less time.
 FEW: dict[str, int] = {name: row["few"] for name, row in COMPILED.items()}
 #: Methods of scenes that compute in dtype themselves.
@@ -77,7 +82,14 @@ class Compiled(Functions[_Array]):
     """The largest accepted error of form "auto", as in Scene.forward_dynamics."""
 
     def __init__(
-        self, scene: Scene, functions: tuple[Function, ...], library: Path, form: Literal["auto", "covariance"], dtype: str, tolerance: float | None = None
+        self,
+        scene: Scene,
+        functions: tuple[Function, ...],
+        library: Path,
+        form: Literal["auto", "covariance"],
+        dtype: str,
+        tolerance: float | None = None,
+        jax: bool = False,
     ) -> None:
         super().__init__(scene, functions, dtype)
         self.library, self.form, self.tolerance = library, form, tolerance
@@ -90,6 +102,11 @@ class Compiled(Functions[_Array]):
         self._rigid = np.zeros(max((rows.stop for rows in self._rows.values()), default=0))
         self._code = {parts(function): self._batches(code, function) for function in functions}
         self._keywords = {parts(function): self._fixed(parts(function)) for function in functions}
+        #: The operations of XLA, for phipsi.jax; None if they were not compiled.
+        self._operations = None
+        if jax:
+            handlers = _handlers(scene, functions, self.form)
+            self._operations = {of: _xla.registered(code, library, handler, self.dtype) for of, handler in handlers.items()}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the scene and the options; unpickling compiles again, or loads from the cache."""
@@ -212,6 +229,7 @@ def compile(
     compiler: str | None = None,
     flags: Sequence[str] | None = None,
     cache: str | os.PathLike[str] | None = None,
+    jax: bool = False,
 ) -> Compiled: ...
 @overload
 def compile(
@@ -233,6 +251,7 @@ def compile(  # noqa: A001  # phipsi.compile
     compiler: str | None = None,
     flags: Sequence[str] | None = None,
     cache: str | os.PathLike[str] | None = None,
+    jax: bool = False,
 ) -> Compiled | CompiledForCuda:
     """Compile functions of one scene to machine code by the C compiler of the system, or to CUDA kernels.
 
@@ -256,6 +275,8 @@ def compile(  # noqa: A001  # phipsi.compile
         Flags of optimization and of the processor. None: -O3 for this processor.
     cache : path, optional
         Directory of compiled libraries, by scene, compiler and flags. None: phipsi/compiled in the cache directory of the user.
+    jax : bool, default False
+        True: also as operations of XLA, so that functions of phipsi.jax with the result in place of the scene run without Python; needs JAX 0.5 or later.
 
     Returns
     -------
@@ -312,7 +333,7 @@ def compile(  # noqa: A001  # phipsi.compile
         message = f"functions: found {dependent} in {through[0]}; expected independent rows: the scene computes all states, so that compiled code takes more time"
         warn(message, LinkageWarning)
     if device == "cuda":
-        for argument, value in (("compiler", compiler), ("flags", flags), ("cache", cache)):
+        for argument, value in (("compiler", compiler), ("flags", flags), ("cache", cache), ("jax", jax or None)):
             if value is not None:
                 raise of_argument(ArgumentError, argument, f"found {value!r} with device='cuda', whose compiler is NVRTC; expected None")
         return compile_for_cuda(scene, known, dtype)
@@ -324,21 +345,39 @@ def compile(  # noqa: A001  # phipsi.compile
     files = scene.to_c(name="robot", functions=written, dtype=dtype, batches=True, tolerance=accepted if judged else None)
     own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
     told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
+    if jax:
+        files["robot.c"] += _xla.source([*_handlers(scene, known, kept).values()], dtype)
+        told += _xla.flags()
     key = _key(files, command, told)
     into = _writable((_caches() if cache is None else Path(cache)) / key)
     library = into / "robot.so"
     made = None
     if _is_whole(library):
         with suppress(OSError):
-            made = Compiled(scene, known, library, kept, dtype, tolerance)
+            made = Compiled(scene, known, library, kept, dtype, tolerance, jax)
     if made is None:
         if (operations := files["robot.c"].count("\n    const lanes ")) > LONG:
             message = f"functions: found {operations} operations in all, which a compiler takes about {operations * SECONDS_EACH:.0f} s for; expected fewer functions, or some patience"
             warn(message, LongCodeWarning)
         _build(files, [*command, *told], library)
-        made = Compiled(scene, known, library, kept, dtype, tolerance)
-    made._options |= {"compiler": compiler, "flags": None if flags is None else list(flags), "cache": cache}
+        made = Compiled(scene, known, library, kept, dtype, tolerance, jax)
+    made._options |= {"compiler": compiler, "flags": None if flags is None else list(flags), "cache": cache, "jax": jax}
     return made
+
+
+def _handlers(scene: Scene, functions: tuple[Function, ...], form: str) -> dict[tuple[str, ...], _xla.Handler]:
+    """The operations of XLA of these functions."""
+    found = {}
+    for function in functions:
+        of = parts(function)
+        name, reads = of[0], (scene.nq, *[scene.nv] * (len(ARGUMENTS[of[0]]) - 1))
+        if name not in IN_JAX:
+            continue
+        tells = name in WATCHED and (form == "auto" or (name in THROUGH_CONNECTIONS and bool(scene.constraint_names)))
+        margin = "" if tells else f"robot_{WATCH}_batch" if form == "auto" and name in WATCHES else None
+        batch = f"robot_{WATCHED[name] if tells else symbol(function)}_batch"
+        found[of] = _xla.Handler(said([of]), batch, reads, tuple(shapes(of, scene)), margin)
+    return found
 
 
 def _dependent(scene: Scene) -> str | None:

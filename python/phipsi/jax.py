@@ -10,6 +10,10 @@ Each function calls phipsi on the host, once for a whole batch (vmap included), 
 floating dtype that the arguments are promoted to, or that of jnp.zeros(()) if all arguments are integers. Other
 dtypes raise ArgumentError and wrong shapes raise ShapeError, under jit at trace time.
 
+With phipsi.compile(scene, ..., jax=True) in place of the scene, programs of jit run the compiled functions without
+Python. Derivatives do so too if they were compiled: "forward_dynamics_derivatives" for forward_dynamics, and
+"inverse_dynamics_derivatives" for inverse_dynamics and bias_torque.
+
 The derivative is the analytic Jacobian, which the host computes in one call. Second derivatives are not
 supported. The entries of q are independent variables: quaternions are normalized first, and gradients are with
 respect to their four entries.
@@ -21,7 +25,7 @@ errors="raise", an error on the host terminates a program that jit has compiled.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from . import _install
@@ -35,10 +39,13 @@ except ImportError as error:  # pragma: no cover
 import numpy as np
 
 from . import _calls, _core
+from ._compile import Compiled
+from ._coordinates import Coordinates
 from .errors import ArgumentError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
+    from ._xla import Target
 
 __all__ = [
     "bias_torque", "center_of_mass", "forward_dynamics", "integrate", "inverse_dynamics", "jacobian", "mass_matrix", "placement", "simulate",
@@ -46,13 +53,13 @@ __all__ = [
 ]  # fmt: skip
 
 
-def forward_dynamics(scene: Scene, q: Any, qd: Any, tau: Any, *, form: str = "auto", tolerance: float | None = None, errors: _calls.Errors = "raise") -> jax.Array:
+def forward_dynamics(scene: Scene | Compiled, q: Any, qd: Any, tau: Any, *, form: str = "auto", tolerance: float | None = None, errors: _calls.Errors = "raise") -> jax.Array:
     """Joint accelerations, as Scene.forward_dynamics, with derivatives for JAX.
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
+    scene : Scene or Compiled
+        The scene, or its functions that phipsi.compile(..., jax=True) compiled.
     q : array, (..., nq)
         Joint positions, rad or m; quaternions are normalized.
     qd : array, (..., nv)
@@ -85,16 +92,19 @@ def forward_dynamics(scene: Scene, q: Any, qd: Any, tau: Any, *, form: str = "au
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
     >>> phipsi.jax.forward_dynamics(scene, *(jax.numpy.zeros(6) for _ in range(3))).shape  # doctest: +SKIP
     """
-    return _apply(scene, _calls.forward_dynamics(scene, form, errors, tolerance), q, qd, tau)
+    if isinstance(scene, Compiled):
+        form, tolerance = _form(scene, form, tolerance)
+    call = _calls.forward_dynamics(_scene(scene), form, errors, tolerance)
+    return _apply(scene, _coded(scene, call, errors, ("forward_dynamics",), "forward_dynamics_derivatives"), q, qd, tau)
 
 
-def inverse_dynamics(scene: Scene, q: Any, qd: Any, qdd: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
+def inverse_dynamics(scene: Scene | Compiled, q: Any, qd: Any, qdd: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
     """Joint torques, as Scene.inverse_dynamics, with derivatives for JAX.
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
+    scene : Scene or Compiled
+        The scene, or its functions that phipsi.compile(..., jax=True) compiled.
     q : array, (..., nq)
         Joint positions, rad or m; quaternions are normalized.
     qd : array, (..., nv)
@@ -123,16 +133,17 @@ def inverse_dynamics(scene: Scene, q: Any, qd: Any, qdd: Any, *, errors: _calls.
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
     >>> phipsi.jax.inverse_dynamics(scene, *(jax.numpy.zeros(6) for _ in range(3))).shape  # doctest: +SKIP
     """
-    return _apply(scene, _calls.inverse_dynamics(scene, errors), q, qd, qdd)
+    call = _calls.inverse_dynamics(_scene(scene), errors)
+    return _apply(scene, _coded(scene, call, errors, ("inverse_dynamics",), "inverse_dynamics_derivatives"), q, qd, qdd)
 
 
-def placement(scene: Scene, q: Any, link: str, *, errors: _calls.Errors = "raise") -> jax.Array:
+def placement(scene: Scene | Compiled, q: Any, link: str, *, errors: _calls.Errors = "raise") -> jax.Array:
     """Pose of a link (forward kinematics), as Scene.placement, with derivatives for JAX.
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
+    scene : Scene or Compiled
+        The scene, or its functions that phipsi.compile(..., jax=True) compiled.
     q : array, (..., nq)
         Joint positions, rad or m; quaternions are normalized.
     link : str
@@ -157,16 +168,16 @@ def placement(scene: Scene, q: Any, link: str, *, errors: _calls.Errors = "raise
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
     >>> phipsi.jax.placement(scene, jax.numpy.zeros(6), "flange")  # doctest: +SKIP
     """
-    return _apply(scene, _calls.placement(scene, link, errors), q)
+    return _apply(scene, _coded(scene, _calls.placement(_scene(scene), link, errors), errors, ("placement", link)), q)
 
 
-def jacobian(scene: Scene, q: Any, link: str, *, frame: _calls.Frame = "local", errors: _calls.Errors = "raise") -> jax.Array:
+def jacobian(scene: Scene | Compiled, q: Any, link: str, *, frame: _calls.Frame = "local", errors: _calls.Errors = "raise") -> jax.Array:
     """Jacobian (angular, linear) of a link, as Scene.jacobian, with derivatives for JAX.
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
+    scene : Scene or Compiled
+        The scene, or its functions that phipsi.compile(..., jax=True) compiled.
     q : array, (..., nq)
         Joint positions, rad or m; quaternions are normalized.
     link : str
@@ -193,16 +204,16 @@ def jacobian(scene: Scene, q: Any, link: str, *, frame: _calls.Frame = "local", 
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
     >>> phipsi.jax.jacobian(scene, jax.numpy.zeros(6), "flange")  # doctest: +SKIP
     """
-    return _apply(scene, _calls.jacobian(scene, link, frame, errors), q)
+    return _apply(scene, _coded(scene, _calls.jacobian(_scene(scene), link, frame, errors), errors, ("jacobian", link, frame)), q)
 
 
-def mass_matrix(scene: Scene, q: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
+def mass_matrix(scene: Scene | Compiled, q: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
     """Mass matrix, as Scene.mass_matrix, with derivatives for JAX.
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
+    scene : Scene or Compiled
+        The scene, or its functions that phipsi.compile(..., jax=True) compiled.
     q : array, (..., nq)
         Joint positions, rad or m; quaternions are normalized.
     errors : {"raise", "nan"}
@@ -225,16 +236,16 @@ def mass_matrix(scene: Scene, q: Any, *, errors: _calls.Errors = "raise") -> jax
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
     >>> phipsi.jax.mass_matrix(scene, jax.numpy.zeros(6))  # doctest: +SKIP
     """
-    return _apply(scene, _calls.mass_matrix(scene, errors), q)
+    return _apply(scene, _coded(scene, _calls.mass_matrix(_scene(scene), errors), errors, ("mass_matrix",)), q)
 
 
-def bias_torque(scene: Scene, q: Any, qd: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
+def bias_torque(scene: Scene | Compiled, q: Any, qd: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
     """Bias torque (nonlinear effects), as Scene.bias_torque, with derivatives for JAX.
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
+    scene : Scene or Compiled
+        The scene, or its functions that phipsi.compile(..., jax=True) compiled.
     q : array, (..., nq)
         Joint positions, rad or m; quaternions are normalized.
     qd : array, (..., nv)
@@ -259,7 +270,8 @@ def bias_torque(scene: Scene, q: Any, qd: Any, *, errors: _calls.Errors = "raise
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
     >>> phipsi.jax.bias_torque(scene, jax.numpy.zeros(6), jax.numpy.zeros(6))  # doctest: +SKIP
     """
-    return _apply(scene, _calls.bias_torque(scene, errors), q, qd)
+    call = _calls.bias_torque(_scene(scene), errors)
+    return _apply(scene, _coded(scene, call, errors, ("bias_torque",), "inverse_dynamics_derivatives"), q, qd)
 
 
 def center_of_mass(scene: Scene, q: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
@@ -291,7 +303,7 @@ def center_of_mass(scene: Scene, q: Any, *, errors: _calls.Errors = "raise") -> 
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
     >>> phipsi.jax.center_of_mass(scene, jax.numpy.zeros(6))  # doctest: +SKIP
     """
-    return _apply(scene, _calls.center_of_mass(scene, errors), q)
+    return _apply(scene, _calls.center_of_mass(_not_compiled(scene), errors), q)
 
 
 def task_residual(scene: Scene, q: Any, tasks: Any, *, errors: _calls.Errors = "raise") -> jax.Array:
@@ -327,7 +339,7 @@ def task_residual(scene: Scene, q: Any, tasks: Any, *, errors: _calls.Errors = "
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
     >>> phipsi.jax.task_residual(scene, jax.numpy.zeros(6), phipsi.tasks.Position("flange", (0.5, 0.1, 0.4)))  # doctest: +SKIP
     """
-    return _apply(scene, _calls.task_residual(scene, tasks, errors), q)
+    return _apply(scene, _calls.task_residual(_not_compiled(scene), tasks, errors), q)
 
 
 if not TYPE_CHECKING:
@@ -369,7 +381,7 @@ def integrate(scene: Scene, q: Any, v: Any, *, errors: _calls.Errors = "raise") 
     >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # doctest: +SKIP
     >>> phipsi.jax.integrate(scene, jax.numpy.zeros(6), jax.numpy.zeros(6)).shape  # doctest: +SKIP
     """
-    return _apply(scene, _calls.integrate(scene, errors), q, v)
+    return _apply(scene, _calls.integrate(_not_compiled(scene), errors), q, v)
 
 
 def simulate(
@@ -425,13 +437,103 @@ def simulate(
     for name, value in (("dt", dt), ("record_every", record_every), *given.items()):
         if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
             raise of_argument(ArgumentError, name, "found a traced value; expected a constant: gradients are by q, qd and tau")
-    rollout = _calls.Rollout(scene, record_every, errors, dt=dt, **given)
+    rollout = _calls.Rollout(_not_compiled(scene), record_every, errors, dt=dt, **given)
     arrays, dtype = _arrays(scene, rollout.names, (q, qd, tau))
     own = ((scene.nq,), (scene.nv,), (None, scene.nv))
     batch = _calls.batch_of(rollout.names, [array.shape for array in arrays], own)
     return _rollout(rollout, *(  # type: ignore[no-any-return]
         jnp.broadcast_to(array, (*batch, *array.shape[array.ndim - len(trailing) :])).astype(dtype) for array, trailing in zip(arrays, own, strict=True)
     ))
+
+
+class _Coded:
+    """A call whose value, and whose derivatives if they were compiled, are operations of XLA."""
+
+    def __init__(self, robot: Compiled, call: _calls.Call, errors: _calls.Errors, value: tuple[str, ...], derivatives: str) -> None:
+        operations = robot._operations
+        if operations is None:
+            found = "functions that were compiled without jax=True"
+            raise of_argument(ArgumentError, "scene", f"found {found}; expected a scene, or phipsi.compile(scene, ..., jax=True)")
+        if value not in operations:
+            raise robot._missing(value)
+        self.value, self.derivatives, self.errors = call.value, call.derivatives, errors
+        self.names, self.widths, self.shape, self.size = call.names, call.widths, call.shape, call.size
+        self.targets: dict[str, Target | None] = {"value": operations[value], "derivatives": operations.get((derivatives,))}
+        self.coordinates = Coordinates(robot.scene)
+
+    def ask(self, method: str, arguments: Sequence[jax.Array]) -> tuple[jax.Array, ...] | None:
+        """The results of the call of the host with this name, as operations of XLA; None if they were not compiled."""
+        target = self.targets[method]
+        if target is None:
+            return None
+        batch, dtype = _shape(arguments), arguments[0].dtype
+        q = arguments[0].astype(target.dtype)
+        # A function of fewer arguments is that of more at zero: the bias torque is the inverse dynamics without accelerations.
+        given = [_normalized(self.coordinates, q), *arguments[1:], *(jnp.zeros(width) for width in target.reads[len(arguments) :])]
+        arrays = [jnp.broadcast_to(array, (*batch, width)).astype(target.dtype) for array, width in zip(given, target.reads, strict=True)]
+        results = [jax.ShapeDtypeStruct((*batch, *shape), target.dtype) for shape in target.results]
+        found = jax.ffi.ffi_call(target.name, results, vmap_method="broadcast_all")(*arrays, raises=np.int32(self.errors == "raise"))
+        if method == "value":
+            return (found[0].reshape(*batch, self.size).astype(dtype),)
+        by_q, *by_others = found[: len(arguments)]
+        return tuple(one.astype(dtype) for one in (_by_coordinates(self.coordinates, q, by_q), *by_others))
+
+
+@lru_cache(maxsize=64)
+def _code_of(robot: Compiled, call: _calls.Call, errors: _calls.Errors, value: tuple[str, ...], derivatives: str) -> _Coded:
+    """One object for equal calls, for JAX recompiles for every new one."""
+    return _Coded(robot, call, errors, value, derivatives)
+
+
+def _coded(scene: Scene | Compiled, call: _calls.Call, errors: _calls.Errors, value: tuple[str, ...], derivatives: str = "") -> _calls.Call | _Coded:
+    """The call, by compiled functions if these are given."""
+    return _code_of(scene, call, errors, value, derivatives) if isinstance(scene, Compiled) else call
+
+
+def _scene(robot: Scene | Compiled) -> Scene:
+    return robot.scene if isinstance(robot, Compiled) else robot
+
+
+def _not_compiled(scene: Scene) -> Scene:
+    """The scene; raises for compiled functions."""
+    if isinstance(scene, Compiled):
+        raise of_argument(ArgumentError, "scene", "found compiled functions; expected a scene: this function of phipsi.jax calls the host")
+    return scene
+
+
+def _form(robot: Compiled, form: str, tolerance: float | None) -> tuple[str, float | None]:
+    """The form and the tolerance that were compiled; others are refused."""
+    if form not in ("auto", robot.form) or tolerance not in (None, robot.tolerance):
+        found = f"form {form!r} and tolerance {tolerance!r} with functions that were compiled for {robot.form!r} and {robot.tolerance!r}"
+        raise of_argument(ArgumentError, "form", f"found {found}; expected these, or the scene in place of its code")
+    return robot.form, robot.tolerance
+
+
+def _normalized(coordinates: Coordinates, q: jax.Array) -> jax.Array:
+    """As Coordinates.normalized."""
+    for turn, _ in coordinates.turns:
+        norm = jnp.linalg.norm(q[..., turn], axis=-1, keepdims=True)
+        q = q.at[..., turn].divide(jnp.where((norm > 0) & (norm < jnp.inf), norm, 1.0))
+    return q
+
+
+def _by_coordinates(coordinates: Coordinates, q: jax.Array, by_tangent: jax.Array) -> jax.Array:
+    """Derivatives by the entries of q from those by its tangent, as the product with Coordinates.tangents."""
+    if not coordinates.turns:
+        return by_tangent
+    in_q, in_v = coordinates._plain
+    unit = _normalized(coordinates, q)
+    by_q = jnp.zeros((*by_tangent.shape[:-1], q.shape[-1]), by_tangent.dtype).at[..., in_q].set(by_tangent[..., in_v])
+    for turn, angular in coordinates.turns:
+        v, s, by_turn = unit[..., None, turn][..., :3], unit[..., None, turn][..., 3:], by_tangent[..., angular]
+        rows = jnp.concatenate([s * by_turn - jnp.cross(by_turn, v), -jnp.sum(by_turn * v, axis=-1, keepdims=True)], axis=-1)
+        by_q = by_q.at[..., turn].set(2.0 * rows / jnp.linalg.norm(q[..., None, turn], axis=-1, keepdims=True))
+    for place, turn, linear, _ in coordinates.moves:
+        # R times the row: the tangent of a position is R^T dp.
+        v, s, along = unit[..., None, turn][..., :3], unit[..., None, turn][..., 3:], by_tangent[..., linear]
+        across = 2.0 * jnp.cross(v, along)
+        by_q = by_q.at[..., place].set(along + s * across + jnp.cross(v, across))
+    return by_q
 
 
 # Defined once: JAX recompiles for every new function object and never frees compiled code.
@@ -455,12 +557,12 @@ _rollout.defvjp(_rollout_forward, _rollout_backward)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _value(call: _calls.Call, *arguments: jax.Array) -> jax.Array:
+def _value(call: _calls.Call | _Coded, *arguments: jax.Array) -> jax.Array:
     return _ask(call, "value", arguments, _shape(arguments, call.size))[0]
 
 
 @_value.defjvp
-def _(call: _calls.Call, arguments: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+def _(call: _calls.Call | _Coded, arguments: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
     by_each = _ask(call, "derivatives", arguments, *(_shape(arguments, call.size, width) for width in call.widths))
     moved = sum(jnp.einsum("...ij,...j->...i", by_one, tangent) for by_one, tangent in zip(by_each, tangents, strict=True))
     return _value(call, *arguments), jnp.asarray(moved)
@@ -473,7 +575,7 @@ def _shape(arguments: Sequence[jax.Array], *own: int) -> tuple[int, ...]:
 class _Host(NamedTuple):
     """Callback on the host. Equal callbacks are identical for JAX, which therefore does not recompile."""
 
-    of: _calls.Call | _calls.Rollout
+    of: _calls.Call | _Coded | _calls.Rollout
     method: str
     dtype: Any
 
@@ -482,19 +584,21 @@ class _Host(NamedTuple):
         return tuple(np.asarray(array, self.dtype) for array in (found if isinstance(found, tuple) else (found,)))
 
 
-def _ask(of: _calls.Call | _calls.Rollout, method: str, arguments: Sequence[jax.Array], *shapes: tuple[int, ...]) -> Any:
+def _ask(of: _calls.Call | _Coded | _calls.Rollout, method: str, arguments: Sequence[jax.Array], *shapes: tuple[int, ...]) -> Any:
     """Call the host once for a whole batch; results have these shapes and the dtype of the arguments."""
     host = _Host(of, method, arguments[0].dtype)
     if not any(isinstance(array, jax.core.Tracer) for array in arguments):
         # Outside of a trace nothing is compiled, and errors of phipsi are raised unchanged.
         device = next((array.device for array in arguments if array.committed and len(array.devices()) == 1), None)
         return tuple(jax.device_put(array, device) for array in host(*arguments))
+    if isinstance(of, _Coded) and (found := of.ask(method, arguments)) is not None:
+        return found
     results = tuple(jax.ShapeDtypeStruct(shape, host.dtype) for shape in shapes)
     return jax.pure_callback(host, results, *arguments, vmap_method="expand_dims")
 
 
-def _apply(scene: Scene, call: _calls.Call, *given: Any) -> jax.Array:
-    arrays, dtype = _arrays(scene, call.names, given)
+def _apply(scene: Scene | Compiled, call: _calls.Call | _Coded, *given: Any) -> jax.Array:
+    arrays, dtype = _arrays(_scene(scene), call.names, given)
     _calls.batch_of(call.names, [array.shape for array in arrays], [(width,) for width in call.widths])
     found = _value(call, *(array.astype(dtype) for array in arrays))
     return found.reshape(*found.shape[:-1], *call.shape)  # type: ignore[no-any-return]

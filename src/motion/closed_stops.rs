@@ -62,7 +62,7 @@ struct Acting {
     drives: Vec<Option<[Drive; 2]>>,
 }
 
-/// What the law is solved for: mean velocities of the step, or those at its end.
+/// The unknowns of the law: mean velocities of the step, or those at its end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Level {
     Mean,

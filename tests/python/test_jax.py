@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -310,3 +311,106 @@ def test_functions_of_configurations_and_their_gradients(scene: phipsi.Scene) ->
 def test_an_unknown_function_lists_those_that_exist() -> None:
     with pytest.raises(AttributeError, match="phipsi.jax: found no 'energy'; expected one of bias_torque, .* task_residual"):
         phipsi.jax.energy  # noqa: B018
+
+
+#: Functions of phipsi.jax with compiled code, of (robot, *arguments).
+COMPILED: dict[str, Callable[..., Any]] = {
+    "forward_dynamics": phipsi.jax.forward_dynamics,
+    "inverse_dynamics": phipsi.jax.inverse_dynamics,
+    "bias_torque": lambda robot, q, qd, _: phipsi.jax.bias_torque(robot, q, qd),
+    "mass_matrix": lambda robot, q, *_: phipsi.jax.mass_matrix(robot, q),
+    "placement": lambda robot, q, *_: phipsi.jax.placement(robot, q, of_scene(robot).link_names[-1]),
+    "jacobian": lambda robot, q, *_: phipsi.jax.jacobian(robot, q, of_scene(robot).link_names[-1]),
+}
+
+
+def of_scene(robot: Any) -> phipsi.Scene:
+    return getattr(robot, "scene", robot)
+
+
+@pytest.fixture(scope="module")
+def compiled(scene: phipsi.Scene, tmp_path_factory: pytest.TempPathFactory) -> phipsi.Compiled:
+    link = scene.link_names[-1]
+    functions = [*list(COMPILED)[:4], "forward_dynamics_derivatives", "inverse_dynamics_derivatives", ("placement", link), ("jacobian", link)]
+    return phipsi.compile(scene, functions, jax=True, flags=["-O1"], cache=tmp_path_factory.mktemp("cache"))
+
+
+@pytest.mark.parametrize("name", COMPILED)
+def test_compiled_functions_and_their_derivatives_are_those_of_the_scene(scene: phipsi.Scene, compiled: phipsi.Compiled, name: str) -> None:
+    """Jitted, mapped and differentiated by each argument, for quaternions of any norm."""
+    q, qd, tau = arguments(scene, name, 3)
+    if scene.nq > scene.nv:
+        q[1, 3:7] *= 1.7
+    function, given = COMPILED[name], tuple(map(jnp.asarray, (q, qd, tau)))
+    expected = function(scene, *given)
+    found = jax.jit(lambda *x: function(compiled, *x))(*given)
+    assert found.dtype == expected.dtype
+    bound = product(100 * scene.nv, size(np.asarray(expected)))
+    assert_near(np.asarray(found), np.asarray(expected), bound)
+    assert_near(np.asarray(jax.jit(jax.vmap(lambda *x: function(compiled, *x)))(*given)), np.asarray(expected), bound)
+    for at in range(3):
+        by_scene = jax.jit(jax.jacrev(lambda *x: function(scene, *x).sum(0), argnums=at))(*given)
+        by_code = jax.jit(jax.jacrev(lambda *x: function(compiled, *x).sum(0), argnums=at))(*given)
+        assert_near(np.asarray(by_code), np.asarray(by_scene), product(1000 * scene.nv, size(np.asarray(by_scene))))
+
+
+def test_a_jitted_loop_of_compiled_functions_calls_no_host(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    scene = phipsi.scenes.chain(4)
+    robot = phipsi.compile(scene, ["forward_dynamics", "forward_dynamics_derivatives"], jax=True, flags=["-O1"], cache=tmp_path)
+    q, qd = map(jnp.asarray, arguments(scene, "forward_dynamics")[:2])
+
+    def end(of: Any, tau: jax.Array) -> jax.Array:
+        def step(state: Any, _: None) -> Any:
+            q, qd = state
+            qd = qd + 1e-3 * phipsi.jax.forward_dynamics(of, q, qd, tau)
+            return (q + 1e-3 * qd, qd), None
+
+        return jnp.sum(jax.lax.scan(step, (q, qd), None, length=20)[0][0] ** 2)
+
+    expected = jax.grad(lambda tau: end(scene, tau))(jnp.ones(scene.nv))
+    calls: list[Any] = []
+    monkeypatch.setattr(_calls, "on_host", lambda *given: calls.append(given))
+    found = jax.jit(jax.grad(lambda tau: end(robot, tau)))(jnp.ones(scene.nv))
+    assert not calls and np.abs(np.asarray(expected)).max() > 1e-6
+    assert np.allclose(found, expected, rtol=1e-10, atol=0.0)
+
+
+def test_bad_states_of_compiled_functions(scene: phipsi.Scene, compiled: phipsi.Compiled) -> None:
+    q, qd, tau = map(jnp.asarray, arguments(scene, "forward_dynamics", 70))
+    bad = tau.at[66, 1].set(jnp.nan)
+    run = {errors: jax.jit(partial(phipsi.jax.forward_dynamics, compiled, errors=errors)) for errors in ("raise", "nan")}
+    found = run["nan"](q, qd, bad)
+    assert jnp.isnan(found[66]).all() and jnp.isfinite(jnp.delete(found, 66, axis=0)).all()
+    with pytest.raises(Exception, match="forward_dynamics: state 66: found a number that is not finite"):
+        run["raise"](q, qd, bad).block_until_ready()
+
+
+def test_states_above_the_tolerance_are_not_silently_kept(tmp_path: Any) -> None:
+    """Between a light link and a heavy one the covariance form is inaccurate."""
+    builder = phipsi.SceneBuilder().link("base").link("light", 1e-9, inertia=1e-12 * np.eye(3)).link("heavy", 1e6, (0.1, 0, 0), 1e4 * np.eye(3))
+    builder.joint("inner", "continuous", "base", "light", axis=(0, 1, 0))
+    builder.joint("outer", "continuous", "light", "heavy", axis=(0, 1, 0))
+    scene = builder.build()
+    robot = phipsi.compile(scene, ["forward_dynamics"], jax=True, flags=["-O1"], cache=tmp_path)
+    given = tuple(map(jnp.asarray, arguments(scene, "forward_dynamics")))
+    assert jnp.isfinite(phipsi.jax.forward_dynamics(robot, *given)).all()
+    assert jnp.isnan(jax.jit(partial(phipsi.jax.forward_dynamics, robot, errors="nan"))(*given)).all()
+    with pytest.raises(Exception, match="state 0: found an estimated error above the tolerance"):
+        jax.jit(partial(phipsi.jax.forward_dynamics, robot))(*given).block_until_ready()
+
+
+def test_what_was_not_compiled_is_refused_by_name(tmp_path: Any) -> None:
+    scene = phipsi.scenes.chain(2)
+    robot, other = (phipsi.compile(scene, ["inverse_dynamics"], jax=jax, flags=["-O1"], cache=tmp_path) for jax in (True, False))
+    q, qd, tau = arguments(scene, "forward_dynamics")
+    assert np.allclose(phipsi.jax.inverse_dynamics(robot, q, qd, tau), scene.inverse_dynamics(q, qd, tau))
+    with pytest.raises(ArgumentError, match="found forward_dynamics, which was not compiled; expected one of inverse_dynamics"):
+        phipsi.jax.forward_dynamics(robot, q, qd, tau)
+    with pytest.raises(ArgumentError, match="compiled without jax=True"):
+        phipsi.jax.inverse_dynamics(other, q, qd, tau)
+    with pytest.raises(ArgumentError, match="form 'square-root'"):
+        phipsi.jax.forward_dynamics(robot, q, qd, tau, form="square-root")
+    with pytest.raises(ArgumentError, match="expected a scene"):
+        phipsi.jax.center_of_mass(robot, q)  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match="device='cuda'"):
+        phipsi.compile(scene, device="cuda", jax=True)  # type: ignore[call-overload]
