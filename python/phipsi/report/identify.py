@@ -15,7 +15,7 @@ from .._core import Scene
 from ..estimation import Accumulator, accumulate_logs, read_log
 from ..estimation._checks import shifted
 from ..estimation._columns import KINDS
-from ..estimation._identification import Identification, predicted
+from ..estimation._identification import Identification
 from ..estimation._logs import with_derivatives
 from . import pipeline, terminal
 from .commands import JSON, FLOATING, BadInput, _as_options, _load, _typed_errors, check_pages, echo_json, group
@@ -112,7 +112,7 @@ def identify(
             with covariance.open("wb") as stream:
                 root: dict[str, Any] = {**found.parameter_covariance.arrays()}
                 np.savez(stream, **root)
-        shown = _shown(name, scene, found, log, fitted, tau_delay)
+        shown = _shown(name, found, log, fitted, tau_delay)
         pages = [] if folder is None else pipeline.write(REPORT, pipeline.collect(REPORT, shown, Silent()), folder)
     for text in dict.fromkeys(str(one.message) for one in caught if not issubclass(one.category, (DeprecationWarning, PendingDeprecationWarning))):
         terminal.line(console, f"warning: {_as_options(text)}", "yellow")
@@ -191,15 +191,12 @@ def _axes(scene: Scene) -> list[str]:
     return [joint if at.stop - at.start == 1 else f"{joint}[{row}]" for joint, at in of.items() for row in range(at.stop - at.start)]
 
 
-def _shown(name: str, scene: Scene, found: Identification, log: dict[str, Any], fitted: int, delay: float) -> IdentificationReport:
+def _shown(name: str, found: Identification, log: dict[str, Any], fitted: int, delay: float) -> IdentificationReport:
     """The identification and the first log, with predicted torques."""
     q, qd, qdd, tau = (log[key] for key in ("q", "qd", "qdd", "tau"))
-    columns = found.columns
-    before = predicted(columns, np.append(columns.own[columns.free].ravel(), [extra.model for extra in columns.extras]), q, qd, qdd)
-    time = log.get("time", np.arange(len(q), dtype=float))
     if delay:
-        tau = shifted(tau, time, delay)
-    return IdentificationReport(False, name, scene, found, time, columns.measured(q, tau), found.torques(q, qd, qdd), before, fitted)
+        tau = shifted(tau, log["time"], delay)
+    return IdentificationReport.of(name, found, (q, qd, qdd, tau), log.get("time"), fitted)
 
 
 def _show(found: Identification, links: tuple[str, ...], shown: IdentificationReport) -> None:
