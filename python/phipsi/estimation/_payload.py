@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArgumentError, of_argument
-from ._accumulator import Block, _halved, _joined
+from ._accumulator import Block, _halved, _joined, merged_triangles
 from ._bodies import bodies_of, to_moments, to_parameters
 from ._identification import CORRELATED, FEWEST_BLOCKS, FEWEST_LONG, _combinations, _correlation, _jackknife
 from ._problem import UNKNOWN, Problem
@@ -288,7 +288,9 @@ class _Pair:
         self, weights: _Array, added: _Array, only: int | None = None
     ) -> tuple[_Array, _Array, NDArray[np.bool_], int]:
         """Estimates of the load, a root of their covariance, which of them are determined, and the number of blocks."""
-        rows, target = self.rows([problem.whole for problem in self.problems], weights, added, only)
+        whole = self.rows([problem.whole for problem in self.problems], weights, added, only)
+        triangle = merged_triangles([np.column_stack(whole)])
+        rows, target = triangle[:, :-1], triangle[:, -1]
         scale = np.linalg.norm(rows, axis=0)
         scale[scale == 0.0] = 1.0
         orthogonal, singular, right = np.linalg.svd(rows / scale, full_matrices=False)
