@@ -968,10 +968,9 @@ def _bound_stribeck(
             properties.setdefault("stribeck", {})[joint] = -dry
             texts.append(f"{joint!r} of {stribeck:.3g} with friction {dry:.3g}")
     if texts:
-        text = f"fit: found stribeck of {', '.join(texts)}, with which friction at rest is below zero; expected a sum of"
-        text += " zero or more, which Identification.scene has: Identification.torques has the estimate. Check the"
-        text += " stribeck_speed, or fit less friction"
-        warn(text, IdentificationWarning)
+        found = f"fit: found stribeck of {', '.join(texts)}, with which friction at rest is below zero"
+        expected = "expected a sum of zero, as Identification.scene has, or more: check stribeck_speed and the kinds in fit"
+        warn(f"{found}; {expected}; Identification.torques has the estimate", IdentificationWarning)
 
 
 def _least(columns: Columns, joints: dict[str, dict[str, float]], kind: str, name: str) -> float:
