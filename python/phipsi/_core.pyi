@@ -4190,10 +4190,10 @@ class Scene:
         tau: ArrayLike,
         *,
         fit: Collection[
-            Literal["armature", "damping", "friction", "offset", "stribeck", "load", "joint_damping", "joint_friction"]
+            Literal["armature", "damping", "friction", "offset", "stribeck", "load", "friction_asymmetry", "damping_asymmetry", "joint_damping", "joint_friction"]
         ] = (),
         noise: ArrayLike | None = None,
-        trust: float = 1.0,
+        trust: float | Mapping[str, float] | ArrayLike = 1.0,
         keep: Collection[str] = (),
         friction_speed: float = 0.01,
         stribeck_speed: float = 0.1,

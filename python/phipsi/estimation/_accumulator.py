@@ -8,7 +8,7 @@ length, and one pass over the data suffices.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -363,7 +363,7 @@ class Accumulator:
         self,
         *,
         noise: ArrayLike | None = None,
-        trust: float = 1.0,
+        trust: float | Mapping[str, float] | ArrayLike = 1.0,
         total_mass: tuple[float, float] | None = None,
     ) -> Identification:
         """Identify the parameters from all added states.
@@ -372,7 +372,7 @@ class Accumulator:
         ----------
         noise : float or (motors,) array_like, optional
             Standard deviation of the torques, N m or N, as in Scene.identify.
-        trust : float, default 1
+        trust : float, dict of float or (bodies,) array_like, default 1
             Weight of the parameters of the scene, as in Scene.identify.
         total_mass : (float, float), optional
             Mass of the robot and its standard deviation, kg, as in Scene.identify.

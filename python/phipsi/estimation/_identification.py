@@ -609,20 +609,22 @@ REFUSED = "found {least}; expected finite numbers above zero, one for each link 
 
 def checked_trust(scene: Scene, trust: Any, keep: Collection[str] = ()) -> tuple[_Array, float]:
     """Weight of the prior of each body of body_names, (bodies,), and of joint parameters that the scene has."""
-    names = scene.body_names
+    names, scalar = scene.body_names, np.ndim(trust) == 0 and not isinstance(trust, Mapping)
     if isinstance(trust, Mapping):
         for name in trust:
             if name not in names or name in keep:
-                found = "a link in keep" if name in keep else "no link of body_names"
-                raise of_argument(ArgumentError, "trust", f"found {name!r}, {found}; expected names of links to identify")
+                other = "a link in keep" if name in keep else "no link of body_names"
+                raise of_argument(ArgumentError, "trust", f"found {name!r}, {other}; expected names of links to identify")
         trust = [trust.get(name, 1.0) for name in names]
-    one = np.ndim(trust) == 0
-    found = np.full(len(names), positive("trust", trust)) if one else each("trust", trust, len(names), REFUSED, positive=True)
-    low, high = WEIGHTS if one else OF_EACH
+    if scalar:
+        found = np.full(len(names), positive("trust", trust))
+    else:
+        found = each("trust", trust, len(names), REFUSED, positive=True)
+    low, high = WEIGHTS if scalar else OF_EACH
     if len(beyond := found[(found < low) | (found > high)]):
-        expected = f"expected {'a weight' if one else 'weights'} of {low:g} to {high:g}"
+        expected = f"expected {'a weight' if scalar else 'weights'} of {low:g} to {high:g}"
         raise of_argument(ArgumentError, "trust", f"found {beyond[0]:g}; {expected}")
-    return found, float(np.asarray(trust)) if one else 1.0
+    return found, float(trust) if scalar else 1.0
 
 
 def solved(
@@ -934,7 +936,8 @@ def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, flo
     """Scene with the estimated parameters."""
     scene = with_parameters(columns.scene, columns.free, parameters)
     properties: dict[str, dict[str, float]] = {}
-    shared, lacking = [], []
+    shared: list[str] = []
+    lacking: list[str] = []
     for extra in columns.extras:
         value = joints.get(extra.kind, {}).get(extra.name)
         if value is None:

@@ -96,9 +96,9 @@ class _Scaling:
         )
         self._dual = _Blocks(dual.bodies @ left / self._halves[:, None, :], np.sqrt(dual.rest / primal.rest))
 
-    def mean(self, below: _Blocks) -> float:
-        """Mean of the eigenvalues of Z S, and of x s, of the variables of `below`; zero if there are none."""
-        found = np.concatenate([self.values.bodies[below.bodies].ravel(), self.values.rest[below.rest]])
+    def mean(self, last: _Blocks, mu: float) -> float:
+        """Mean of the eigenvalues of Z S, and of x s, of the variables with `last` below mu; zero if there are none."""
+        found = np.concatenate([self.values.bodies[last.bodies < mu].ravel(), self.values.rest[last.rest < mu]])
         return float(np.mean(found**2)) if found.size else 0.0
 
     def diagonal(self, power: int) -> _Blocks:
@@ -131,7 +131,7 @@ def most_probable(triangle: _Array, target: _Array, trust: _Array, bodies: int) 
     lowest_mu, before, fall, mu = float(each.min()), np.inf, FALL, np.inf
     for _ in range(STEPS):
         scaling = _Scaling(primal, dual)
-        mu = max(lowest_mu, fall * scaling.mean(_Blocks(last.bodies < mu, last.rest < mu)))
+        mu = max(lowest_mu, fall * scaling.mean(last, mu))
         product = _Blocks(np.maximum(mu, last.bodies)[:, None, None], np.maximum(mu, last.rest))
         scaled = triangle @ scaling.root.to_z()
         center = scaling.diagonal(-1)

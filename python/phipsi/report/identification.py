@@ -109,7 +109,7 @@ def _residuals(report: IdentificationReport) -> Chart:
         panels.append(Panel(Axis("time, s", form=".4~g", unit=" s"), y, series, name))
         values, bound = _autocorrelation(own)
         ends = [0.0, step * (len(values) - 1)]
-        series = [Series("autocorrelation", COLORS[1], step * np.arange(len(values)), values, line=1.3)]
+        series = [Series("autocorrelation", COLORS[1], step * np.arange(len(values), dtype=float), values, line=1.3)]
         series += [Series("95 % of white noise", GRAY, ends, [sign * bound] * 2, line=1.0, dash=True, told=False) for sign in (-1.0, 1.0)]
         panels.append(Panel(Axis("lag, s", form=".4~g", unit=" s"), Axis("", -1.05, 1.05, form=".3~g"), series))
         series = [Series("residual", COLORS[0], speed[rows], own[rows], mark=3.0, shade=0.4)]
