@@ -161,7 +161,7 @@ def test_gains_of_motors_that_the_load_does_not_reach() -> None:
         ({"fit_without": ["damping"]}, "without: found an accumulator of other columns"),
         ({"block_length": 300}, "without: found logs of 1 blocks of time; expected at least 4"),
         ({"noise": 0.0}, "noise: found 0.0"),
-        ({"gains": True}, "fit: found armature of the scene, N m or N, which is not fitted; expected 'armature' in fit"),
+        ({"gains": True}, "fit: found armature of the scene, which is not fitted; expected 'armature' in fit"),
         ({"gains": True, "keep": ["link1"]}, "keep: found 'link1'; expected none"),
     ],
 )

@@ -7,9 +7,9 @@ fitted motor parameters. With rows W and measured torques y, both divided by the
 
 The 4x4 matrix J, linear in x, holds the second moments of mass of a body. A body is physically consistent if J is
 positive definite, which the logarithm ensures. The second sum is a Wishart prior; its mode J0 is the body of the model.
-The weight `trust` is the same for all bodies, or one of each.
-The third is a gamma distribution of armature, damping and friction with the mode x0 of the model and the weight w =
-trust (1 if each body has its own). If the model has none, x0 is a tenth of the value that alone would explain the torques, and w at most 1.
+The weight `trust` is the same for all bodies, or one of each. The third is a gamma distribution of armature, damping
+and friction with the mode x0 of the model and the weight w = trust (1 if each body has its own). If the model has none,
+x0 is a tenth of the value that alone would explain the torques, and w at most 1.
 The function is convex. _most_probable minimizes it in coordinates z relative to the prior, J = L Z L^T with J0 = L L^T,
 in which the mode of the prior is Z = 1. A parameter of either sign is the difference of two positive ones.
 
@@ -250,8 +250,8 @@ class Identification:
             Marks of the parameters: "", "*", "!" or "*!". "!" for mass and diagonal entries of the inertia, which are
             positive: the interval is that of a normal distribution, which allows negative values.
         joints : dict
-            Marks of `joints`; "!" for armature, damping, Coulomb friction and friction by load, and for Stribeck friction
-            and asymmetries with which the friction of a joint is below zero.
+            Marks of `joints`; "!" for armature, damping, Coulomb friction and friction by load, and for Stribeck
+            friction and asymmetries with which the friction of a joint is below zero.
 
         Examples
         --------
@@ -510,7 +510,8 @@ class Identification:
         times = None if time is None else checked_time(time, count)
         fitted = count if fitted is None else whole("fitted", fitted, 1)
         if fitted > count:
-            raise of_argument(ArgumentError, "fitted", f"found {fitted}; expected at most {count}, the number of states")
+            expected = f"expected at most {count}, the number of states"
+            raise of_argument(ArgumentError, "fitted", f"found {fitted}; {expected}")
         log = (*states, numbers("tau", tau))
         return write_page(Path(file), IdentificationReport.of(Path(file).stem, self, log, times, fitted))
 
@@ -613,8 +614,8 @@ def checked_trust(scene: Scene, trust: Any, keep: Collection[str] = ()) -> tuple
     if isinstance(trust, Mapping):
         for name in trust:
             if name not in names or name in keep:
-                other = "a link in keep" if name in keep else "no link of body_names"
-                raise of_argument(ArgumentError, "trust", f"found {name!r}, {other}; expected names of links to identify")
+                other = f"{name!r}, {'a link in keep' if name in keep else 'no link of body_names'}"
+                raise of_argument(ArgumentError, "trust", f"found {other}; expected names of links to identify")
         trust = [trust.get(name, 1.0) for name in names]
     if scalar:
         found = np.full(len(names), positive("trust", trust))
@@ -951,7 +952,8 @@ def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, flo
         if extra.kind == "stribeck":
             properties.setdefault("stribeck_speed", {})[joint] = columns.stribeck
     texts = [f"transmission: a scene has no {', '.join(shared)}, which acts on several joints"] if shared else []
-    texts += [f"fit: a scene has no {', '.join(lacking)}; its friction is the same in both directions"] if lacking else []
+    if lacking:
+        texts.append(f"fit: a scene has no {', '.join(lacking)}; its friction is the same in both directions")
     for text in texts:
         warn(f"{text}; Identification.torques includes it, Identification.scene does not", IdentificationWarning)
     _bound_stribeck(columns, joints, properties)
@@ -972,7 +974,7 @@ def _bound_stribeck(
             texts.append(f"{joint!r} of {stribeck:.3g} with friction {dry:.3g}")
     if texts:
         found = f"fit: found stribeck of {', '.join(texts)}, with which friction at rest is below zero"
-        expected = "expected a sum of zero, as Identification.scene has, or more: check stribeck_speed and the kinds in fit"
+        expected = "expected a sum of zero, as Identification.scene has, or more: check stribeck_speed and fit"
         warn(f"{found}; {expected}; Identification.torques has the estimate", IdentificationWarning)
 
 
@@ -983,6 +985,9 @@ def _least(columns: Columns, joints: dict[str, dict[str, float]], kind: str, nam
         return 0.0
     value, total = joints[kind][name], joints.get(base, {}).get(name)
     if total is None:
-        joint = columns.of_joint(Extra(base, name, (columns.motor_names.index(name),), 0.0)) if name in columns.motor_names else (name, 1.0)
-        total = 0.0 if joint is None else float(getattr(columns.scene, base)[columns.scene.v_index(joint[0])][0]) / joint[1]
+        # Not fitted: that of the scene.
+        rows = next(extra.rows for extra in columns.extras if (extra.kind, extra.name) == (kind, name))
+        joint, factor = columns.of_joint(Extra(base, name, rows, 0.0)) or ("", 1.0)
+        own = getattr(columns.scene, base)
+        total = float(own[columns.scene.v_index(joint).start]) / factor if joint else 0.0
     return total + (value if kind == "stribeck" else -abs(value))

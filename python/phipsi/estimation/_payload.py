@@ -5,10 +5,10 @@ The columns of a load on link l are those of the link itself, W_l. With the para
     y1 = W1 x                 torques without the load,
     y2 = W2 x + W2_l p        torques with it.
 
-Least squares of both logs together estimates x and p. Errors of the model that are the same in both logs cancel in p: any
-error of the inertias, which are part of x, and, if the motion of both logs is the same, also errors that no x explains,
-because p then depends on y2 - y1 alone. The jackknife deletes blocks of both logs in pairs, so that errors that cancel
-in the estimate also cancel in its covariance.
+Least squares of both logs together estimates x and p. Errors of the model that are the same in both logs cancel in p:
+any error of the inertias, which are part of x, and, if the motion of both logs is the same, also errors that no x
+explains, because p then depends on y2 - y1 alone. The jackknife deletes blocks of both logs in pairs, so that errors
+that cancel in the estimate also cancel in its covariance.
 
 With currents c instead of torques and a known load p, the current of a motor with the gain g (N m/A) is
 
@@ -51,8 +51,8 @@ class Payload:
     """(m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), (10,), in the frame of the link, I about its origin; NaN for
     those that the motion does not determine."""
     covariance: _Array
-    """Covariance of the parameters, (10, 10), from the errors of both logs; infinite variances for those that the motion
-    does not determine."""
+    """Covariance of the parameters, (10, 10), from the errors of both logs; infinite variances for those that the
+    motion does not determine."""
     blocks: int
     """Number of pairs of blocks of the jackknife."""
 
@@ -224,14 +224,16 @@ def identify_gains(
 def _check_homogeneous(scene: Scene, fit: tuple[str, ...], keep: tuple[str, ...]) -> None:
     """Raise ArgumentError for known torques, which currents do not contain in a known proportion."""
     if keep:
-        raise of_argument(ArgumentError, "keep", f"found {keep[0]!r}; expected none: the scale of currents is not known")
+        expected = "expected none: the scale of currents is not known"
+        raise of_argument(ArgumentError, "keep", f"found {keep[0]!r}; {expected}")
     for name in ("armature", "damping", "friction", "stiffness"):
         if name not in fit and np.any(getattr(scene, name)):
             other = f"expected {name!r} in fit" if name != "stiffness" else "expected a scene without springs"
-            raise of_argument(ArgumentError, "fit", f"found {name} of the scene, N m or N, which is not fitted; {other}")
+            raise of_argument(ArgumentError, "fit", f"found {name} of the scene, which is not fitted; {other}")
     for name, values in zip(("offset", "stribeck"), scene.friction_terms[:2], strict=True):
         if name not in fit and np.any(values):
-            raise of_argument(ArgumentError, "fit", f"found {name} of the scene, which is not fitted; expected it in fit")
+            found = f"found {name} of the scene, which is not fitted"
+            raise of_argument(ArgumentError, "fit", f"{found}; expected {name!r} in fit")
 
 
 class _Pair:
