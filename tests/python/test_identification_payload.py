@@ -7,49 +7,26 @@ from typing import Any
 
 import numpy as np
 import pytest
-from logs import arm_of_three, fourier
+from logs import COM, INERTIA, LINK, MASS, Motion, fourier, loaded_arm, stribeck
 from tolerances import assert_near
 
 import phipsi
 from phipsi.errors import ArgumentError
 from phipsi.estimation import Accumulator, Payload
 
-pin = pytest.importorskip("pinocchio")
+pytest.importorskip("pinocchio")
 
-LINK, FIT = "link3", ["damping", "friction"]
-MASS, COM, INERTIA = 1.6, np.array([0.03, -0.02, 0.09]), np.array([[6e-3, 5e-4, 0.0], [5e-4, 8e-3, 1e-3], [0.0, 1e-3, 5e-3]])
-#: Its parameters in the frame of the link, I about the origin.
+FIT = ["damping", "friction"]
 ORIGIN = INERTIA + MASS * (COM @ COM * np.eye(3) - np.outer(COM, COM))
+#: Parameters of the load in the frame of the link, I about the origin.
 TRUTH = np.array([MASS, *MASS * COM, *(ORIGIN[i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))])
 
-Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
+Robot = tuple[phipsi.Scene, Callable[[Motion, bool], np.ndarray]]
 
 
 @pytest.fixture(scope="module")
-def robot() -> tuple[phipsi.Scene, Callable[[Motion, bool], np.ndarray]]:
-    """An arm, and the torques of one whose links are off by 20 % and 3 cm, with and without the load."""
-    scene, draw = arm_of_three().with_properties(armature=0.0), np.random.default_rng(4)
-    models = [pin.buildModelFromXML(scene.to_urdf()) for _ in range(2)]
-    for at in range(1, models[0].njoints):
-        own = models[0].inertias[at]
-        built = pin.Inertia(own.mass * draw.uniform(0.8, 1.2), own.lever + draw.uniform(-0.03, 0.03, 3), own.inertia * draw.uniform(0.8, 1.2))
-        for model in models:
-            model.inertias[at] = built
-    models[1].inertias[3] += pin.Inertia(MASS, COM, INERTIA)
-
-    def torques(motion: Motion, loaded: bool) -> np.ndarray:
-        model, data, (q, qd, qdd) = models[loaded], models[loaded].createData(), motion
-        assert list(model.names[1:]) == list(scene.joint_names)
-        # A continuous joint is (cos, sin).
-        turned = np.stack([np.cos(q), np.sin(q)], axis=-1).reshape(len(q), -1)
-        return np.array([pin.rnea(model, data, *state) for state in zip(turned, qd, qdd, strict=True)])
-
-    return scene, torques
-
-
-def stribeck(qd: np.ndarray) -> np.ndarray:
-    """Friction that no parameter in FIT explains, of another size in either direction."""
-    return 2.0 * qd + np.tanh(qd / 0.02) * (3.0 + 4.0 * np.exp(-((qd / 0.3) ** 2)) + 0.5 * np.sign(qd))
+def robot() -> Robot:
+    return loaded_arm()
 
 
 def accumulated(scene: phipsi.Scene, motion: Motion, tau: np.ndarray, **options: Any) -> Accumulator:
@@ -62,7 +39,7 @@ def identified(scene: phipsi.Scene, motions: list[Motion], torques: list[np.ndar
 
 
 @pytest.mark.parametrize("same_motion", [True, False])
-def test_intervals_of_a_load_contain_it(robot: tuple[phipsi.Scene, Callable[[Motion, bool], np.ndarray]], same_motion: bool) -> None:
+def test_intervals_of_a_load_contain_it(robot: Robot, same_motion: bool) -> None:
     scene, of = robot
     time = 0.01 * np.arange(1000)
     empty = fourier(time)
@@ -83,7 +60,7 @@ def test_intervals_of_a_load_contain_it(robot: tuple[phipsi.Scene, Callable[[Mot
     assert found.blocks >= 8 and np.all(np.abs(found.com - COM) < 0.01)
 
 
-def test_errors_of_the_model_cancel_and_a_single_log_keeps_them(robot: tuple[phipsi.Scene, Callable[[Motion, bool], np.ndarray]]) -> None:
+def test_errors_of_the_model_cancel_and_a_single_log_keeps_them(robot: Robot) -> None:
     scene, of = robot
     motion = fourier(0.01 * np.arange(600))
     torques = [of(motion, loaded) + stribeck(motion[1]) for loaded in (False, True)]
@@ -123,7 +100,7 @@ def test_what_a_motion_does_not_determine_is_unknown() -> None:
     assert np.isnan(found.parameters[4:]).all() and np.isinf(found.deviations[4:]).all()
 
 
-def test_gains_of_drives(robot: tuple[phipsi.Scene, Callable[[Motion, bool], np.ndarray]]) -> None:
+def test_gains_of_drives(robot: Robot) -> None:
     scene, of = robot
     gains, time, draw = np.array([12.0, -6.0, 4.0]), 0.01 * np.arange(600), np.random.default_rng(0)
     motions = [fourier(time), fourier(time, seed=7)]
