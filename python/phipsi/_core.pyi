@@ -4190,10 +4190,13 @@ class Scene:
         tau: ArrayLike,
         *,
         fit: Collection[
-            Literal["armature", "damping", "friction", "offset", "stribeck", "load", "joint_damping", "joint_friction"]
+            Literal[
+                "armature", "damping", "friction", "offset", "stribeck", "load", "friction_asymmetry", "damping_asymmetry",
+                "joint_damping", "joint_friction",
+            ]
         ] = (),
         noise: ArrayLike | None = None,
-        trust: float = 1.0,
+        trust: float | Mapping[str, float] | ArrayLike = 1.0,
         keep: Collection[str] = (),
         friction_speed: float = 0.01,
         stribeck_speed: float = 0.1,
@@ -4220,15 +4223,17 @@ class Scene:
             Measured joint torques, N m or N; NaN: not measured. With `transmission`: motor torques, (k, motors).
         fit : collection of str, optional
             Joint parameters to identify too: "armature", "damping", "friction", "offset", "stribeck" (friction that
-            decreases with speed) and "load" (friction proportional to the joint torque). With `transmission` these are
-            parameters of motors, and "joint_damping" and "joint_friction" are those of the joints that no motor moves
-            alone. The others are those of the scene.
+            decreases with speed) and "load" (friction proportional to the joint torque), and "friction_asymmetry" and
+            "damping_asymmetry", half of the difference of "friction" and "damping" between positive and negative
+            velocities. With `transmission` these are parameters of motors, and "joint_damping" and "joint_friction" are
+            those of the joints that no motor moves alone. The others are those of the scene.
         noise : float or (nv,) array_like, optional
             Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
             needs at least twice as many measured torques as parameters.
-        trust : float, default 1
+        trust : float, dict of float or (bodies,) array_like, default 1
             Weight of the parameters of the scene: each parameter is expected within about 1 / sqrt(trust) of them,
-            relatively. It does not apply to joint parameters that the scene lacks.
+            relatively. It does not apply to joint parameters that the scene lacks. A dict has the weights of links of
+            body_names, an array those of all, from 1e-6 to 1e9; other links and parameters of joints then have 1.
         keep : collection of str, optional
             Names in body_names whose inertias remain.
         friction_speed : float, default 0.01
@@ -4282,7 +4287,8 @@ class Scene:
             torques that no bodies of positive mass explain. Each names the joint, the numbers found and expected, and
             the fix.
         IdentificationWarning
-            A predicted bias above 0.2 standard deviations.
+            A predicted bias above 0.2 standard deviations; parameters that a scene does not have, such as asymmetric
+            friction and friction at rest below zero.
         InertiaWarning
             A body of the scene whose inertia no rigid body can have. The iteration starts from the nearest one that
             can.

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import re
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
-__all__ = ["command"]
+__all__ = ["command", "need_pages"]
 
 
 def command(*extras: str) -> str:
@@ -45,6 +46,12 @@ def command(*extras: str) -> str:
         return f'pip install "{"." if source == Path.cwd() else source}{wanted}"'
     packages = [] if own is None else _packages(own, extras)
     return f"pip install {' '.join(packages)}" if packages else f'pip install ".{wanted}", in a clone of phipsi'
+
+
+def need_pages() -> None:
+    """Raise ImportError if the packages for pages are not installed."""
+    if absent := [name for name in ("plotly", "jinja2") if find_spec(name) is None]:
+        raise ImportError(f"found no {', '.join(absent)}, which pages need; install with: {command('report')}")
 
 
 def _source(own: metadata.Distribution) -> Path | None:

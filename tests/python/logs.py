@@ -8,14 +8,20 @@ import numpy as np
 
 import phipsi
 
-__all__ = ["ENCODER", "FIT", "NOISES", "ROBOTS", "arm_of_four", "arm_of_three", "fourier", "gross_faults", "motion", "recorded", "residuals"]
+__all__ = [
+    "COM", "ENCODER", "FIT", "INERTIA", "LINK", "MASS", "NOISES", "ROBOTS", "Motion", "arm_of_four", "arm_of_three", "fourier", "gross_faults", "loaded_arm", "motion", "recorded", "residuals", "stribeck",
+]  # fmt: skip
 
 Array = np.ndarray
+Motion = tuple[Array, Array, Array]
 
 #: Step of the logs, s.
 STEP = 0.005
 #: Joint parameters that are fitted to the logs of `recorded`, and standard deviation of encoders, rad.
 FIT, ENCODER = ("damping", "friction"), 1e-4
+#: A load of a link: mass, kg, center of mass, m, and inertia about it, kg m^2.
+LINK, MASS, COM = "link3", 1.6, np.array([0.03, -0.02, 0.09])
+INERTIA = np.array([[6e-3, 5e-4, 0.0], [5e-4, 8e-3, 1e-3], [0.0, 1e-3, 5e-3]])
 
 
 def arm_of_three() -> phipsi.Scene:
@@ -28,6 +34,34 @@ def arm_of_three() -> phipsi.Scene:
         place = {"xyz": draw.uniform(-0.3, 0.3, 3), "rpy": draw.uniform(-1, 1, 3), "axis": draw.standard_normal(3)}
         builder.joint(f"joint{at}", "continuous", "base" if at == 1 else f"link{at - 1}", f"link{at}", **place, damping=0.4, friction=0.5, armature=0.05)
     return builder.build()
+
+
+def loaded_arm() -> tuple[phipsi.Scene, Callable[[Motion, bool], Array]]:
+    """The arm, and the torques of one whose links are off by 20 % and 3 cm, without and with the load, by Pinocchio's recursion."""
+    import pinocchio as pin
+
+    scene, draw = arm_of_three().with_properties(armature=0.0), np.random.default_rng(4)
+    models = [pin.buildModelFromXML(scene.to_urdf()) for _ in range(2)]
+    for at in range(1, models[0].njoints):
+        own = models[0].inertias[at]
+        built = pin.Inertia(own.mass * draw.uniform(0.8, 1.2), own.lever + draw.uniform(-0.03, 0.03, 3), own.inertia * draw.uniform(0.8, 1.2))
+        for model in models:
+            model.inertias[at] = built
+    models[1].inertias[3] += pin.Inertia(MASS, COM, INERTIA)
+    assert list(models[0].names[1:]) == list(scene.joint_names)
+
+    def torques(motion: Motion, loaded: bool) -> Array:
+        model, data, (q, qd, qdd) = models[loaded], models[loaded].createData(), motion
+        # A continuous joint is (cos, sin).
+        turned = np.stack([np.cos(q), np.sin(q)], axis=-1).reshape(len(q), -1)
+        return np.array([pin.rnea(model, data, *state) for state in zip(turned, qd, qdd, strict=True)])
+
+    return scene, torques
+
+
+def stribeck(qd: Array) -> Array:
+    """Friction that damping and friction do not explain, of another size in either direction."""
+    return 2.0 * qd + np.tanh(qd / 0.02) * (3.0 + 4.0 * np.exp(-((qd / 0.3) ** 2)) + 0.5 * np.sign(qd))
 
 
 def fourier(time: np.ndarray, joints: int = 3, seed: int = 2) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

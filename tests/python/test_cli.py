@@ -127,6 +127,20 @@ def test_identify(measured: Path, tmp_path: Path) -> None:
         assert np.all(archive["qd_deviation"][-1] > 0.0) and np.all(archive["qd_deviation"][-1] < 0.1)
 
 
+def test_identify_with_a_link_that_is_trusted(measured: Path) -> None:
+    robot, log = str(measured.parent / "arm.urdf"), str(measured)
+    result = run("identify", robot, log, "--noise", "0.1", "--trust", "link2=1e9", "--json")
+    assert result.exit_code == 0, result.output
+    own, found = phipsi.Scene.from_urdf(robot).parameters, np.array(json.loads(result.output)["parameters"])
+    assert np.abs(found[1, 0] - own[1, 0]) < 1e-2 < np.abs(found[2, 0] - own[2, 0])
+    for given, message in (
+        (("link2",), "--trust: found link2; expected one number, or LINK=NUMBER"), (("1", "link2=3"), "--trust: found 1, link2=3; expected one number"),
+        (("hand=3",), "trust: found 'hand', no link of body_names"),
+    ):  # fmt: skip
+        refused = run("identify", robot, log, *(word for one in given for word in ("--trust", one)))
+        assert refused.exit_code == 2 and message in " ".join(refused.output.split()), refused.output
+
+
 def test_identify_from_rates_alone(measured: Path, tmp_path: Path) -> None:
     scene, t = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM), np.linspace(0, 2, 1001)
     turns = np.outer(t, [5.0, 6.0, 7.0, 8.0, 9.0, 10.0])

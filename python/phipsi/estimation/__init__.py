@@ -11,6 +11,7 @@ from ._accumulator import Accumulator
 from ._base import BaseParameters
 from ._excitation import Excitation
 from ._logs import accumulate_logs, read_log
+from ._payload import DriveGains, Payload
 from ._smooth import Smoothed
 from .alarms import alarm_threshold, mean_time_to_alarm
 from .consistency import consistency_bounds, nees, nis
@@ -29,6 +30,7 @@ __all__ = [
     "Bands",
     "BaseParameters",
     "Contact",
+    "DriveGains",
     "Encoder",
     "Excitation",
     "ExternalWrench",
@@ -40,6 +42,7 @@ __all__ = [
     "Observer",
     "ObserverEstimate",
     "ParameterCovariance",
+    "Payload",
     "Pose",
     "Sensor",
     "Smoothed",

@@ -8,7 +8,7 @@ length, and one pass over the data suffices.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -23,6 +23,7 @@ from ._values import each
 if TYPE_CHECKING:
     from .._core import Scene
     from ._identification import Identification
+    from ._payload import DriveGains, Payload
 
 __all__ = ["Accumulator", "Block"]
 
@@ -362,7 +363,7 @@ class Accumulator:
         self,
         *,
         noise: ArrayLike | None = None,
-        trust: float = 1.0,
+        trust: float | Mapping[str, float] | ArrayLike = 1.0,
         total_mass: tuple[float, float] | None = None,
     ) -> Identification:
         """Identify the parameters from all added states.
@@ -371,7 +372,7 @@ class Accumulator:
         ----------
         noise : float or (motors,) array_like, optional
             Standard deviation of the torques, N m or N, as in Scene.identify.
-        trust : float, default 1
+        trust : float, dict of float or (bodies,) array_like, default 1
             Weight of the parameters of the scene, as in Scene.identify.
         total_mass : (float, float), optional
             Mass of the robot and its standard deviation, kg, as in Scene.identify.
@@ -399,6 +400,107 @@ class Accumulator:
         from ._identification import solved
 
         return solved(self, noise, trust, total_mass=total_mass)
+
+    def identify_payload(self, link: str, *, without: Accumulator, noise: ArrayLike | None = None) -> Payload:
+        """Identify the load of a link from the states of this log, with it, and of another one, without it.
+
+        Parameters
+        ----------
+        link : str
+            Link that carries the load, for instance the flange.
+        without : Accumulator
+            States of the robot without the load, with the same scene, fit, keep and transmission.
+        noise : float or (motors,) array_like, optional
+            Standard deviation of the torques, N m or N. None: that of the residuals of both logs.
+
+        Returns
+        -------
+        payload : Payload
+            Mass, center of mass and inertia of the load with their covariance, from the errors of both logs.
+
+        Raises
+        ------
+        ArgumentError, ShapeError
+            Accumulators of different models or of fewer than four blocks of time; a link that does not move or is in
+            keep; friction by load. The message names it.
+
+        Notes
+        -----
+        Least squares of both logs together, with the parameters of the robot and of the load, without a prior. Errors
+        of the inertias of the scene do not affect the load. If both logs have the same motion, errors of its friction
+        do not either. Blocks of both logs are deleted in pairs (jackknife).
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> from phipsi.estimation import Accumulator
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 400, 6))
+        >>> tau = [one.inverse_dynamics(q, qd, qdd) for one in (scene, scene.with_payload("flange", 0.5))]
+        >>> empty, loaded = (Accumulator(scene, block_length=20).add(q, qd, qdd, one) for one in tau)
+        >>> round(loaded.identify_payload("flange", without=empty).mass, 6)
+        0.5
+        """
+        from ._payload import identify_payload
+
+        return identify_payload(self, link, without, noise)
+
+    def identify_gains(
+        self,
+        link: str,
+        mass: float,
+        com: ArrayLike = (0.0, 0.0, 0.0),
+        inertia: ArrayLike | None = None,
+        *,
+        without: Accumulator,
+    ) -> DriveGains:
+        """Identify the gain of each drive, torque = gain current, from logs of currents with and without a known load.
+
+        Parameters
+        ----------
+        link : str
+            Link that carries the load in this log.
+        mass : float
+            Mass of the load, kg.
+        com : (3,) array_like, optional
+            Its center of mass in the frame of the link, m.
+        inertia : (3, 3) array_like, optional
+            Its inertia about the center of mass, in the axes of the link, kg m^2. None: a point mass.
+        without : Accumulator
+            States without the load, with the same scene, fit and transmission.
+
+        Returns
+        -------
+        gains : DriveGains
+            Gain of each motor with its standard deviation and interval.
+
+        Raises
+        ------
+        ArgumentError, ShapeError
+            As identify_payload; a scene with armature, damping, friction or springs that are not fitted, links in keep,
+            connections.
+
+        Notes
+        -----
+        The states are added with currents as `tau`, A. A log alone determines ratios of parameters and gains; the known
+        load is the scale. Each motor has parameters of its own, so that its gain does not depend on other drives. A
+        scene has no gains: multiply currents by them, for `tau` of identify.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> from phipsi.estimation import Accumulator
+        >>> scene = phipsi.scenes.chain(3)
+        >>> link, com, draw = scene.body_names[2], (0.1, 0.0, 0.2), np.random.default_rng(0)
+        >>> q, qd, qdd = draw.normal(size=(3, 200, 3))
+        >>> torques = [one.inverse_dynamics(q, qd, qdd) for one in (scene, scene.with_payload(link, 2.0, com))]
+        >>> empty, loaded = (Accumulator(scene, block_length=10).add(q, qd, qdd, one / 8.0) for one in torques)
+        >>> loaded.identify_gains(link, 2.0, com, without=empty).gains.round(6)
+        array([8., 8., 8.])
+        """
+        from ._payload import identify_gains
+
+        return identify_gains(self, (link, mass, com, inertia), without)
 
     def _like(self) -> Accumulator:
         """An empty accumulator of the same columns."""

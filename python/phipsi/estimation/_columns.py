@@ -4,7 +4,9 @@ Each row belongs to a motor. With motor velocities = B qd, joint torques are B^T
 for the bodies (Y: Scene.regressor). The columns of motor i are armature (B qdd)_i, damping (B qd)_i, Coulomb friction
 s_i = smooth sign of (B qd)_i, offset 1, Stribeck friction s_i exp(-(v/vs)^2), and load-dependent friction s_i |model
 torque|. Without a transmission, B is the identity and the motors are the degrees of freedom. Speeds of friction are
-those of joints: for motor i they are multiplied by the norm of row i of B. Damping and Coulomb friction of joint j, in
+those of joints: for motor i they are multiplied by the norm of row i of B. Friction that differs between the
+directions of motion has the further columns |s_i| and |(B qd)_i|: half of the difference of Coulomb friction and of
+damping between positive and negative velocities. Damping and Coulomb friction of joint j, in
 addition to those of motors, are the columns B^-T e_j qd_j and B^-T e_j s_j.
 
 With connections, whose forces are unknown, the rows are multiplied by the projector P = U U* on the motions of the
@@ -45,9 +47,11 @@ PROPERTIES = {
 #: Parameters of joints beside those of motors, with a transmission.
 OF_JOINTS = {"joint_damping": "damping", "joint_friction": "friction"}
 PROPERTIES |= OF_JOINTS
-KINDS = tuple(PROPERTIES)
+#: Half differences of the friction of both directions, with the friction that they differ from. A scene has none.
+ASYMMETRIC = {"friction_asymmetry": "friction", "damping_asymmetry": "damping"}
+KINDS = (*PROPERTIES, *ASYMMETRIC)
 #: Parameters of either sign.
-SIGNED = ("offset", "stribeck")
+SIGNED = ("offset", "stribeck", *ASYMMETRIC)
 #: Maximum condition number of a transmission.
 CONDITION = 1e8
 
@@ -157,6 +161,7 @@ class Columns:
     def _extras(self) -> Iterator[Extra]:
         scene, terms = self.scene, dict(zip(TERMS, self.scene.friction_terms, strict=True))
         values = {kind: terms[name] if name in terms else getattr(scene, name) for kind, name in PROPERTIES.items()}
+        values |= dict.fromkeys(ASYMMETRIC, np.zeros(scene.nv))
         for kind in self.fit:
             if self.transmission is None:
                 for joint in scene.joint_names:
@@ -265,6 +270,10 @@ class Columns:
                 found[kind] = np.ones_like(v)
             elif kind == "stribeck":
                 found[kind] = sliding * np.exp(-((v / (self.stribeck * self.ratios)) ** 2))
+            elif kind == "friction_asymmetry":
+                found[kind] = np.abs(sliding)
+            elif kind == "damping_asymmetry":
+                found[kind] = np.abs(v)
             elif kind == "joint_damping":
                 found[kind] = qd
             elif kind == "joint_friction":
@@ -288,8 +297,10 @@ class Columns:
         return found
 
     def of_joint(self, extra: Extra) -> tuple[str, float] | None:
-        """Joint of a motor parameter and the property of the joint per parameter; None if the motor moves several
-        joints."""
+        """Joint of a motor parameter and the property of the joint per parameter; None if a scene has no such property,
+        or if the motor moves several joints."""
+        if extra.kind not in PROPERTIES:
+            return None
         if self.transmission is None or extra.kind in OF_JOINTS:
             return extra.name, 1.0
         row = self.transmission[extra.rows[0]]

@@ -3,12 +3,13 @@
 Torques are linear in the parameters x: ten per body (mass, first moments, inertia about the link origin) and the
 fitted motor parameters. With rows W and measured torques y, both divided by their standard deviations, x minimizes
 
-    1/2 |y - W x|^2 + trust/2 sum over bodies (tr(J0^-1 J) - log det J) + 1/2 sum over motors w (x/x0 - log(x/x0))
+    1/2 |y - W x|^2 + 1/2 sum over bodies trust (tr(J0^-1 J) - log det J) + 1/2 sum over motors w (x/x0 - log(x/x0))
 
 The 4x4 matrix J, linear in x, holds the second moments of mass of a body. A body is physically consistent if J is
 positive definite, which the logarithm ensures. The second sum is a Wishart prior; its mode J0 is the body of the model.
-The third is a gamma distribution of armature, damping and friction with the mode x0 of the model and the weight w =
-trust. If the model has none, x0 is a tenth of the value that alone would explain the torques, and w at most 1.
+The weight `trust` is the same for all bodies, or one of each. The third is a gamma distribution of armature, damping
+and friction with the mode x0 of the model and the weight w = trust (1 if each body has its own). If the model has none,
+x0 is a tenth of the value that alone would explain the torques, and w at most 1.
 The function is convex. _most_probable minimizes it in coordinates z relative to the prior, J = L Z L^T with J0 = L L^T,
 in which the mode of the prior is Z = 1. A parameter of either sign is the difference of two positive ones.
 
@@ -24,25 +25,28 @@ H^-1 P H^-1 with the part P of H from the prior. For independent residuals this 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from .._arguments import numbers
+from .._arguments import numbers, whole
+from .._install import need_pages
 from ..errors import ArgumentError, IdentificationWarning, PhipsiError, ShapeError, of_argument, warn
 from ._accumulator import Accumulator, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
 from ._bodies import with_parameters
-from ._columns import PROPERTIES, SIGNED, Columns, flattened
+from ._checks import checked_time
+from ._columns import ASYMMETRIC, PROPERTIES, SIGNED, Columns, Extra, flattened
 from ._faults import BEYOND, Clock, beyond_bodies, warn_of_bodies
 from ._most_probable import most_probable
 from ._problem import UNKNOWN, Problem
 from ._student import student_quantile
-from ._values import positive
+from ._values import each, positive
 from .uncertainty import ParameterCovariance
 
 if TYPE_CHECKING:
@@ -55,8 +59,9 @@ _Array = NDArray[np.float64]
 #: Share of the variance from the data below which the interval of a parameter is the interval of the prior; and the
 #: bias, in standard deviations, above which a warning is raised.
 DECIDED, BIAS = 0.9, 0.2
-#: Lower bound of the weight of a prior relative to that of the bodies.
-LIGHTEST = 1e-12
+#: Smallest and largest weight of the prior, and of the prior of a body if each has its own: with smaller weights beside
+#: larger ones the minimum is not found.
+WEIGHTS, OF_EACH = (1e-15, 1e15), (1e-6, 1e9)
 #: With fewer blocks, intervals assume independent residuals.
 FEWEST_BLOCKS = 4
 #: Neighboring blocks are merged if the correlation of their scores exceeds the first number, or if they have fewer
@@ -245,7 +250,8 @@ class Identification:
             Marks of the parameters: "", "*", "!" or "*!". "!" for mass and diagonal entries of the inertia, which are
             positive: the interval is that of a normal distribution, which allows negative values.
         joints : dict
-            Marks of `joints`; "!" for armature, damping, Coulomb friction and friction by load.
+            Marks of `joints`; "!" for armature, damping, Coulomb friction and friction by load, and for Stribeck
+            friction and asymmetries with which the friction of a joint is below zero.
 
         Examples
         --------
@@ -260,7 +266,8 @@ class Identification:
         bodies = np.char.add(np.where(self.share < DECIDED, "*", ""), np.where(below, "!", ""))
         joints = {
             kind: {
-                name: "*" * (self.joint_share[kind][name] < DECIDED) + "!" * (kind not in SIGNED and lower < 0.0)
+                name: "*" * (self.joint_share[kind][name] < DECIDED)
+                + "!" * (lower < 0.0 if kind not in SIGNED else _least(self.columns, self.joints, kind, name) < 0.0)
                 for name, (lower, _) in intervals.items()
             }
             for kind, intervals in self.joint_interval(level).items()
@@ -380,10 +387,7 @@ class Identification:
         >>> bool(np.all(found.explained_variance(q[50:], qd[50:], qdd[50:], tau[50:]) > 0.999))
         True
         """
-        torques, measured = self.torques(q, qd, qdd), numbers("tau", tau)
-        if measured.shape != torques.shape or torques.ndim != 2:
-            expected = f"expected (k, {torques.shape[-1]}), as many states as q has"
-            raise of_argument(ShapeError, "tau", f"found shape {measured.shape}; {expected}")
+        measured, torques = self._measured_and_predicted((q, qd, qdd, tau))
         seen = np.isfinite(measured)
         count = np.maximum(seen.sum(axis=0), 1)
         off = np.where(seen, measured - torques, 0.0)
@@ -391,6 +395,125 @@ class Identification:
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = 1.0 - np.sum(off**2, axis=0) / np.sum(spread**2, axis=0)
         return np.asarray(np.where(seen.any(axis=0), shares, np.nan))
+
+    def _measured_and_predicted(self, log: tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]) -> tuple[_Array, _Array]:
+        """Measured torques as the rows determine them, and predicted ones, (k, motors)."""
+        q, qd, qdd, tau = log
+        torques, measured = self.torques(q, qd, qdd), numbers("tau", tau)
+        if measured.shape != torques.shape or torques.ndim != 2:
+            expected = f"expected (k, {torques.shape[-1]}), as many states as q has"
+            raise of_argument(ShapeError, "tau", f"found shape {measured.shape}; {expected}")
+        return self.columns.measured(np.broadcast_to(numbers("q", q), (len(torques), self.scene.nq)), measured), torques
+
+    def residuals(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, tau: ArrayLike) -> _Array:
+        """Measured minus predicted torques.
+
+        Parameters
+        ----------
+        q : (k, nq) array_like
+            Joint positions, rad or m.
+        qd : (k, nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (k, nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        tau : (k, motors) array_like
+            Measured motor torques, N m or N; NaN: not measured.
+
+        Returns
+        -------
+        residuals : (k, motors) ndarray
+            tau - torques, N m or N; NaN where a torque was not measured. With connections, as far as the torques act on
+            motions that these allow. `report` draws them over time and speed, with their autocorrelation.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError
+            An invalid argument. The message names it.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd)
+        >>> found = scene.identify(q, qd, qdd, tau, noise=0.01)
+        >>> bool(np.abs(found.residuals(q, qd, qdd, tau)).max() < 0.01)
+        True
+        """
+        measured, torques = self._measured_and_predicted((q, qd, qdd, tau))
+        return np.asarray(measured - torques)
+
+    def report(
+        self,
+        file: str | Path,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        time: ArrayLike | None = None,
+        fitted: int | None = None,
+    ) -> Path:
+        """Write a page with plots: the page of `phipsi identify --report`, in one file.
+
+        It has measured and predicted torques, residuals over time and speed with their autocorrelation and spectrum,
+        and the parameters with intervals.
+
+        Parameters
+        ----------
+        file : str or Path
+            File to write, HTML without external resources. Its name without suffix is the title.
+        q : (k, nq) array_like
+            Joint positions of a log, rad or m.
+        qd : (k, nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (k, nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        tau : (k, motors) array_like
+            Measured motor torques, N m or N; NaN: not measured.
+        time : (k,) array_like, optional
+            Times of the states, s; their indices if not given.
+        fitted : int, optional
+            Number of states, at the beginning of the log, that were used for the identification; the explained variance
+            of the others is listed apart. None: all.
+
+        Returns
+        -------
+        file : Path
+            The file.
+
+        Raises
+        ------
+        ArgumentError, ShapeError, NotFiniteError
+            An invalid argument. The message names it.
+        ImportError
+            The packages for pages are not installed.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi, tempfile
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 200, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd) + 0.1 * qd
+        >>> found = scene.identify(q[:150], qd[:150], qdd[:150], tau[:150], fit=["damping"], noise=0.01)
+        >>> folder = tempfile.mkdtemp()
+        >>> found.report(f"{folder}/arm.html", q, qd, qdd, tau, fitted=150).name
+        'arm.html'
+        """
+        need_pages()
+        # Reports import this module.
+        from ..report.identification import IdentificationReport, write_page
+
+        self._measured_and_predicted((q, qd, qdd, tau))
+        _, states = flattened(self.scene, q, qd, qdd)
+        count = len(states[0])
+        times = None if time is None else checked_time(time, count)
+        fitted = count if fitted is None else whole("fitted", fitted, 1)
+        if fitted > count:
+            expected = f"expected at most {count}, the number of states"
+            raise of_argument(ArgumentError, "fitted", f"found {fitted}; {expected}")
+        log = (*states, numbers("tau", tau))
+        return write_page(Path(file), IdentificationReport.of(Path(file).stem, self, log, times, fitted))
 
     def undecided(self) -> list[tuple[str, str]]:
         """Parameters whose intervals are the intervals of the prior.
@@ -481,10 +604,34 @@ def checked_mass(total_mass: Any) -> tuple[float, float]:
     return float(given[0]), float(given[1])
 
 
+#: Message of the error for weights of links.
+REFUSED = "found {least}; expected finite numbers above zero, one for each link of body_names"
+
+
+def checked_trust(scene: Scene, trust: Any, keep: Collection[str] = ()) -> tuple[_Array, float]:
+    """Weight of the prior of each body of body_names, (bodies,), and of joint parameters that the scene has."""
+    names, scalar = scene.body_names, np.ndim(trust) == 0 and not isinstance(trust, Mapping)
+    if isinstance(trust, Mapping):
+        for name in trust:
+            if name not in names or name in keep:
+                other = f"{name!r}, {'a link in keep' if name in keep else 'no link of body_names'}"
+                raise of_argument(ArgumentError, "trust", f"found {other}; expected names of links to identify")
+        trust = [trust.get(name, 1.0) for name in names]
+    if scalar:
+        found = np.full(len(names), positive("trust", trust))
+    else:
+        found = each("trust", trust, len(names), REFUSED, positive=True)
+    low, high = WEIGHTS if scalar else OF_EACH
+    if len(beyond := found[(found < low) | (found > high)]):
+        expected = f"expected {'a weight' if scalar else 'weights'} of {low:g} to {high:g}"
+        raise of_argument(ArgumentError, "trust", f"found {beyond[0]:g}; {expected}")
+    return found, float(trust) if scalar else 1.0
+
+
 def solved(
     accumulator: Accumulator,
     noise: ArrayLike | None,
-    trust: float,
+    trust: Any,
     *,
     total_mass: Any = None,
     clock: Clock = Clock(float("nan"), float("nan")),
@@ -492,9 +639,9 @@ def solved(
     check: bool = True,
 ) -> Identification:
     """Identify the parameters from all states of an accumulator."""
-    trust = positive("trust", trust)
     problem = Problem(accumulator)
     columns = problem.columns
+    of_bodies, of_joints = checked_trust(columns.scene, trust, columns.keep)
     weights = problem.deviation() if noise is None else problem.checked_noise(noise)
     # This call merges blocks that are too short.
     base = base_parameters(problem, weights)
@@ -511,8 +658,9 @@ def solved(
         row = np.append(own_masses @ problem.to_own, mass - np.sum(columns.own[columns.kept, 0]))
         with_mass = merged_triangles([triangle, row[None] / deviation])
     # Trust in the model is no trust in the parameters that it lacks.
-    prior = np.where(problem.lacking, np.clip(1.0 / trust, LIGHTEST, 1.0), 1.0)
-    z, root = most_probable(with_mass[:, :-1], with_mass[:, -1], problem.bodies, trust, prior)
+    of_extras = np.where(problem.lacking, min(of_joints, 1.0), of_joints)
+    prior = np.concatenate([of_bodies[columns.free], of_extras])
+    z, root = most_probable(with_mass[:, :-1], with_mass[:, -1], prior, problem.bodies)
     own = problem.to_own @ z
     by_data, by_prior = _columns_of_covariance(problem, tempered, own, root)
     parameters, own_root = columns.own.copy(), np.concatenate([by_data, by_prior], axis=1)
@@ -579,8 +727,8 @@ def _check_bodies(problem: Problem, weights: _Array, found: Identification) -> N
         return
     rows, target = problem.least_squares(weights)
     try:
-        alike = np.ones(problem.to_own.shape[1] - 10 * problem.bodies)
-        z, _ = most_probable(rows @ problem.to_own, target, problem.bodies, FLAT, alike)
+        flat = np.full(problem.to_own.shape[1] - 9 * problem.bodies, FLAT)
+        z, _ = most_probable(rows @ problem.to_own, target, flat, problem.bodies)
         after = problem.residual(problem.to_own @ z)
     except PhipsiError:
         pass
@@ -789,23 +937,57 @@ def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, flo
     """Scene with the estimated parameters."""
     scene = with_parameters(columns.scene, columns.free, parameters)
     properties: dict[str, dict[str, float]] = {}
-    omitted = []
+    shared: list[str] = []
+    lacking: list[str] = []
     for extra in columns.extras:
         value = joints.get(extra.kind, {}).get(extra.name)
         if value is None:
             continue
         of_joint = columns.of_joint(extra)
         if of_joint is None:
-            omitted.append(f"{extra.kind} of {extra.name}")
+            (lacking if extra.kind in ASYMMETRIC else shared).append(f"{extra.kind} of {extra.name}")
             continue
         joint, factor = of_joint
         properties.setdefault(PROPERTIES[extra.kind], {})[joint] = value * factor
         if extra.kind == "stribeck":
             properties.setdefault("stribeck_speed", {})[joint] = columns.stribeck
-    if omitted:
-        text = (
-            f"transmission: a scene has no {', '.join(omitted)}, which acts on several joints; Identification.torques"
-            " includes it, Identification.scene does not"
-        )
-        warn(text, IdentificationWarning)
+    texts = [f"transmission: a scene has no {', '.join(shared)}, which acts on several joints"] if shared else []
+    if lacking:
+        texts.append(f"fit: a scene has no {', '.join(lacking)}; its friction is the same in both directions")
+    for text in texts:
+        warn(f"{text}; Identification.torques includes it, Identification.scene does not", IdentificationWarning)
+    _bound_stribeck(columns, joints, properties)
     return scene.with_properties(**properties) if properties else scene
+
+
+def _bound_stribeck(
+    columns: Columns, joints: dict[str, dict[str, float]], properties: dict[str, dict[str, float]]
+) -> None:
+    """Raise Stribeck friction to the value at which the friction of a joint at rest is zero, which a scene requires."""
+    scene, texts = columns.scene, []
+    for joint in dict.fromkeys([*properties.get("friction", {}), *properties.get("stribeck", {})]):
+        at = scene.v_index(joint).start
+        dry = properties.get("friction", {}).get(joint, float(scene.friction[at]))
+        stribeck = properties.get("stribeck", {}).get(joint, float(scene.friction_terms[1][at]))
+        if dry + stribeck < 0.0:
+            properties.setdefault("stribeck", {})[joint] = -dry
+            texts.append(f"{joint!r} of {stribeck:.3g} with friction {dry:.3g}")
+    if texts:
+        found = f"fit: found stribeck of {', '.join(texts)}, with which friction at rest is below zero"
+        expected = "expected a sum of zero, as Identification.scene has, or more: check stribeck_speed and fit"
+        warn(f"{found}; {expected}; Identification.torques has the estimate", IdentificationWarning)
+
+
+def _least(columns: Columns, joints: dict[str, dict[str, float]], kind: str, name: str) -> float:
+    """Least friction or damping of a motor with its estimate of a signed kind; zero for offsets."""
+    base = {"stribeck": "friction", **ASYMMETRIC}.get(kind)
+    if base is None:
+        return 0.0
+    value, total = joints[kind][name], joints.get(base, {}).get(name)
+    if total is None:
+        # Not fitted: that of the scene.
+        rows = next(extra.rows for extra in columns.extras if (extra.kind, extra.name) == (kind, name))
+        joint, factor = columns.of_joint(Extra(base, name, rows, 0.0)) or ("", 1.0)
+        own = getattr(columns.scene, base)
+        total = float(own[columns.scene.v_index(joint).start]) / factor if joint else 0.0
+    return total + (value if kind == "stribeck" else -abs(value))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Collection, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +14,8 @@ from ..errors import ArgumentError, of_argument
 from ._accumulator import Accumulator, _log
 from ._checks import checked_time, shifted, warn_of_motion
 from ._faults import Clock, warn_of_faults
-from ._identification import Identification, _combinations, checked_mass, solved
+from ._identification import Identification, _combinations, checked_mass, checked_trust, solved
 from ._problem import Problem
-from ._values import positive
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -40,7 +38,7 @@ def identify(
     *,
     fit: Collection[str] = (),
     noise: ArrayLike | None = None,
-    trust: float = 1.0,
+    trust: float | Mapping[str, float] | ArrayLike = 1.0,
     keep: Collection[str] = (),
     friction_speed: float = 0.01,
     stribeck_speed: float = 0.1,
@@ -54,7 +52,7 @@ def identify(
     outliers: float | None = None,
 ) -> Identification:
     """Implementation of Scene.identify."""
-    positive("trust", trust)
+    checked_trust(scene, trust)
     if total_mass is not None:
         checked_mass(total_mass)
     if outliers is not None:
@@ -76,14 +74,9 @@ def identify(
     if tau_delay != 0.0 and times is not None:
         tau = shifted(tau, times, tau_delay)
     sound = warn_of_motion(scene, times, q, qd, qdd)
+    kinds, keep = names_of(fit), names_of(keep)
 
-    if outliers is not None:
-        given = {"fit": fit, "keep": keep, "friction_speed": friction_speed, "stribeck_speed": stribeck_speed}
-        given |= {"transmission": transmission, "instruments": instruments, "blocks": blocks, "total_mass": total_mass}
-        given |= {"noise": noise, "trust": trust, "time": time, "acceleration_noise": acceleration_noise}
-        return _without_outliers(scene, (q, qd, qdd, tau), outliers, given)
-
-    def accumulated(kinds: tuple[str, ...], load: Scene | None) -> Accumulator:
+    def accumulated(tau: _Array, kinds: tuple[str, ...], load: Scene | None) -> Accumulator:
         length = max(1, -(-len(q) // max(int(blocks), 1))) if isinstance(blocks, (int, np.integer)) else 1
         accumulator = Accumulator(
             scene,
@@ -100,13 +93,23 @@ def identify(
         )
         return accumulator.add(q, qd, qdd, tau, instruments=instruments)
 
-    kinds, keep, load = names_of(fit), names_of(keep), None
-    if "load" in kinds:
-        # Friction depends on the model torque, because the measured torque contains noise.
-        others = tuple(kind for kind in kinds if kind != "load")
-        if others or len(keep) < len(scene.body_names):
-            load = solved(accumulated(others, None), noise, trust, total_mass=total_mass).scene
-    accumulator = accumulated(kinds, load)
+    def of(tau: _Array) -> Accumulator:
+        load = None
+        if "load" in kinds:
+            # Friction depends on the model torque, because the measured torque contains noise.
+            others = tuple(kind for kind in kinds if kind != "load")
+            if others or len(keep) < len(scene.body_names):
+                load = solved(accumulated(tau, others, None), noise, trust, total_mass=total_mass).scene
+        return accumulated(tau, kinds, load)
+
+    rejected = np.zeros(tau.shape, dtype=bool)
+    if outliers is not None:
+        def identified(tau: _Array) -> Identification:
+            return solved(of(tau), noise, trust, total_mass=total_mass, check=False)
+
+        rejected = _outliers(identified, (q, qd, qdd, tau), outliers)
+        tau = np.where(rejected, np.nan, tau)
+    accumulator = of(tau)
     tau = accumulator.columns.measured(q, tau)
     clock = Clock(float("nan"), float("nan"))
     if sound:
@@ -115,13 +118,14 @@ def identify(
         # Otherwise the bias is predicted or removed.
         differences = acceleration_noise is None and instruments is None
         clock, sound = warn_of_faults(accumulator.columns, used, times, (q, qd, qdd, tau), weights, differences)
-    return solved(accumulator, noise, trust, total_mass=total_mass, clock=clock, check=sound)
+    counts = np.sum(rejected, axis=0)
+    return solved(accumulator, noise, trust, total_mass=total_mass, clock=clock, outliers=counts, check=sound)
 
 
-def _without_outliers(
-    scene: Scene, log: tuple[_Array, _Array, _Array, _Array], deviations: float, given: dict[str, Any]
-) -> Identification:
-    """Identify without the torques whose residuals exceed a number of robust standard deviations.
+def _outliers(
+    identified: Callable[[_Array], Identification], log: tuple[_Array, _Array, _Array, _Array], deviations: float
+) -> NDArray[np.bool_]:
+    """Torques whose residuals exceed a number of robust standard deviations, (k, motors).
 
     Rejection and identification alternate until the set of rejected torques stays the same.
     """
@@ -131,7 +135,7 @@ def _without_outliers(
         with warnings.catch_warnings():
             # The last identification issues them.
             warnings.simplefilter("ignore", UserWarning)
-            found = identify(scene, q, qd, qdd, np.where(rejected, np.nan, tau), **(given | {"time": None}))
+            found = identified(np.where(rejected, np.nan, tau))
         size = np.abs(tau - found.torques(q, qd, qdd))
         measured = [one[np.isfinite(one)] for one in size.T]
         sigma = TO_DEVIATION * np.array([np.median(one) if len(one) else np.nan for one in measured])
@@ -140,5 +144,4 @@ def _without_outliers(
         if np.array_equal(beyond, rejected):
             break
         rejected = beyond
-    found = identify(scene, q, qd, qdd, np.where(rejected, np.nan, tau), **given)
-    return replace(found, outliers=np.sum(rejected, axis=0))
+    return rejected

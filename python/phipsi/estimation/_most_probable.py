@@ -3,12 +3,17 @@
 The variables z are the entries on and above the diagonal of a symmetric 4x4 matrix Z for each body, then positive
 numbers x. The function
 
-    1/2 |target - triangle z|^2 + trust/2 sum (tr Z - log det Z) + trust/2 sum w (x - log x)
+    1/2 |target - triangle z|^2 + 1/2 sum trust (tr Z - log det Z) + 1/2 sum trust (x - log x)
 
-is convex, with a weight w of each x. Let S = trust/2 + the gradient of the first term, as matrices; trust/2 w for x. The
-gradient of the function is zero if Z S = mu 1, and x s = mu w, with mu = trust/2. The method keeps Z and S positive
-definite, linearizes Z S = mu 1 in Nesterov-Todd scaling, and decreases mu to trust/2. Because both matrices are updated, the number of steps hardly depends on the
-distance between start and minimum. Newton's method on Z alone needs thousands of steps if a body is far from its prior.
+is convex, with a weight `trust` of each body and each x. Let S = trust/2 + the gradient of the first term, as matrices.
+The gradient of the function is zero if Z S = trust/2 1, and x s = trust/2. The method keeps Z and S positive definite,
+linearizes Z S = max(mu, trust/2) 1 in Nesterov-Todd scaling, and decreases mu to the least trust/2. Because both
+matrices are updated, the number of steps hardly depends on the distance between start and minimum. Newton's method on Z
+alone needs thousands of steps if a body is far from its prior.
+
+mu is the same for all variables, and each stops at its own trust/2. Products that are proportional to the weights on the
+whole path, mu trust, would first move variables of large weight to mu times their prior, far from the minimum: with
+weights that differ by 1e6 such a path does not return within the steps below.
 """
 
 from __future__ import annotations
@@ -82,8 +87,7 @@ def _transposed(matrices: _Array) -> _Array:
 class _Scaling:
     """Nesterov-Todd scaling: roots U with Z = U Lambda U^T and S = U^-T Lambda U^-1, Lambda diagonal."""
 
-    def __init__(self, primal: _Blocks, dual: _Blocks, weights: _Array) -> None:
-        self.weights = weights
+    def __init__(self, primal: _Blocks, dual: _Blocks) -> None:
         left, values, right = np.linalg.svd(_transposed(dual.bodies) @ primal.bodies)
         self.values = _Blocks(values, primal.rest * dual.rest)
         self._halves = np.sqrt(values)
@@ -92,15 +96,10 @@ class _Scaling:
         )
         self._dual = _Blocks(dual.bodies @ left / self._halves[:, None, :], np.sqrt(dual.rest / primal.rest))
 
-    @property
-    def mean(self) -> float:
-        """Mean of the eigenvalues of Z S, and of x s / w."""
-        return float(np.sum(self.values.bodies**2) + np.sum(self.values.rest**2 / self.weights)) / self.order
-
-    @property
-    def order(self) -> int:
-        """Number of eigenvalues."""
-        return int(self.values.bodies.size + self.values.rest.size)
+    def mean(self, last: _Blocks, mu: float) -> float:
+        """Mean of the eigenvalues of Z S, and of x s, of the variables with `last` below mu; zero if there are none."""
+        found = np.concatenate([self.values.bodies[last.bodies < mu].ravel(), self.values.rest[last.rest < mu]])
+        return float(np.mean(found**2)) if found.size else 0.0
 
     def diagonal(self, power: int) -> _Blocks:
         """Power of Lambda, as matrices."""
@@ -120,43 +119,43 @@ class _Scaling:
         return found[0], found[1]
 
 
-def most_probable(
-    triangle: _Array, target: _Array, bodies: int, trust: float, weights: _Array
-) -> tuple[_Array, _Array]:
+def most_probable(triangle: _Array, target: _Array, trust: _Array, bodies: int) -> tuple[_Array, _Array]:
     """Return the minimizer, (n,), and a root R, (n, n), of the inverse Hessian R R^T at the minimum.
 
-    `weights` are those of the variables after the bodies.
+    `trust` are the weights of the priors, (bodies + others,).
     """
-    size, last = triangle.shape[1], 0.5 * trust
-    relative = np.concatenate([np.ones(10 * bodies), weights])
+    size, last = triangle.shape[1], _Blocks(0.5 * trust[:bodies], 0.5 * trust[bodies:])
+    each = np.concatenate([np.repeat(last.bodies, 10), last.rest])
     primal = _Blocks(np.tile(np.eye(4), (bodies, 1, 1)), np.ones(size - 10 * bodies))
-    dual = _start(triangle.T @ (triangle @ primal.z() - target), bodies, last * relative)
-    before, fall, mu = np.inf, FALL, np.inf
+    dual = _start(triangle.T @ (triangle @ primal.z() - target), bodies, each)
+    lowest_mu, before, fall, mu = float(each.min()), np.inf, FALL, np.inf
     for _ in range(STEPS):
-        scaling = _Scaling(primal, dual, weights)
-        mu = max(last, fall * scaling.mean)
+        scaling = _Scaling(primal, dual)
+        mu = max(lowest_mu, fall * scaling.mean(last, mu))
+        product = _Blocks(np.maximum(mu, last.bodies)[:, None, None], np.maximum(mu, last.rest))
         scaled = triangle @ scaling.root.to_z()
         center = scaling.diagonal(-1)
-        pull = relative * (last * scaling.root.squares().coordinates() - mu * center.coordinates())
+        center = _Blocks(product.bodies * center.bodies, product.rest * center.rest)
+        pull = each * scaling.root.squares().coordinates() - center.coordinates()
         # A least-squares problem instead of the normal equations, to avoid squaring the condition number.
         rows = np.concatenate([scaled, np.eye(size)])
         orthogonal, upper = np.linalg.qr(rows)
         y = np.linalg.solve(upper, orthogonal.T @ np.concatenate([target - triangle @ primal.z(), -pull]))
         change = _Blocks.of(y, bodies)
         own = scaling.diagonal(1)
-        other = _Blocks(mu * center.bodies - own.bodies - change.bodies, mu * weights * center.rest - own.rest - change.rest)
+        other = _Blocks(center.bodies - own.bodies - change.bodies, center.rest - own.rest - change.rest)
         lowest = min(float(scaling.relative(one).min(initial=0.0)) for one in (change, other))
         length = 1.0 if lowest >= -WITHIN else -WITHIN / lowest
         primal, dual = scaling.moved(length, change, other)
         fall = FALL if length > 0.5 else CAUTIOUS
         moved = float(np.linalg.norm(rows @ y))
         # The iteration also ends if rounding prevents shorter steps.
-        if mu == last and length == 1.0 and (moved <= TIGHT or (moved <= LOOSE and moved > 0.25 * before)):
-            return primal.z(), _root_of_covariance(triangle, primal, trust, relative)
+        if mu == lowest_mu and length == 1.0 and (moved <= TIGHT or (moved <= LOOSE and moved > 0.25 * before)):
+            return primal.z(), _root_of_covariance(triangle, primal, 2.0 * each)
         before = moved
     found = (
-        f"no minimum in {STEPS} steps (Z S is {scaling.mean:.1e} of {last:.1e}, the last step {moved:.1e} standard"
-        " deviations)"
+        f"no minimum in {STEPS} steps (Z S is at {mu:.1e} on the way to {lowest_mu:.1e}, the last step {moved:.1e}"
+        " standard deviations)"
     )
     expected = "torques in N m or N with the signs of inverse_dynamics, or noise=... of about the size of the residuals"
     raise PhipsiError(f"identify: found {found}; expected {expected}")
@@ -169,11 +168,11 @@ def _start(gradient: _Array, bodies: int, least: _Array) -> _Blocks:
     return _Blocks(roots, np.sqrt(least[10 * bodies :] + np.abs(gradient[10 * bodies :])))
 
 
-def _root_of_covariance(triangle: _Array, root: _Blocks, trust: float, relative: _Array) -> _Array:
+def _root_of_covariance(triangle: _Array, root: _Blocks, trust: _Array) -> _Array:
     """Root of the inverse Hessian with respect to z."""
-    # In coordinates in which the second derivative of all priors is trust/2.
-    scaled = root.to_z() / np.sqrt(relative)
+    # In coordinates in which the second derivative of all priors is 1/2.
+    scaled = root.to_z() / np.sqrt(trust)
     _, singular, right = np.linalg.svd(triangle @ scaled)
-    variances = np.full(len(right), 2.0 / trust)
-    variances[: len(singular)] = 1.0 / (singular**2 + 0.5 * trust)
+    variances = np.full(len(right), 2.0)
+    variances[: len(singular)] = 1.0 / (singular**2 + 0.5)
     return np.asarray(scaled @ right.T * np.sqrt(variances))

@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -17,7 +16,7 @@ from rich.console import Console
 
 from .. import __version__, _core, errors
 from .._core import Scene
-from .._install import command
+from .._install import need_pages
 from .._load import load
 from . import auto_cost, pipeline, sections, terminal
 from .progress import Silent, reporter
@@ -178,9 +177,10 @@ def folder(path: Path) -> Iterator[None]:
 
 def check_pages() -> None:
     """Raise BadInput if the packages for pages are not installed."""
-    absent = [name for name in ("plotly", "jinja2") if find_spec(name) is None]
-    if absent:
-        raise BadInput(f"found no {', '.join(absent)}, which pages need; install with: {command('report')}")
+    try:
+        need_pages()
+    except ImportError as error:
+        raise BadInput(str(error)) from None
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})

@@ -1,23 +1,26 @@
-"""The page of `phipsi identify`: measured against predicted torques, parameters with intervals, the spectrum of the residuals, and what cannot be known."""
+"""The page of an identification: measured and predicted torques, residuals, parameters with intervals, and what cannot be known."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..estimation._identification import DECIDED, Identification
+from ..estimation._identification import DECIDED, Identification, predicted
 from .page import Block, Figure, Table
-from .pipeline import Findings, Layout, Section, provenance
+from .pipeline import Findings, Layout, Section, html, provenance
 from .plotting import COLORS, GRAY, Axis, Chart, Panel, Series
 from .states import Array
 
 #: Rows that curves show, and base parameters that the page lists.
 MOST_ROWS, MOST_BASE = 1500, 200
-#: Pieces of the residual that its spectrum is averaged over.
+#: Pieces of the residual that its spectrum is averaged over; points of a residual, bins of speed that it is averaged over,
+#: least number of states of a bin, and lags of its autocorrelation.
 PIECES = 8
+POINTS, BINS, OF_BIN, LAGS = 600, 24, 5, 200
 
 
 @dataclass
@@ -36,9 +39,20 @@ class IdentificationReport(Findings):
     """Torques of the identified parameters."""
     before: Array
     """Torques of the model."""
+    speeds: Array
+    """Velocities of the motors, (k, motors)."""
     held_out: int
     """The first row that was not fitted; k where all were."""
     level: float = 0.95
+
+    @classmethod
+    def of(cls, name: str, found: Identification, log: tuple[Array, Array, Array, Array], time: Array | None, held_out: int) -> IdentificationReport:
+        """The report of an identification and a log q, qd, qdd, tau."""
+        (q, qd, qdd, tau), columns = log, found.columns
+        model = np.append(columns.own[columns.free].ravel(), [extra.model for extra in columns.extras])
+        time = np.arange(len(q), dtype=float) if time is None else time
+        before = predicted(columns, model, q, qd, qdd)
+        return cls(False, name, columns.scene, found, time, columns.measured(q, tau), found.torques(q, qd, qdd), before, columns.rates(qd), held_out)
 
     def head(self) -> dict[str, Any]:
         found = self.found
@@ -61,7 +75,7 @@ class IdentificationReport(Findings):
 
 
 def _torques(report: IdentificationReport) -> Chart:
-    rows = np.unique(np.linspace(0, len(report.time) - 1, MOST_ROWS).round().astype(int))
+    rows = _chosen(len(report.time), MOST_ROWS)
     fitted, held = rows[rows < report.held_out], rows[rows >= report.held_out]
     panels = []
     for motor, name in enumerate(report.motors):
@@ -74,6 +88,48 @@ def _torques(report: IdentificationReport) -> Chart:
         series.append(Series("model before", COLORS[4], report.time[rows], report.before[rows, motor], line=1.0, dash=True))
         panels.append(Panel(Axis("time, s", form=".4~g", unit=" s"), Axis("N m or N", form=".4~g"), series, name))
     return Chart("torques", panels, height=170, linked=True)
+
+
+def _chosen(count: int, most: int) -> Any:
+    """Indices of some of the rows, equidistant."""
+    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+
+
+def _residuals(report: IdentificationReport) -> Chart:
+    """Of each motor: over time, its autocorrelation, and over the speed of the motor with the mean of bins."""
+    off, panels = report.measured - report.predicted, []
+    step = float(np.median(np.diff(report.time))) if len(off) > 1 else 1.0
+    rows = _chosen(len(off), POINTS)
+    for motor, name in enumerate(report.motors):
+        own, speed = off[:, motor], report.speeds[:, motor]
+        seen = np.isfinite(own)
+        if not seen.any():
+            continue
+        y, series = Axis("N m or N", form=".3~g"), [Series("residual", COLORS[0], report.time[rows], own[rows], line=0.8)]
+        panels.append(Panel(Axis("time, s", form=".4~g", unit=" s"), y, series, name))
+        values, bound = _autocorrelation(own)
+        ends = [0.0, step * (len(values) - 1)]
+        series = [Series("autocorrelation", COLORS[1], step * np.arange(len(values), dtype=float), values, line=1.3)]
+        series += [Series("95 % of white noise", GRAY, ends, [sign * bound] * 2, line=1.0, dash=True, told=False) for sign in (-1.0, 1.0)]
+        panels.append(Panel(Axis("lag, s", form=".4~g", unit=" s"), Axis("", -1.05, 1.05, form=".3~g"), series))
+        series = [Series("residual", COLORS[0], speed[rows], own[rows], mark=3.0, shade=0.4)]
+        # Bins of equal numbers of states.
+        order = np.argsort(speed[seen])
+        bins = [part for part in np.array_split(order, BINS) if len(part) >= OF_BIN]
+        if bins:
+            middle, mean = (np.array([float(np.mean(of[seen][part])) for part in bins]) for of in (speed, own))
+            series.append(Series("mean by speed", COLORS[2], middle, mean, line=2.0, mark=5.0))
+        panels.append(Panel(Axis("speed, rad/s or m/s", form=".3~g"), Axis("", form=".3~g"), series))
+    return Chart("residuals", panels, columns=3, height=170)
+
+
+def _autocorrelation(values: Array) -> tuple[Array, float]:
+    """Autocorrelation of values about their mean, NaN omitted, and its bound for white noise."""
+    seen = np.isfinite(values)
+    rest = np.where(seen, values - np.mean(values[seen]), 0.0)
+    lags = range(min(LAGS, max(1, len(values) // 4)))
+    squares = float(rest @ rest) or 1.0
+    return np.array([rest[: len(rest) - lag] @ rest[lag:] for lag in lags]) / squares, 1.96 / float(np.sqrt(seen.sum()))
 
 
 def _fit(report: IdentificationReport) -> Sequence[Block]:
@@ -185,6 +241,10 @@ REPORT: Layout[IdentificationReport] = Layout(
     (
         Section("fit", "How well torques are explained", blocks=_fit),
         Section("torques", "Measured and predicted torques", plots=lambda report: [_torques(report)], blocks=lambda _: [Figure("torques", "A click on a name hides its curve.")]),
+        Section(
+            "residuals", "Residuals", plots=lambda report: [_residuals(report)],
+            blocks=lambda _: [Figure("residuals", "Measured minus identified torques: over time, their autocorrelation, and over speed. A mean that depends on speed is a wrong friction model: a step at zero is dry friction, a peak there Stribeck friction, a slope damping, and a different size on either side asymmetric friction.")],
+        ),
         Section("parameters", "Parameters with intervals", blocks=_parameters),
         Section("base", "Base parameters", blocks=_base),
         Section(
@@ -195,3 +255,9 @@ REPORT: Layout[IdentificationReport] = Layout(
         provenance(),
     ),
 )  # fmt: skip
+
+
+def write_page(file: Path, report: IdentificationReport) -> Path:
+    """Write the page as one file."""
+    file.write_text(html(REPORT, report), encoding="utf-8")
+    return file

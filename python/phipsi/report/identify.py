@@ -15,7 +15,7 @@ from .._core import Scene
 from ..estimation import Accumulator, accumulate_logs, read_log
 from ..estimation._checks import shifted
 from ..estimation._columns import KINDS
-from ..estimation._identification import Identification, predicted
+from ..estimation._identification import Identification
 from ..estimation._logs import with_derivatives
 from . import pipeline, terminal
 from .commands import JSON, FLOATING, BadInput, _as_options, _load, _typed_errors, check_pages, echo_json, group
@@ -35,7 +35,7 @@ NUMBERS = ("parameters", "deviations", "share", "joints", "joint_deviations", "j
 @click.option("--report", "folder", type=click.Path(path_type=Path, file_okay=False), help="Write a page about the identification into this folder.")
 @click.option("--fit", type=click.Choice(KINDS), multiple=True, help="Of the joints, too; may be given several times.")
 @click.option("--noise", type=float, help="Standard deviation of the torques, N m or N.  [default: that of the residuals]")
-@click.option("--trust", type=float, default=1.0, show_default=True, help="Weight of the model's own inertias.")
+@click.option("--trust", "trusts", multiple=True, metavar="[LINK=]WEIGHT", help="Weight of the model's own inertias, or of that of a link; may be given for several links.  [default: 1]")
 @click.option("--keep", multiple=True, metavar="LINK", help="A link whose inertia stays; may be given several times.")
 @click.option("--transmission", type=click.Path(path_type=Path, dir_okay=False), help="Matrix of motor velocities by joint velocities, as .npy or text.")
 @click.option("--lock", "locked", multiple=True, metavar="JOINT[=Q]", help="A joint that does not move, at Q in rad or m; may be given several times.  [default: its neutral position]")
@@ -58,7 +58,7 @@ def identify(
     folder: Path | None,
     fit: tuple[str, ...],
     noise: float | None,
-    trust: float,
+    trusts: tuple[str, ...],
     keep: tuple[str, ...],
     transmission: Path | None,
     locked: tuple[str, ...],
@@ -83,7 +83,7 @@ def identify(
         check_pages()
     scene, name, _, _ = _load(robot, floating_base)
     scene = _locked(scene, locked, joints)
-    console = Console(stderr=True)
+    console, trust = Console(stderr=True), _trust(trusts)
     settings: dict[str, Any] = {"fit": fit, "keep": keep, "blocks": blocks, "friction_speed": friction_speed, "stribeck_speed": stribeck_speed, "tau_delay": tau_delay}
     with _typed_errors(), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -112,7 +112,7 @@ def identify(
             with covariance.open("wb") as stream:
                 root: dict[str, Any] = {**found.parameter_covariance.arrays()}
                 np.savez(stream, **root)
-        shown = _shown(name, scene, found, log, fitted, tau_delay)
+        shown = _shown(name, found, log, fitted, tau_delay)
         pages = [] if folder is None else pipeline.write(REPORT, pipeline.collect(REPORT, shown, Silent()), folder)
     for text in dict.fromkeys(str(one.message) for one in caught if not issubclass(one.category, (DeprecationWarning, PendingDeprecationWarning))):
         terminal.line(console, f"warning: {_as_options(text)}", "yellow")
@@ -132,6 +132,18 @@ def identify(
         click.echo(f"velocities and accelerations are from the smoothed positions, with a bandwidth in Hz of {hertz}; torques at {smoothed.cutoff.max():.3g} Hz")
     for file in [*(one for one in (output, covariance) if one is not None), *pages]:
         click.echo(file)
+
+
+def _trust(given: tuple[str, ...]) -> float | dict[str, float]:
+    """One weight, or weights by link."""
+    named = dict(one.rpartition("=")[::2] for one in given)
+    try:
+        weights = {link: float(weight) for link, weight in named.items()}
+        if "" in weights and len(given) > 1:
+            raise ValueError
+    except ValueError:
+        raise BadInput(f"--trust: found {', '.join(given)}; expected one number, or LINK=NUMBER for each of some links") from None
+    return weights.get("", 1.0) if "" in weights or not weights else weights
 
 
 def _matrix(path: Path) -> Any:
@@ -191,15 +203,12 @@ def _axes(scene: Scene) -> list[str]:
     return [joint if at.stop - at.start == 1 else f"{joint}[{row}]" for joint, at in of.items() for row in range(at.stop - at.start)]
 
 
-def _shown(name: str, scene: Scene, found: Identification, log: dict[str, Any], fitted: int, delay: float) -> IdentificationReport:
+def _shown(name: str, found: Identification, log: dict[str, Any], fitted: int, delay: float) -> IdentificationReport:
     """The identification and the first log, with predicted torques."""
     q, qd, qdd, tau = (log[key] for key in ("q", "qd", "qdd", "tau"))
-    columns = found.columns
-    before = predicted(columns, np.append(columns.own[columns.free].ravel(), [extra.model for extra in columns.extras]), q, qd, qdd)
-    time = log.get("time", np.arange(len(q), dtype=float))
     if delay:
-        tau = shifted(tau, time, delay)
-    return IdentificationReport(False, name, scene, found, time, columns.measured(q, tau), found.torques(q, qd, qdd), before, fitted)
+        tau = shifted(tau, log["time"], delay)
+    return IdentificationReport.of(name, found, (q, qd, qdd, tau), log.get("time"), fitted)
 
 
 def _show(found: Identification, links: tuple[str, ...], shown: IdentificationReport) -> None:

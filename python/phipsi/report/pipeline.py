@@ -150,6 +150,11 @@ def draw(layout: Layout[F], found: F, reporter: Reporter | None = None) -> list[
 Drawer: TypeAlias = "Callable[[Plot], bytes]"
 
 
+def html(layout: Layout[F], found: F, plots: list[Plot] | None = None) -> str:
+    """The page, in one file."""
+    return Page(layout, found, draw(layout, found) if plots is None else plots).render("page.html")
+
+
 def write(
     layout: Layout[F], found: F, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None,
     drawer: Drawer | None = None,
@@ -165,7 +170,7 @@ def write(
         text = json.dumps(to_json(layout, found), indent=1, allow_nan=False, ensure_ascii=False)
         (folder / layout.numbers).write_text(text + "\n", encoding="utf-8")
         pages.append(folder / "index.html")
-        pages[-1].write_text(Page(layout, found, plots).render("page.html"), encoding="utf-8")
+        pages[-1].write_text(html(layout, found, plots), encoding="utf-8")
     if markdown is not None:
         assert drawer is not None
         markdown.parent.mkdir(parents=True, exist_ok=True)
