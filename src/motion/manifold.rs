@@ -15,7 +15,8 @@ pub fn advance<T: Real>(model: &Model<T>, q: &[T], v: &[T], out: &mut [T]) {
     }
 }
 
-/// The velocities that [`advance`] integrates from `q` to `to`.
+/// The displacement from `q` to `to` in the child frames at `to`: to first order the velocities that [`advance`]
+/// integrates, exactly if no free joint rotates.
 pub(super) fn displacement(model: &Model<f64>, q: &[f64], to: &[f64]) -> Vec<f64> {
     let mut x = vec![0.0; model.nv()];
     for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
