@@ -419,7 +419,7 @@ def forward_dynamics_variance(
         wrenches,
         errors,
     )
-    of_joints = both[..., : scene.nv].copy()
+    of_joints = both[..., : scene.nv].copy() if names else both
     of_links = {
         name: both[..., scene.nv + 36 * at :][..., :36].reshape(*both.shape[:-1], 6, 6) for at, name in enumerate(names)
     }
