@@ -18,13 +18,13 @@ use crate::model::Model;
 use crate::scalar::Lanes;
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, Symmetric6};
-use std::sync::{Arc, Mutex, PoisonError};
 #[cfg(target_arch = "aarch64")]
 use pulp::aarch64::Neon;
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The uncertain quantities and the requested results, the same for all states of a batch.
 pub(crate) struct Question<'a> {
@@ -52,15 +52,18 @@ pub(crate) trait VarianceLanes: Send {
     fn run(&mut self, states: &[Accelerated<'_>], out: &mut [f64]) -> u64;
 }
 
+/// Numbers of a call, and the roots computed from them.
+type KeptRoots = (Vec<f64>, Arc<ParameterRoots<f64>>);
+
 /// Kernels of a scene, and the roots of the last call, which the next call needs again.
 #[derive(Default)]
 pub(crate) struct Kept {
-    roots: Mutex<Option<(Vec<f64>, Arc<ParameterRoots<f64>>)>>,
+    roots: Mutex<Option<KeptRoots>>,
     kernels: Mutex<Vec<Box<dyn VarianceLanes>>>,
 }
 
 impl Kept {
-    /// Those of a scene.
+    /// The kernels and roots that a scene keeps.
     pub fn of(scene: &Scene) -> Arc<Self> {
         scene.shared().get_or_make(Self::default)
     }

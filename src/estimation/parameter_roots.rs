@@ -1,8 +1,8 @@
 //! Roots of the covariances of bodies' inertial parameters.
 
+use crate::dynamics::derivatives::Parameters;
 #[cfg(feature = "python")]
 use crate::dynamics::derivatives::parameters;
-use crate::dynamics::derivatives::{Parameters, inertia};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, Symmetric3, Symmetric6, angular, cross_add, linear, minus, spatial, sum3};
 use nalgebra::{Vector3, Vector6};
@@ -14,8 +14,8 @@ use nalgebra::{Vector3, Vector6};
 /// known. L is lower trapezoidal: at most four columns change the mass or the first moment, and the rest only I, whose
 /// force on the body is a moment.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ParameterRoots<T> {
-    columns: Vec<BodyInertia<T>>,
+pub struct ParameterRoots<T: Real> {
+    columns: Vec<BodyInertia<T::Parameter>>,
     /// Of each body the end of its columns with mass or first moment, and the end of its columns.
     ends: Vec<[usize; 2]>,
 }
@@ -28,7 +28,7 @@ impl<T: Real> ParameterRoots<T> {
         for body in bodies {
             let (root, massive) = lower_trapezoidal(body.into_iter().collect());
             let begin = columns.len();
-            columns.extend(root.iter().map(inertia));
+            columns.extend(root.into_iter().map(|column| constants::<T>(column.map(Real::to_parameter))));
             ends.push([begin + massive, columns.len()]);
         }
         Self { columns, ends }
@@ -55,11 +55,11 @@ impl<T: Real> ParameterRoots<T> {
             if begin < end {
                 let regressor = Regressor::at(&velocity[k], &acceleration[k]);
                 for column in &self.columns[begin..massive] {
-                    let force = regressor.force(column);
+                    let force = regressor.force(&in_lanes(column, velocity[k][0]));
                     covariance = covariance.add_rank_one(&force, &force);
                 }
                 for column in &self.columns[massive..end] {
-                    let moment = regressor.moment(&column.rotational);
+                    let moment = regressor.moment(&in_lanes(column, velocity[k][0]).rotational);
                     covariance.angular = covariance.angular.add_product(moment, moment);
                 }
             }
@@ -69,8 +69,33 @@ impl<T: Real> ParameterRoots<T> {
     }
 }
 
-/// Columns with the same sum L L*, of which each row of L has at most one nonzero entry beyond those of the rows before,
-/// and the number of those that change mass or first moment.
+/// A column of constants, in the order of [`Parameters`].
+fn constants<T: Real>(column: Parameters<T::Parameter>) -> BodyInertia<T::Parameter> {
+    let [mass, x, y, z, xx, xy, yy, xz, yz, zz] = column;
+    let rotational = Symmetric3 { entries: [xx, xy, xz, yy, yz, zz] };
+    BodyInertia { mass, first_moment: Vector3::new(x, y, z), rotational }
+}
+
+/// A column in the scalar of the lanes, which the numbers of the state have too.
+#[inline(always)]
+fn in_lanes<T: Real>(column: &BodyInertia<T::Parameter>, like: T) -> BodyInertia<T> {
+    let (h, e) = (&column.first_moment, &column.rotational.entries);
+    BodyInertia {
+        mass: like.splat(column.mass),
+        first_moment: Vector3::new(like.splat(h[0]), like.splat(h[1]), like.splat(h[2])),
+        rotational: Symmetric3::new([
+            like.splat(e[0]),
+            like.splat(e[1]),
+            like.splat(e[2]),
+            like.splat(e[3]),
+            like.splat(e[4]),
+            like.splat(e[5]),
+        ]),
+    }
+}
+
+/// Columns with the same sum L L*, of which each row of L has at most one nonzero entry beyond those of the rows
+/// before, and the number of columns that change mass or first moment.
 ///
 /// A reflection of the columns makes each row so; its errors are of the size of rounding relative to the norm of each
 /// row of L, which is the standard deviation of a parameter.
@@ -112,9 +137,9 @@ fn reflect<T: Real>(columns: &mut [Parameters<T>], row: usize) {
         for (column, &v) in columns.iter().zip(&direction) {
             along = v.mul_add(column[i], along);
         }
-        along = along * factor;
+        along *= factor;
         for (column, &v) in columns.iter_mut().zip(&direction) {
-            column[i] = column[i] - v * along;
+            column[i] -= v * along;
         }
     }
     for column in &mut columns[1..] {
@@ -142,7 +167,11 @@ impl<T: Real> Regressor<T> {
         let (xx, yy, zz) = (-(w[0] * w[0]), -(w[1] * w[1]), -(w[2] * w[2]));
         Self {
             at_origin,
-            of_moment: [[yy + zz, xy - a[2], xz + a[1]], [xy + a[2], xx + zz, yz - a[0]], [xz - a[1], yz + a[0], xx + yy]],
+            of_moment: [
+                [yy + zz, xy - a[2], xz + a[1]],
+                [xy + a[2], xx + zz, yz - a[0]],
+                [xz - a[1], yz + a[0], xx + yy],
+            ],
             of_inertia: [
                 [a[0], a[1] - xz, a[2] + xy, -yz, across[0], yz],
                 [xz, a[0] + yz, across[1], a[1], a[2] - xy, -xz],
@@ -183,7 +212,7 @@ impl ParameterRoots<f64> {
     /// The same in another scalar.
     #[must_use]
     pub(super) fn cast<T: Real>(&self) -> ParameterRoots<T> {
-        let columns = self.columns.iter().map(|column| inertia(&parameters(column).map(T::from_f64))).collect();
+        let columns = self.columns.iter().map(|column| constants::<T>(parameters(column).map(T::parameter))).collect();
         ParameterRoots { columns, ends: self.ends.clone() }
     }
 }

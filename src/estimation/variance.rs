@@ -270,8 +270,9 @@ pub(super) fn base_to_tip<T: Real>(
     scratch: &mut VarianceScratch<T>,
     out: &mut Variances<'_, T>,
 ) {
-    let VarianceScratch { torque, kin, own, predicted, before_row, carried, later, earlier, independent, co_state, .. } =
-        scratch;
+    let VarianceScratch {
+        torque, kin, own, predicted, before_row, carried, later, earlier, independent, co_state, ..
+    } = scratch;
     for (k, stage) in model.system.stages.iter().enumerate() {
         let Kin { children, is_only, .. } = kin[k];
         let (mut lambda, mut u) = (Symmetric6::zero(), Symmetric6::zero());
@@ -333,8 +334,7 @@ fn congruence<T: Real>(lambda: &Symmetric6<T>, x: &Symmetric6<T>) -> Symmetric6<
     let y = x.mul_vector(&e);
     let (second, xy, yy) = ([dot(&a, &y), dot(&b, &y), dot(&c, &y)], dot(&d, &y), dot(&e, &y));
     let y = x.mul_vector(&f);
-    let (third, xz, yz, zz) =
-        ([dot(&a, &y), dot(&b, &y), dot(&c, &y)], dot(&d, &y), dot(&e, &y), dot(&f, &y));
+    let (third, xz, yz, zz) = ([dot(&a, &y), dot(&b, &y), dot(&c, &y)], dot(&d, &y), dot(&e, &y), dot(&f, &y));
     let [p, q, r] = [first, second, third];
     let coupling = from_rows([p[0], q[0], r[0]], [p[1], q[1], r[1]], [p[2], q[2], r[2]]);
     Symmetric6 { angular, coupling, linear: Symmetric3::new([xx, xy, xz, yy, yz, zz]) }
