@@ -8,7 +8,7 @@ pub(crate) mod table;
 
 use crate::error::{Error, choose};
 use crate::filter::Form;
-use crate::kinematics::{AccelerationKind, Frame, ReferenceFrame};
+use crate::kinematics::{AccelerationKind, Frame, Link, ReferenceFrame};
 use crate::spatial::SpatialVector;
 use table::{Array, Axis, Compiled, CompiledFor, FunctionEntry, Sizes, functions};
 
@@ -23,6 +23,7 @@ const POSE: &[Axis] = &[Axis::Fixed(4), Axis::Fixed(4)];
 const POSES: &[Axis] = &[Axis::Links, Axis::Fixed(4), Axis::Fixed(4)];
 const POINT_V: &[Axis] = &[Axis::Fixed(3), Axis::Velocities];
 const SPATIAL_V: &[Axis] = &[Axis::Fixed(6), Axis::Velocities];
+const SPATIAL_VV: &[Axis] = &[Axis::Fixed(6), Axis::Velocities, Axis::Velocities];
 const ROWS: &[Axis] = &[Axis::ConnectionRows];
 const CONTACTS: &[Axis] = &[Axis::Contacts];
 const CONTACT_POINTS: &[Axis] = &[Axis::Contacts, Axis::Fixed(3)];
@@ -96,6 +97,8 @@ functions! {
     PLACEMENTS = placements(q: Q) -> (placements: POSES),
         "The poses of all links: homogeneous matrices from link to base, row by row",
         cost: [60, 0], compiled: Some(compiled(24));
+    POSES_OF_LINKS = poses(q: Q) -> (poses: POSES),
+        "The poses of all links in one array: homogeneous matrices from link to base, row by row", cost: [60, 0];
     PLACEMENT = placement(q: Q) -> (placement: POSE),
         "The pose of the link: a homogeneous matrix from link to base, row by row",
         cost: [40, 0], of_link: true, compiled: Some(compiled(128));
@@ -112,6 +115,16 @@ functions! {
         "The velocity (angular, linear) of the link", derivative_of: Some("placement"), cost: [60, 0], of_link: true;
     ACCELERATION = acceleration(q: Q, qd: V, qdd: V) -> (acceleration: SPATIAL),
         "The acceleration (angular, linear) of the link", derivative_of: Some("velocity"), cost: [60, 0], of_link: true;
+    VELOCITY_DERIVATIVES = velocity_derivatives(q: Q, qd: V) -> (dv_dq: SPATIAL_V, jacobian: SPATIAL_V),
+        "Derivatives of the velocity of the link with respect to q and qd, each row by row",
+        derivative_of: Some("velocity"), cost: [150, 0], of_link: true;
+    ACCELERATION_DERIVATIVES = acceleration_derivatives(q: Q, qd: V, qdd: V)
+        -> (da_dq: SPATIAL_V, da_dqd: SPATIAL_V, jacobian: SPATIAL_V),
+        "Derivatives of the acceleration of the link with respect to q, qd and qdd, each row by row",
+        derivative_of: Some("acceleration"), cost: [250, 0], of_link: true;
+    JACOBIAN_DERIVATIVES = jacobian_derivatives(q: Q) -> (hessian: SPATIAL_VV),
+        "Derivatives of the Jacobian of the link with respect to q, row by row",
+        derivative_of: Some("jacobian"), cost: [60, 20], of_link: true;
     CENTER_OF_MASS = center_of_mass(q: Q) -> (position: POINT),
         "The center of mass", needs_mass: true, cost: [40, 0];
     CENTER_OF_MASS_VELOCITY = center_of_mass_velocity(q: Q, qd: V) -> (velocity: POINT),
@@ -126,6 +139,10 @@ functions! {
         "The centroidal momentum matrix, row by row", needs_mass: true, cost: [100, 0];
     CENTROIDAL_MOMENTUM_MATRIX_RATE = centroidal_momentum_matrix_rate(q: Q, qd: V) -> (rate: SPATIAL_V),
         "The time derivative of the centroidal momentum matrix, row by row",
+        derivative_of: Some("centroidal_momentum_matrix"), needs_mass: true, cost: [200, 0];
+    CENTROIDAL_MOMENTUM_DERIVATIVES = centroidal_momentum_derivatives(q: Q, qd: V)
+        -> (dh_dq: SPATIAL_V, matrix: SPATIAL_V),
+        "Derivatives of the centroidal momentum with respect to q and qd, each row by row",
         derivative_of: Some("centroidal_momentum_matrix"), needs_mass: true, cost: [200, 0];
     MOMENTUM = momentum(q: Q, qd: V) -> (momentum: SPATIAL),
         "The momentum (angular about the origin of the base, linear)", cost: [60, 0];
@@ -290,6 +307,8 @@ impl Derivatives {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum KinematicQuantity<'a> {
+    /// q; [`Scene::poses`](crate::Scene::poses) of these links, (links x 4 x 4).
+    Poses(&'a [Link]),
     /// q; the pose of a frame, as a homogeneous matrix to the base, (4 x 4):
     /// [`Scene::placement`](crate::Scene::placement).
     Placement(&'a Frame<f64>),
@@ -303,6 +322,13 @@ pub enum KinematicQuantity<'a> {
     JacobianRate(&'a Frame<f64>, ReferenceFrame),
     /// q, qd; [`Scene::jacobian_rate_product`](crate::Scene::jacobian_rate_product) of a frame, (6).
     JacobianRateProduct(&'a Frame<f64>, ReferenceFrame),
+    /// q, qd; [`Scene::velocity_derivatives`](crate::Scene::velocity_derivatives) of a frame, (2 x 6 x nv).
+    VelocityDerivatives(&'a Frame<f64>, ReferenceFrame),
+    /// q, qd, qdd; [`Scene::acceleration_derivatives`](crate::Scene::acceleration_derivatives) of a frame,
+    /// (3 x 6 x nv).
+    AccelerationDerivatives(&'a Frame<f64>, ReferenceFrame, AccelerationKind),
+    /// q; [`Scene::jacobian_derivatives`](crate::Scene::jacobian_derivatives) of a frame, (6 x nv x nv).
+    JacobianDerivatives(&'a Frame<f64>, ReferenceFrame),
     /// q; [`Scene::center_of_mass`](crate::Scene::center_of_mass), (3).
     CenterOfMass,
     /// q, qd; [`Scene::center_of_mass_velocity`](crate::Scene::center_of_mass_velocity), (3).
@@ -315,6 +341,8 @@ pub enum KinematicQuantity<'a> {
     CentroidalMomentumMatrix,
     /// q, qd; [`Scene::centroidal_momentum_matrix_rate`](crate::Scene::centroidal_momentum_matrix_rate), (6 x nv).
     CentroidalMomentumMatrixRate,
+    /// q, qd; [`Scene::centroidal_momentum_derivatives`](crate::Scene::centroidal_momentum_derivatives), (2 x 6 x nv).
+    CentroidalMomentumDerivatives,
     /// q, qd; [`Scene::momentum`](crate::Scene::momentum), (6).
     Momentum,
     /// q, qd; [`Scene::kinetic_energy`](crate::Scene::kinetic_energy), (1).
@@ -334,7 +362,10 @@ impl KinematicQuantity<'_> {
             | Self::Acceleration(frame, ..)
             | Self::Jacobian(frame, _)
             | Self::JacobianRate(frame, _)
-            | Self::JacobianRateProduct(frame, _) => Some(frame),
+            | Self::JacobianRateProduct(frame, _)
+            | Self::VelocityDerivatives(frame, _)
+            | Self::AccelerationDerivatives(frame, ..)
+            | Self::JacobianDerivatives(frame, _) => Some(frame),
             _ => None,
         }
     }
@@ -343,18 +374,23 @@ impl KinematicQuantity<'_> {
     #[must_use]
     pub fn entry(&self) -> &'static FunctionEntry {
         match self {
+            Self::Poses(_) => &POSES_OF_LINKS,
             Self::Placement(_) => &PLACEMENT,
             Self::Velocity(..) => &VELOCITY,
             Self::Acceleration(..) => &ACCELERATION,
             Self::Jacobian(..) => &JACOBIAN,
             Self::JacobianRate(..) => &JACOBIAN_RATE,
             Self::JacobianRateProduct(..) => &JACOBIAN_RATE_PRODUCT,
+            Self::VelocityDerivatives(..) => &VELOCITY_DERIVATIVES,
+            Self::AccelerationDerivatives(..) => &ACCELERATION_DERIVATIVES,
+            Self::JacobianDerivatives(..) => &JACOBIAN_DERIVATIVES,
             Self::CenterOfMass => &CENTER_OF_MASS,
             Self::CenterOfMassVelocity => &CENTER_OF_MASS_VELOCITY,
             Self::CenterOfMassAcceleration => &CENTER_OF_MASS_ACCELERATION,
             Self::CenterOfMassJacobian => &CENTER_OF_MASS_JACOBIAN,
             Self::CentroidalMomentumMatrix => &CENTROIDAL_MOMENTUM_MATRIX,
             Self::CentroidalMomentumMatrixRate => &CENTROIDAL_MOMENTUM_MATRIX_RATE,
+            Self::CentroidalMomentumDerivatives => &CENTROIDAL_MOMENTUM_DERIVATIVES,
             Self::Momentum => &MOMENTUM,
             Self::KineticEnergy => &KINETIC_ENERGY,
             Self::PotentialEnergy => &POTENTIAL_ENERGY,
@@ -370,10 +406,22 @@ impl KinematicQuantity<'_> {
         }
     }
 
+    /// True if it has derivatives by q, which are those of independent joints.
+    pub(crate) fn is_by_coordinates(&self) -> bool {
+        matches!(
+            self,
+            Self::VelocityDerivatives(..)
+                | Self::AccelerationDerivatives(..)
+                | Self::JacobianDerivatives(..)
+                | Self::CentroidalMomentumDerivatives
+        )
+    }
+
     /// The number of values for one state of a robot of `nv` degrees of freedom.
     #[must_use]
     pub fn width(&self, nv: usize) -> usize {
-        self.entry().width(&Sizes { nv, ..Sizes::default() })
+        let links = if let Self::Poses(links) = self { links.len() } else { 0 };
+        self.entry().width(&Sizes { nv, links, ..Sizes::default() })
     }
 
     /// The number of state arrays that it reads: q, then qd, then qdd.

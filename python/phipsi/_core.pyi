@@ -1724,6 +1724,171 @@ class Scene:
         True
         """
 
+    def velocity_derivatives(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        link: str,
+        *,
+        frame: _Frame = "local",
+        at: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """Derivatives of the velocity of a link with respect to q and qd; the second is its Jacobian.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        link : str
+            Name of the link.
+        frame : {"local", "world", "local-world-aligned"}, default "local"
+            Frame of the result; see velocity.
+        at : (3,) array_like, optional
+            Point fixed to the link, in the link frame, m; its origin by default.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        dv : (..., 2, 6, nv) ndarray
+            dv/dq and dv/dqd of velocity, SI units, angular rows first.
+
+        Raises
+        ------
+        ArgumentError
+            Joints that follow others (mimic), by name.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(depth). Derivatives with respect to q are along its tangent space, as those of the dynamics: column k is the
+        change of v as q moves by integrate(q, e_k).
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+        >>> by_q, by_qd = scene.velocity_derivatives(q, qd, "link2", frame="world")
+        >>> np.allclose(by_qd, scene.jacobian(q, "link2", frame="world"))
+        True
+        >>> step = 1e-6 * np.array([0.0, 1.0, 0.0])
+        >>> ahead, behind = (scene.velocity(q + h, qd, "link2", frame="world") for h in (step, -step))
+        >>> np.allclose(by_q[:, 1], (ahead - behind) / 2e-6)
+        True
+        """
+
+    def acceleration_derivatives(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        link: str,
+        *,
+        frame: _Frame = "local",
+        at: ArrayLike | None = None,
+        kind: _Kind = "spatial",
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """Derivatives of the acceleration of a link with respect to q, qd and qdd; the third is its Jacobian.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        link : str
+            Name of the link.
+        frame : {"local", "world", "local-world-aligned"}, default "local"
+            Frame of the result; see velocity.
+        at : (3,) array_like, optional
+            Point fixed to the link, in the link frame, m; its origin by default.
+        kind : {"spatial", "classical"}, default "spatial"
+            As in acceleration.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        da : (..., 3, 6, nv) ndarray
+            da/dq, da/dqd and da/dqdd of acceleration, SI units, angular rows first.
+
+        Raises
+        ------
+        ArgumentError
+            Joints that follow others (mimic), by name.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(depth). Derivatives with respect to q are along its tangent space, as in velocity_derivatives.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
+        >>> by_q, by_qd, by_qdd = scene.acceleration_derivatives(q, qd, qdd, "link2")
+        >>> expected = scene.jacobian_rate(q, qd, "link2") + scene.velocity_derivatives(q, qd, "link2")[0]
+        >>> np.allclose(by_qd, expected)
+        True
+        """
+
+    def jacobian_derivatives(
+        self,
+        q: ArrayLike,
+        link: str,
+        *,
+        frame: _Frame = "local",
+        at: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """Derivatives of the Jacobian of a link with respect to q: its Hessian.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        link : str
+            Name of the link.
+        frame : {"local", "world", "local-world-aligned"}, default "local"
+            Frame of the result; see velocity.
+        at : (3,) array_like, optional
+            Point fixed to the link, in the link frame, m; its origin by default.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        dJ : (..., 6, nv, nv) ndarray
+            Entry [i, j, k] is the derivative of jacobian[i, j] along degree of freedom k, SI units.
+
+        Raises
+        ------
+        ArgumentError
+            Joints that follow others (mimic), by name.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(depth^2). Derivatives are along the tangent space of q, as in velocity_derivatives; dJ @ qd is jacobian_rate,
+        and np.einsum("ijk,j", dJ, qd) is the first of velocity_derivatives.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+        >>> np.allclose(scene.jacobian_derivatives(q, "link2") @ qd, scene.jacobian_rate(q, qd, "link2"))
+        True
+        """
+
     def inverse_dynamics_derivatives(
         self,
         q: ArrayLike,
@@ -3416,6 +3581,45 @@ class Scene:
         >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
         >>> ahead, behind = (scene.centroidal_momentum_matrix(q + h * qd) for h in (1e-6, -1e-6))
         >>> np.allclose(scene.centroidal_momentum_matrix_rate(q, qd), (ahead - behind) / 2e-6)
+        True
+        """
+
+    def centroidal_momentum_derivatives(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """Derivatives of the centroidal momentum A qd with respect to q and qd; the second is A.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        dh : (..., 2, 6, nv) ndarray
+            dh/dq and dh/dqd in SI units, with the rows of centroidal_momentum_matrix.
+
+        Raises
+        ------
+        ArgumentError
+            Joints that follow others (mimic), by name; a scene whose moving links have no mass.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N). Derivatives with respect to q are along its tangent space, as in velocity_derivatives.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+        >>> by_q, by_qd = scene.centroidal_momentum_derivatives(q, qd)
+        >>> step = 1e-6 * np.array([0.0, 1.0, 0.0])
+        >>> ahead, behind = (scene.centroidal_momentum_matrix(q + h) @ qd for h in (step, -step))
+        >>> np.allclose(by_q[:, 1], (ahead - behind) / 2e-6)
         True
         """
 

@@ -84,4 +84,14 @@ quantities! {
     ///
     /// As [`Scene::center_of_mass`].
     fn centroidal_momentum_matrix_rate(q, qd) -> _ = CentroidalMomentumMatrixRate;
+
+    /// Derivatives of the centroidal momentum A qd with respect to q and qd, (2 x 6 x nv) row by row; the second is
+    /// [`Scene::centroidal_momentum_matrix`].
+    ///
+    /// Derivatives by q are along the tangent space, as those of the dynamics.
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::center_of_mass`], and [`Error::Argument`] for joints that follow others.
+    fn centroidal_momentum_derivatives(q, qd) -> _ = CentroidalMomentumDerivatives;
 }

@@ -75,6 +75,7 @@ macro_rules! quantities_of_links {
     };
     (@method [$(#[$meta:meta])*] $name:ident($($given:ident),*; $($how:ident: $kind:ty),*) _ $what:ident) => {
         $(#[$meta])*
+        #[allow(clippy::too_many_arguments)] // a state has three arrays, and a link two more choices
         pub fn $name<'a>(
             &self,
             $($given: &[f64],)*

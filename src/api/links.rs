@@ -185,4 +185,30 @@ quantities_of_links! {
     ///
     /// As [`Scene::placement`].
     fn jacobian_rate_product(q, qd; reference: ReferenceFrame) -> SpatialVector = JacobianRateProduct;
+    /// Derivatives of [`Scene::velocity`] with respect to q and qd, (2 x 6 x nv) row by row; the second is
+    /// [`Scene::jacobian`].
+    ///
+    /// Derivatives by q are along the tangent space, as those of the dynamics. O(depth), plus clearing `out`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::placement`], and [`Error::Argument`] for joints that follow others.
+    fn velocity_derivatives(q, qd; reference: ReferenceFrame) -> _ = VelocityDerivatives;
+
+    /// Derivatives of [`Scene::acceleration`] with respect to q, qd and qdd, (3 x 6 x nv) row by row; the third is
+    /// [`Scene::jacobian`]. O(depth), plus clearing `out`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::velocity_derivatives`].
+    fn acceleration_derivatives(q, qd, qdd; reference: ReferenceFrame, kind: AccelerationKind) -> _
+        = AccelerationDerivatives;
+
+    /// Derivatives of [`Scene::jacobian`] with respect to q, (6 x nv x nv) row by row: entry (i, j, k) is that of
+    /// J(i, j) along degree of freedom k. O(depth^2), plus clearing `out`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::velocity_derivatives`].
+    fn jacobian_derivatives(q; reference: ReferenceFrame) -> _ = JacobianDerivatives;
 }

@@ -6,7 +6,7 @@ use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::dynamics::Energy;
 use crate::dynamics::coupled::Ask;
 use crate::dynamics::mass_inverse::InverseScratch;
-use crate::error::{Error, Fault, check_finite, check_length};
+use crate::error::{Error, Fault, check_finite};
 use crate::scene::{Coupling, Link, Scene};
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
@@ -168,26 +168,7 @@ impl Scene {
     ///
     /// [`Error::Shape`], [`Error::NotFinite`], and [`Error::Argument`] for a workspace of another scene.
     pub fn poses(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        self.write_poses("poses", workspace, q, out)
-    }
-
-    /// As [`Scene::poses`], with the name of the result in the error for numbers that are not finite.
-    pub(crate) fn write_poses(
-        &self,
-        result: &str,
-        workspace: &mut Workspace<f64>,
-        q: &[f64],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let q = &*self.tree_configuration("q", q)?;
-        self.check_workspace(workspace)?;
-        check_length("out", out.len(), 16 * self.links().len())?;
-        let bodies = &mut workspace.store.shifts;
-        self.place_bodies(q, bodies);
-        for (link, out) in self.links().iter().zip(out.chunks_exact_mut(16)) {
-            on_base(link, bodies).homogeneous(out);
-        }
-        self.check_result(result, out)
+        self.quantity(Some(workspace), &KinematicQuantity::Poses(self.links()), &[q], out)
     }
 
     /// Converts wrenches (moment, force) on links, each at the origin of its link frame and in its axes, to spatial

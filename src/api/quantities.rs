@@ -38,6 +38,9 @@ impl Scene {
             (None, Some(workspace)) => self.check_workspace(workspace)?,
             (None, None) => {}
         }
+        if what.is_by_coordinates() {
+            self.check_independent()?;
+        }
         if what.entry().needs_mass {
             self.check_has_mass()?;
         }

@@ -260,6 +260,9 @@ impl Scene {
         if let Some(frame) = what.frame() {
             self.check_frame(frame).map_err(|error| Fault { state: 0, error })?;
         }
+        if what.is_by_coordinates() {
+            self.check_independent().map_err(|error| Fault { state: 0, error })?;
+        }
         if let (Some(coupling), Some(coupled)) = (self.coupling(), &mut evaluator.coupled) {
             return coupled.kinematic_quantity((self, coupling), what, states, out);
         }

@@ -12,7 +12,7 @@ use crate::kinematics::propagation::sum_tip_to_base;
 use crate::kinematics::{accelerations_base_to_tip, placements_base_to_tip, velocities_base_to_tip, write_column};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{FirstMoment, RigidShift, cross, cross_motion, linear, scaled_add, spatial, sum};
+use crate::spatial::{FirstMoment, RigidShift, cross, cross_force, cross_motion, linear, scaled_add, spatial, sum};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
@@ -128,6 +128,44 @@ pub fn centroidal_momentum_matrix_rate<T: Real>(
         let left_behind = spatial(&cross(&velocity, &pushed), &Vector3::from_element(one.constant(0.0)));
         let column = scaled_add(&left_behind, one.constant(-1.0), &rate);
         write_column(out, model.nv(), j, column.as_slice());
+    });
+}
+
+/// The derivatives of the centroidal momentum A qd with respect to q and qd into `out`, (2 x 6 x nv) row by row. O(N).
+///
+/// With h the momentum of all bodies outboard of joint k about the origin of body k and V(p) the velocity inboard of
+/// the joint, that about a fixed point changes by S x* h + r (V(p) x S). The center of mass moves by c' = (r S)/m, so
+/// c' x the whole linear momentum is subtracted from the angular half.
+#[inline(always)]
+pub fn centroidal_momentum_derivatives<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    out: &mut [T],
+) {
+    // Leaves the momenta h in z, phi in the store, and the velocities.
+    let whole = linear(&momentum(model, workspace, q, qd));
+    composite_inertias_tip_to_base(model, workspace);
+    let center = center(model, workspace, |k| workspace.composite[k].first());
+    placements_from(model, workspace, &center);
+    let nv = model.nv();
+    let (by_q, by_qd) = out.split_at_mut(6 * nv);
+    let (none, by_mass) = (Vector3::from_element(center.mass.constant(0.0)), -center.mass.recip());
+    each_row(model, |k, j, axis| {
+        let (composite, shift, stage) = (&workspace.composite[k], &workspace.store.shifts[k], &model.system.stages[k]);
+        let mut inboard = workspace.velocity[k];
+        for i in 0..stage.rows.count() {
+            let (own, minus) = (stage.rows.row(i).to_column(), -qd[stage.first_row + i]);
+            inboard = scaled_add(&own, minus, &inboard);
+        }
+        let turned = composite.mul_motion(&cross_motion(&inboard, axis));
+        let change = shift.force_to_parent(&sum(&cross_force(axis, &workspace.z[k]), &turned));
+        let column = shift.force_to_parent(&composite.mul_motion(axis));
+        // -c' x p
+        let left_behind = spatial(&cross(&linear(&column), &whole), &none);
+        write_column(by_q, nv, j, scaled_add(&left_behind, by_mass, &change).as_slice());
+        write_column(by_qd, nv, j, column.as_slice());
     });
 }
 

@@ -2,9 +2,10 @@
 
 use super::{centroidal, energy};
 use crate::algorithm::KinematicQuantity;
-use crate::kinematics;
+use crate::kinematics::{self, derivatives, placements_base_to_tip, placements_on_base};
 use crate::model::Model;
 use crate::scalar::Real;
+use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
 
 /// Computes a quantity of a frame, which needs no scratch, into `out`; returns false for others. It reads the part of
@@ -36,6 +37,15 @@ pub(crate) fn of_frame<T: Real>(
             let motion = kinematics::frame_motion(model, q, qd, None, &frame.cast());
             out.copy_from_slice(motion.rate_in(reference).as_slice());
         }
+        KinematicQuantity::VelocityDerivatives(frame, reference) => {
+            derivatives::velocity_derivatives(model, (q, qd), &frame.cast(), reference, out);
+        }
+        KinematicQuantity::AccelerationDerivatives(frame, reference, kind) => {
+            derivatives::acceleration_derivatives(model, (q, qd, qdd), &frame.cast(), (reference, kind), out);
+        }
+        KinematicQuantity::JacobianDerivatives(frame, reference) => {
+            derivatives::jacobian_derivatives(model, q, &frame.cast(), reference, out);
+        }
         _ => return false,
     }
     true
@@ -51,6 +61,19 @@ pub(crate) fn of_all_bodies<T: Real>(
     out: &mut [T],
 ) {
     match what {
+        KinematicQuantity::Poses(links) => {
+            let placements = &mut workspace.store.shifts;
+            placements_base_to_tip(model, q, placements);
+            placements_on_base(model, 0..model.bodies.len(), placements);
+            for (link, out) in links.iter().zip(out.chunks_exact_mut(16)) {
+                match link.body {
+                    // Most links are at the frames of their bodies.
+                    Some(body) if link.placement == RigidShift::identity() => placements[body].homogeneous(out),
+                    Some(body) => placements[body].compose(&link.placement.cast()).homogeneous(out),
+                    None => link.placement.cast().homogeneous(out),
+                }
+            }
+        }
         KinematicQuantity::CenterOfMass => {
             out.copy_from_slice(centroidal::center_of_mass(model, workspace, q).as_slice());
         }
@@ -64,6 +87,9 @@ pub(crate) fn of_all_bodies<T: Real>(
         KinematicQuantity::CentroidalMomentumMatrix => centroidal::centroidal_momentum_matrix(model, workspace, q, out),
         KinematicQuantity::CentroidalMomentumMatrixRate => {
             centroidal::centroidal_momentum_matrix_rate(model, workspace, q, qd, out);
+        }
+        KinematicQuantity::CentroidalMomentumDerivatives => {
+            centroidal::centroidal_momentum_derivatives(model, workspace, q, qd, out);
         }
         KinematicQuantity::Momentum => out.copy_from_slice(energy::momentum(model, workspace, q, qd).as_slice()),
         KinematicQuantity::KineticEnergy => out[0] = energy::kinetic_energy(model, workspace, q, qd),

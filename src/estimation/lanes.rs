@@ -24,12 +24,13 @@ use pulp::aarch64::Neon;
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The uncertain quantities and the requested results, the same for all states of a batch.
 pub(crate) struct Question<'a> {
     /// Of accelerations, or of torques.
     pub forward: bool,
-    pub parameters: &'a ParameterRoots<f64>,
+    pub parameters: &'a Arc<ParameterRoots<f64>>,
     pub torque: TorqueVariance<'a, f64>,
     /// Frames whose accelerations are wanted.
     pub frames: &'a [Frame<f64>],
@@ -43,45 +44,91 @@ pub(crate) trait VarianceLanes: Send {
     /// The number of states.
     fn lanes(&self) -> usize;
 
+    /// Takes the constants of a question, before the first run and for each other question.
+    fn ask(&mut self, question: &Question<'_>);
+
     /// Variances (nv), then the covariance (6, 6) of each frame, of each state; a bit for each state that is to be
     /// recomputed.
     fn run(&mut self, states: &[Accelerated<'_>], out: &mut [f64]) -> u64;
 }
 
-/// Lanes for a scene and a question, in the widest registers of this process.
-pub(crate) fn variance_lanes(scene: &Scene, question: &Question<'_>) -> Box<dyn VarianceLanes> {
-    match InstructionSet::of_process() {
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx2 => of_target::<Lanes<V3>, V3>(scene, question),
-        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        InstructionSet::Avx512 => of_target::<Lanes<V4>, V4>(scene, question),
-        #[cfg(target_arch = "aarch64")]
-        InstructionSet::Neon => of_target::<Lanes<Neon>, Neon>(scene, question),
-        _ => of_target::<f64, Baseline>(scene, question),
+/// Numbers of a call, and the roots computed from them.
+type KeptRoots = (Vec<f64>, Arc<ParameterRoots<f64>>);
+
+/// Kernels of a scene, and the roots of the last call, which the next call needs again.
+#[derive(Default)]
+pub(crate) struct Kept {
+    roots: Mutex<Option<KeptRoots>>,
+    kernels: Mutex<Vec<Box<dyn VarianceLanes>>>,
+}
+
+impl Kept {
+    /// The kernels and roots that a scene keeps.
+    pub fn of(scene: &Scene) -> Arc<Self> {
+        scene.shared().get_or_make(Self::default)
+    }
+
+    /// The roots of the parameters `numbers`; computed with `make` unless those of the last call.
+    pub fn roots<E>(
+        &self,
+        numbers: Vec<f64>,
+        make: impl FnOnce(&[f64]) -> Result<ParameterRoots<f64>, E>,
+    ) -> Result<Arc<ParameterRoots<f64>>, E> {
+        let mut kept = self.roots.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, roots)) = kept.as_ref().filter(|(last, _)| *last == numbers) {
+            return Ok(Arc::clone(roots));
+        }
+        let roots = Arc::new(make(&numbers)?);
+        *kept = Some((numbers, Arc::clone(&roots)));
+        Ok(roots)
+    }
+
+    /// A kernel that no call uses, with the constants of `question`, in the widest registers of this process.
+    pub fn kernel(&self, scene: &Scene, question: &Question<'_>) -> Box<dyn VarianceLanes> {
+        let kept = self.kernels.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut kernel = kept.unwrap_or_else(|| variance_lanes(scene));
+        kernel.ask(question);
+        kernel
+    }
+
+    /// Takes kernels back.
+    pub fn give_back(&self, kernels: Vec<Box<dyn VarianceLanes>>) {
+        self.kernels.lock().unwrap_or_else(PoisonError::into_inner).extend(kernels);
     }
 }
 
-fn of_target<T: Vectorized + Send + 'static, I: Target>(
-    scene: &Scene,
-    question: &Question<'_>,
-) -> Box<dyn VarianceLanes> {
+fn variance_lanes(scene: &Scene) -> Box<dyn VarianceLanes> {
+    match InstructionSet::of_process() {
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx2 => of_target::<Lanes<V3>, V3>(scene),
+        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+        InstructionSet::Avx512 => of_target::<Lanes<V4>, V4>(scene),
+        #[cfg(target_arch = "aarch64")]
+        InstructionSet::Neon => of_target::<Lanes<Neon>, Neon>(scene),
+        _ => of_target::<f64, Baseline>(scene),
+    }
+}
+
+fn of_target<T: Vectorized + Send + 'static, I: Target>(scene: &Scene) -> Box<dyn VarianceLanes> {
     match I::here() {
-        Some(target) => Box::new(Kernel::<T, I>::new(scene, question, target)),
-        None => Box::new(Kernel::<f64, Baseline>::new(scene, question, Baseline)),
+        Some(target) => Box::new(Kernel::<T, I>::new(scene, target)),
+        None => Box::new(Kernel::<f64, Baseline>::new(scene, Baseline)),
     }
 }
 
 /// The constants in the scalar of the lanes, and scratch.
 struct Kernel<T: Vectorized, I> {
     target: I,
+    /// The roots that `numbers` has in the scalar of the lanes.
+    given: Option<Arc<ParameterRoots<f64>>>,
     numbers: Numbers<T>,
     scratch: Scratch<T>,
 }
 
 struct Numbers<T: Vectorized> {
-    forward: bool,
     model: Model<T>,
     sweeps: SweepModel<T>,
+    forward: bool,
     parameters: ParameterRoots<T>,
     noise: Vec<T>,
     joints: Vec<JointCovariance<T>>,
@@ -100,38 +147,55 @@ struct Scratch<T: Vectorized> {
 }
 
 impl<T: Vectorized, I> Kernel<T, I> {
-    fn new(scene: &Scene, question: &Question<'_>, target: I) -> Self {
+    fn new(scene: &Scene, target: I) -> Self {
         let model: Model<T> = scene.model().cast();
-        let (bodies, nv) = (model.bodies.len(), model.nv());
         let nan = T::from_f64(f64::NAN);
-        let matrices = |count| vec![Symmetric6::filled(nan); count];
         let sweeps = SweepModel::general(&model);
         let scratch = Scratch {
             variance: VarianceScratch::new(&model),
             q: vec![nan; model.nq],
-            qd: vec![nan; nv],
+            qd: vec![nan; model.nv()],
             store: SweepScratch::new(&model, &sweeps),
-            bodies: matrices(if question.frames.is_empty() { 0 } else { bodies }),
-            results: vec![nan; nv + 36 * question.frames.len()],
+            bodies: Vec::new(),
+            results: Vec::new(),
         };
-        let wide = |joint: &JointCovariance<f64>| joint.map(|row| row.map(T::from_f64));
+        let none: [[_; 0]; 0] = [];
         let numbers = Numbers {
-            forward: question.forward,
             model,
             sweeps,
-            parameters: question.parameters.cast(),
-            noise: question.torque.noise.iter().map(|&x| T::from_f64(x)).collect(),
-            joints: question.torque.joints.iter().map(wide).collect(),
-            friction_speed: T::from_f64(question.torque.friction_speed),
-            frames: question.frames.iter().map(|frame| (frame.body, frame.placement.cast())).collect(),
+            forward: true,
+            parameters: ParameterRoots::new(none),
+            noise: Vec::new(),
+            joints: Vec::new(),
+            friction_speed: nan,
+            frames: Vec::new(),
         };
-        Self { target, numbers, scratch }
+        Self { target, given: None, numbers, scratch }
     }
 }
 
 impl<T: Vectorized + Send, I: Target> VarianceLanes for Kernel<T, I> {
     fn lanes(&self) -> usize {
         T::LANES
+    }
+
+    fn ask(&mut self, question: &Question<'_>) {
+        let Question { forward, parameters, ref torque, frames } = *question;
+        let Self { given, numbers, scratch, .. } = self;
+        let nan = T::from_f64(f64::NAN);
+        numbers.forward = forward;
+        if !given.as_ref().is_some_and(|given| Arc::ptr_eq(given, parameters)) {
+            numbers.parameters = parameters.cast();
+            *given = Some(Arc::clone(parameters));
+        }
+        let wide = |joint: &JointCovariance<f64>| joint.map(|row| row.map(T::from_f64));
+        numbers.noise = torque.noise.iter().map(|&x| T::from_f64(x)).collect();
+        numbers.joints = torque.joints.iter().map(wide).collect();
+        numbers.friction_speed = T::from_f64(torque.friction_speed);
+        numbers.frames = frames.iter().map(|frame| (frame.body, frame.placement.cast())).collect();
+        let (bodies, nv) = (numbers.model.bodies.len(), numbers.model.nv());
+        scratch.bodies.resize(if frames.is_empty() { 0 } else { bodies }, Symmetric6::filled(nan));
+        scratch.results.resize(nv + 36 * frames.len(), nan);
     }
 
     fn run(&mut self, states: &[Accelerated<'_>], out: &mut [f64]) -> u64 {
@@ -179,10 +243,10 @@ fn variances<T: Vectorized>(numbers: &Numbers<T>, scratch: &mut Scratch<T>) {
     let torque =
         TorqueVariance { noise: &numbers.noise, joints: &numbers.joints, friction_speed: numbers.friction_speed };
     let BodyMotions { shift, velocity, acceleration } = &variance.motions;
-    parameters.force_covariances(velocity, acceleration, &mut variance.predicted);
+    parameters.force_covariances(velocity, acceleration, &mut variance.own);
     if !numbers.forward {
         torque.evaluate(qd, &variance.qdd, joints);
-        torques_tip_to_base(model, shift, &mut variance.predicted, joints);
+        torques_tip_to_base(model, shift, &mut variance.own, joints);
         return;
     }
     torque.evaluate(qd, &variance.qdd, &mut variance.torque);

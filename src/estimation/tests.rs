@@ -39,7 +39,7 @@ fn check(scene: &Scene, armature: f64) {
     co_state_covariances(&model.system, (shift, measured), &mut lambda, |_, _, _| {});
 
     let mut scratch = VarianceScratch::new(&model);
-    for (noise, body) in scratch.predicted.iter_mut().zip(&model.bodies) {
+    for (noise, body) in scratch.own.iter_mut().zip(&model.bodies) {
         *noise = body.inertia.to_symmetric();
     }
     scratch.torque.copy_from_slice(&model.system.noise);

@@ -11,12 +11,12 @@ use super::parameter_roots::ParameterRoots;
 use crate::dynamics::forward_dynamics;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::riccati::Measured;
-use crate::filter::{HingeMap, covariance};
+use crate::filter::{HingeMap, Stage, covariance};
 use crate::kinematics::propagation::sum_tip_to_base;
 use crate::kinematics::{accelerations_base_to_tip, base_acceleration, placements_base_to_tip, velocities_base_to_tip};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add, zero};
+use crate::spatial::{RigidShift, Symmetric3, Symmetric6, dot, from_rows, scaled, scaled_add};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -101,6 +101,32 @@ impl<T: Real> BodyMotions<T> {
     }
 }
 
+/// The place of a body among its relatives.
+#[derive(Debug, Clone, Copy)]
+struct Kin {
+    /// The number of its children.
+    children: usize,
+    /// True if its parent has no other child.
+    is_only: bool,
+    /// True if it is the last child of its parent: the first on the way inward.
+    is_last: bool,
+}
+
+impl Kin {
+    fn of_all<T: Real>(stages: &[Stage<T>]) -> Vec<Self> {
+        let mut all = vec![Self { children: 0, is_only: false, is_last: false }; stages.len()];
+        for (k, stage) in stages.iter().enumerate().rev() {
+            let Some(parent) = stage.parent else { continue };
+            all[k].is_last = all[parent].children == 0;
+            all[parent].children += 1;
+        }
+        for (k, stage) in stages.iter().enumerate() {
+            all[k].is_only = stage.parent.is_some_and(|parent| all[parent].children == 1);
+        }
+        all
+    }
+}
+
 /// Scratch for the variances.
 #[derive(Debug, Clone)]
 pub struct VarianceScratch<T: Real> {
@@ -109,15 +135,19 @@ pub struct VarianceScratch<T: Real> {
     pub(super) motions: BodyMotions<T>,
     /// t, the variance of each torque error.
     pub(super) torque: Vec<T>,
-    /// Pi^-(k), complete.
-    pub(super) predicted: Vec<Symmetric6<T>>,
+    /// The place of each body among its relatives.
+    kin: Vec<Kin>,
+    /// C(k).
+    pub(super) own: Vec<Symmetric6<T>>,
+    /// Pi^-(k), complete, of bodies that have children; that of others is C(k).
+    predicted: Vec<Symmetric6<T>>,
     /// Pi before the measurement of each row.
     pub(super) before_row: Vec<Symmetric6<T>>,
-    /// phi Pi^+ phi* of each body at its parent.
+    /// phi Pi^+ phi* of each body with siblings at its parent.
     carried: Vec<Symmetric6<T>>,
-    /// Of each body: C of its parent and what the parent's later children brought.
+    /// Of each body with siblings: C of its parent plus the sum over the parent's later children.
     later: Vec<Symmetric6<T>>,
-    /// Of each body: what those of its children brought that were passed already on the way outward.
+    /// Of each body with several children: the sum over those that were passed already on the way outward.
     earlier: Vec<Symmetric6<T>>,
     /// U(k) outboard of the joint.
     independent: Vec<Symmetric6<T>>,
@@ -136,6 +166,8 @@ impl<T: Real> VarianceScratch<T> {
             qdd: vec![nan; model.nv()],
             motions: BodyMotions::new(model.bodies.len()),
             torque: vec![nan; model.nv()],
+            kin: Kin::of_all(&model.system.stages),
+            own: of_bodies(),
             predicted: of_bodies(),
             before_row: vec![Symmetric6::filled(nan); model.nv()],
             carried: of_bodies(),
@@ -168,7 +200,7 @@ pub fn forward_dynamics_variance<T: Real>(
     scratch.motions.base_to_tip(model, (q, qd, &scratch.qdd));
     torque.evaluate(qd, &scratch.qdd, &mut scratch.torque);
     let BodyMotions { velocity, acceleration, .. } = &scratch.motions;
-    parameters.force_covariances(velocity, acceleration, &mut scratch.predicted);
+    parameters.force_covariances(velocity, acceleration, &mut scratch.own);
     let factor = Factored { shift: &workspace.store.shifts, measured: &workspace.store.measured };
     tip_to_base(model, factor, scratch);
     base_to_tip(model, factor, scratch, out);
@@ -185,20 +217,24 @@ pub(super) struct Factored<'a, T: Real> {
 /// Tip to base: Pi^-(k) = C(k) + sum over children of phi Pi^+ phi*, and Pi^+ = A Pi A* + t g g* at each row.
 #[inline(always)]
 pub(super) fn tip_to_base<T: Real>(model: &Model<T>, factor: Factored<'_, T>, scratch: &mut VarianceScratch<T>) {
+    let VarianceScratch { torque, kin, own, predicted, before_row, carried, later, .. } = scratch;
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
-        let mut pi = scratch.predicted[k];
+        let mut pi = if kin[k].children == 0 { own[k] } else { predicted[k] };
         for i in (0..stage.rows.count()).rev() {
             let row = stage.first_row + i;
-            scratch.before_row[row] = pi;
-            let noise_free = model.system.is_noise_free(row);
-            let t = scratch.torque[row];
-            pi = past_measurement(&pi, &stage.rows.row(i), &factor.measured[row], t, noise_free);
+            before_row[row] = pi;
+            if i > 0 || stage.parent.is_some() {
+                let noise_free = model.system.is_noise_free(row);
+                pi = past_measurement(&pi, &stage.rows.row(i), &factor.measured[row], torque[row], noise_free);
+            }
         }
         if let Some(parent) = stage.parent {
-            let carried = factor.shift[k].inertia_to_parent(&pi);
-            scratch.later[k] = scratch.predicted[parent];
-            scratch.predicted[parent] = scratch.predicted[parent].add(&carried);
-            scratch.carried[k] = carried;
+            let sent = factor.shift[k].inertia_to_parent(&pi);
+            let others = if kin[k].is_last { own[parent] } else { predicted[parent] };
+            predicted[parent] = others.add(&sent);
+            if !kin[k].is_only {
+                (later[k], carried[k]) = (others, sent);
+            }
         }
     }
 }
@@ -234,64 +270,74 @@ pub(super) fn base_to_tip<T: Real>(
     scratch: &mut VarianceScratch<T>,
     out: &mut Variances<'_, T>,
 ) {
+    let VarianceScratch {
+        torque, kin, own, predicted, before_row, carried, later, earlier, independent, co_state, ..
+    } = scratch;
     for (k, stage) in model.system.stages.iter().enumerate() {
-        let (mut lambda, mut independent) = (Symmetric6::zero(), Symmetric6::zero());
+        let Kin { children, is_only, .. } = kin[k];
+        let (mut lambda, mut u) = (Symmetric6::zero(), Symmetric6::zero());
         if let Some(parent) = stage.parent {
-            // The noise of the parent and of the other children; for an only child, `earlier` is zero.
-            let others = scratch.later[k].add(&scratch.earlier[parent]);
-            let at_parent = &scratch.co_state[parent];
-            let felt = scratch.independent[parent].add(&congruence(at_parent, &others));
-            lambda = factor.shift[k].co_covariance_to_child(at_parent);
-            independent = factor.shift[k].co_covariance_to_child(&felt);
-            scratch.earlier[parent] = scratch.earlier[parent].add(&scratch.carried[k]);
+            // The noise of the parent and of its other children.
+            let others = if is_only { own[parent] } else { later[k].add(&earlier[parent]) };
+            let felt = independent[parent].add(&congruence(&co_state[parent], &others));
+            lambda = factor.shift[k].co_covariance_to_child(&co_state[parent]);
+            u = factor.shift[k].co_covariance_to_child(&felt);
+            if !is_only {
+                earlier[parent] = earlier[parent].add(&carried[k]);
+            }
         }
-        for i in 0..stage.rows.count() {
+        // The joints of a body without children need no co-state outboard of them.
+        let is_tip = children == 0 && out.bodies.is_empty();
+        let count = stage.rows.count();
+        for i in 0..count {
             let row = stage.first_row + i;
-            let (hinge, measured) = (stage.rows.row(i), &factor.measured[row]);
-            let (next, u) = covariance::row_update(&lambda, &hinge, measured);
-            let w = dot(&measured.gain, &u) + measured.pivot_inverse;
-            let v = hinge.spread_onto(&scaled(&u, w.constant(-1.0)), w);
-            let t = scratch.torque[row];
-            let pi = &scratch.before_row[row];
+            let (hinge, measured, t) = (stage.rows.row(i), &factor.measured[row], torque[row]);
+            let (next, sent) = covariance::row_update(&lambda, &hinge, measured);
+            let w = dot(&measured.gain, &sent) + measured.pivot_inverse;
+            let v = hinge.spread_onto(&scaled(&sent, w.constant(-1.0)), w);
             // A* U A: the same update without the term of 1/D.
             let closed = Measured { pivot_inverse: w.constant(0.0), ..*measured };
-            let (carried, spread) = covariance::row_update(&independent, &hinge, &closed);
-            let own = dot(&v, &pi.mul_vector(&v)) + dot(&measured.gain, &spread);
+            let (passed, spread) = covariance::row_update(&u, &hinge, &closed);
+            let own = dot(&v, &before_row[row].mul_vector(&v)) + dot(&measured.gain, &spread);
             out.joints[row] = (w * w).mul_add(t, own);
-            independent = carried.add_rank_one(&scaled(&v, t), &v);
+            if is_tip && i + 1 == count {
+                break;
+            }
+            u = passed.add_rank_one(&scaled(&v, t), &v);
             lambda = next;
         }
         if let Some(body) = out.bodies.get_mut(k) {
-            *body = independent.add(&congruence(&lambda, &scratch.predicted[k]));
+            let whole = if children == 0 { &own[k] } else { &predicted[k] };
+            *body = u.add(&congruence(&lambda, whole));
         }
-        scratch.earlier[k] = Symmetric6::zero();
-        scratch.independent[k] = independent;
-        scratch.co_state[k] = lambda;
+        if children > 1 {
+            earlier[k] = Symmetric6::zero();
+        }
+        (independent[k], co_state[k]) = (u, lambda);
     }
 }
 
-/// Lambda X Lambda.
+/// Lambda X Lambda. One product with X at a time, and every index a constant: six numbers in registers.
 #[inline(always)]
 fn congruence<T: Real>(lambda: &Symmetric6<T>, x: &Symmetric6<T>) -> Symmetric6<T> {
-    const PACKED: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-    // No closures: in lanes they would be functions without the instructions of the arm.
-    let mut columns = [zero(); 6];
-    let mut products = columns;
-    for (i, (column, product)) in columns.iter_mut().zip(&mut products).enumerate() {
-        *column = lambda.column(i);
-        *product = x.mul_vector(column);
-    }
-    let mut out = Symmetric6::zero();
-    for (at, (i, j)) in PACKED.into_iter().enumerate() {
-        out.angular.entries[at] = dot(&columns[i], &products[j]);
-        out.linear.entries[at] = dot(&columns[i + 3], &products[j + 3]);
-    }
-    for (i, column) in columns[..3].iter().enumerate() {
-        for (j, product) in products[3..].iter().enumerate() {
-            out.coupling[(i, j)] = dot(column, product);
-        }
-    }
-    out
+    let [a, b, c] = [lambda.column(0), lambda.column(1), lambda.column(2)];
+    let [d, e, f] = [lambda.column(3), lambda.column(4), lambda.column(5)];
+    let y = x.mul_vector(&a);
+    let xx = dot(&a, &y);
+    let y = x.mul_vector(&b);
+    let (xy, yy) = (dot(&a, &y), dot(&b, &y));
+    let y = x.mul_vector(&c);
+    let (xz, yz, zz) = (dot(&a, &y), dot(&b, &y), dot(&c, &y));
+    let angular = Symmetric3::new([xx, xy, xz, yy, yz, zz]);
+    let y = x.mul_vector(&d);
+    let (first, xx) = ([dot(&a, &y), dot(&b, &y), dot(&c, &y)], dot(&d, &y));
+    let y = x.mul_vector(&e);
+    let (second, xy, yy) = ([dot(&a, &y), dot(&b, &y), dot(&c, &y)], dot(&d, &y), dot(&e, &y));
+    let y = x.mul_vector(&f);
+    let (third, xz, yz, zz) = ([dot(&a, &y), dot(&b, &y), dot(&c, &y)], dot(&d, &y), dot(&e, &y), dot(&f, &y));
+    let [p, q, r] = [first, second, third];
+    let coupling = from_rows([p[0], q[0], r[0]], [p[1], q[1], r[1]], [p[2], q[2], r[2]]);
+    Symmetric6 { angular, coupling, linear: Symmetric3::new([xx, xy, xz, yy, yz, zz]) }
 }
 
 /// Variances of the joint torques of inverse dynamics, in O(N): Pi(k) = C(k) + sum over children of phi Pi phi*,
@@ -307,10 +353,10 @@ pub fn inverse_dynamics_variance<T: Real>(
     out: &mut [T],
 ) {
     torque.evaluate(qd, qdd, out);
-    let VarianceScratch { motions, predicted, .. } = scratch;
+    let VarianceScratch { motions, own, .. } = scratch;
     motions.base_to_tip(model, (q, qd, qdd));
-    parameters.force_covariances(&motions.velocity, &motions.acceleration, predicted);
-    torques_tip_to_base(model, &motions.shift, predicted, out);
+    parameters.force_covariances(&motions.velocity, &motions.acceleration, own);
+    torques_tip_to_base(model, &motions.shift, own, out);
 }
 
 /// Tip to base: Pi(k), and H Pi H* added to the variance of each torque.

@@ -22,6 +22,17 @@ impl Frame<f64> {
     }
 }
 
+/// A link of a scene: the body that it is part of, and its pose on that body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Link {
+    /// Name.
+    pub name: String,
+    /// Index of the moving body that carries it; `None` for the base.
+    pub body: Option<usize>,
+    /// Pose of the link frame in the body frame (or base frame).
+    pub placement: RigidShift<f64>,
+}
+
 named! {
     /// The frame in which the motion (angular, linear) of a frame on a link is expressed.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

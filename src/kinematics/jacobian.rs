@@ -56,17 +56,58 @@ pub fn jacobian_rate<T: Real>(
     });
 }
 
+/// The places of columns of six numbers in an array: the distance of their rows, and that of columns.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Columns {
+    pub row: usize,
+    pub column: usize,
+}
+
+impl Columns {
+    /// The columns of a matrix with rows of length `nv`.
+    #[inline(always)]
+    pub fn of_matrix(nv: usize) -> Self {
+        Self { row: nv, column: 1 }
+    }
+
+    /// Column `j`.
+    #[inline(always)]
+    pub fn column<T: Real>(self, array: &[T], j: usize) -> Vector6<T> {
+        let (first, row) = (j * self.column, self.row);
+        let [a, b, c] = [array[first], array[first + row], array[first + 2 * row]];
+        Vector6::new(a, b, c, array[first + 3 * row], array[first + 4 * row], array[first + 5 * row])
+    }
+
+    /// Writes column `j`.
+    #[inline(always)]
+    pub fn write<T: Real>(self, array: &mut [T], j: usize, column: &Vector6<T>) {
+        for i in 0..6 {
+            array[j * self.column + i * self.row] = column[i];
+        }
+    }
+}
+
 /// J of the frame in its own axes. Returns the pose of the frame on the base.
 #[inline(always)]
 pub(crate) fn local_jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, out: &mut [T]) -> RigidShift<T> {
-    let nv = model.nv();
+    local_jacobian_in(model, q, frame, Columns::of_matrix(model.nv()), out)
+}
+
+/// [`local_jacobian`] with its columns in these places of `out`, the rest of which is zero.
+#[inline(always)]
+pub(super) fn local_jacobian_in<T: Real>(
+    model: &Model<T>,
+    q: &[T],
+    frame: &Frame<T>,
+    at: Columns,
+    out: &mut [T],
+) -> RigidShift<T> {
     out.fill(T::zero());
     let mut path = PathToBase::from(model, q, frame);
     while let Some(k) = path.body {
         let stage = &model.system.stages[k];
         for i in 0..stage.rows.count() {
-            let column = hinge_to_child(&path.placement, &stage.rows.row(i));
-            write_column(out, nv, stage.first_row + i, column.as_slice());
+            at.write(out, stage.first_row + i, &hinge_to_child(&path.placement, &stage.rows.row(i)));
         }
         path.past(k);
     }

@@ -24,6 +24,7 @@
 //! # }
 //! ```
 
+pub(crate) mod derivatives;
 pub(crate) mod frame;
 pub(crate) mod inward;
 pub(crate) mod jacobian;
@@ -32,7 +33,7 @@ pub(crate) mod pair;
 pub(crate) mod propagation;
 pub(crate) mod relative;
 
-pub use frame::{ACCELERATION_KINDS, AccelerationKind, Frame, REFERENCE_FRAMES, ReferenceFrame};
+pub use frame::{ACCELERATION_KINDS, AccelerationKind, Frame, Link, REFERENCE_FRAMES, ReferenceFrame};
 #[doc(hidden)]
 pub use inward::{FrameMotion, frame_motion, placement, placements_on_the_way};
 #[doc(hidden)]

@@ -107,4 +107,26 @@ methods! {
     /// True
     fn centroidal_momentum_matrix_rate(q, qd; errors)
         => kinematic_quantity(&KinematicQuantity::CentroidalMomentumMatrixRate);
+
+    /// Derivatives of the centroidal momentum A qd with respect to q and qd; the second is A.
+    #[doc = parameters!(q qd errors)]
+    #[doc = section!(Returns)]
+    /// dh : (..., 2, 6, nv) ndarray
+    ///     dh/dq and dh/dqd in SI units, with the rows of centroidal_momentum_matrix.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     Joints that follow others (mimic), by name; a scene whose moving links have no mass.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(N). Derivatives with respect to q are along its tangent space, as in velocity_derivatives.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+    /// >>> by_q, by_qd = scene.centroidal_momentum_derivatives(q, qd)
+    /// >>> step = 1e-6 * np.array([0.0, 1.0, 0.0])
+    /// >>> ahead, behind = (scene.centroidal_momentum_matrix(q + h) @ qd for h in (step, -step))
+    /// >>> np.allclose(by_q[:, 1], (ahead - behind) / 2e-6)
+    /// True
+    fn centroidal_momentum_derivatives(q, qd; errors)
+        => kinematic_quantity(&KinematicQuantity::CentroidalMomentumDerivatives);
 }

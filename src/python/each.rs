@@ -24,6 +24,9 @@ impl PyScene {
         &Keywords { errors, .. }: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let (entry, mut room) = (what.entry(), [0; 4]);
+        if what.is_by_coordinates() {
+            self.scene.check_independent()?;
+        }
         if entry.needs_mass {
             self.scene.check_has_mass()?;
         }
@@ -48,7 +51,8 @@ impl PyScene {
 
     /// Approximate time of a kinematic quantity of one state, ns.
     pub(super) fn cost_of(&self, what: &KinematicQuantity<'_>) -> usize {
-        what.entry().cost[0] * what.frame().map_or(self.size(), |frame| self.depth(frame))
+        let [body, body_and_column] = what.entry().cost;
+        (body + body_and_column * self.scene.nv()) * what.frame().map_or(self.size(), |frame| self.depth(frame))
     }
 
     /// Evaluates every state, of `cost` ns each, into a new array of shape batch + `shape`, or a NumPy scalar for the

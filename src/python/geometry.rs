@@ -29,9 +29,7 @@ impl PyScene {
         let call =
             self.call([self.configuration("q", q)?], PLACEMENTS.cost[0] * (self.size() + links.len()), errors)?;
         let mut all = call.scratch_results(py, 16 * links.len())?;
-        call.numbers(py, all.numbers()?, |scene, scratch, [q], out| {
-            scene.write_poses("placements", &mut scratch.workspace, q, out)
-        })?;
+        call.quantity_in_chunks(py, &KinematicQuantity::Poses(links), all.numbers()?)?;
         let shape = [&call.batch[..], &[4, 4]].concat();
         let placements = PyDict::new(py);
         for (at, link) in links.iter().enumerate() {
@@ -57,11 +55,8 @@ impl PyScene {
     /// array([0.412, 0.15 , 0.488])
     #[pyo3(signature = (q, *, errors="raise"))]
     fn poses<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
-        let links = self.scene.links().len();
-        let cost = PLACEMENTS.cost[0] * (self.size() + links);
-        self.each(py, [("q", q)], &[links, 4, 4], cost, errors, |scene, scratch, [q], out| {
-            scene.poses(&mut scratch.workspace, q, out)
-        })
+        let what = KinematicQuantity::Poses(self.scene.links());
+        self.kinematic_quantity(py, &what, [q], &Keywords { errors, ..Keywords::none() })
     }
 }
 

@@ -173,6 +173,85 @@ methods! {
         let what = KinematicQuantity::JacobianRateProduct(&frame, reference);
         scene.kinematic_quantity(py, &what, [q, qd], keywords)
     }
+
+    /// Derivatives of the velocity of a link with respect to q and qd; the second is its Jacobian.
+    #[doc = parameters!(q qd link frame at errors)]
+    #[doc = section!(Returns)]
+    /// dv : (..., 2, 6, nv) ndarray
+    ///     dv/dq and dv/dqd of velocity, SI units, angular rows first.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     Joints that follow others (mimic), by name.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(depth). Derivatives with respect to q are along its tangent space, as those of the dynamics: column k is the
+    /// change of v as q moves by integrate(q, e_k).
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+    /// >>> by_q, by_qd = scene.velocity_derivatives(q, qd, "link2", frame="world")
+    /// >>> np.allclose(by_qd, scene.jacobian(q, "link2", frame="world"))
+    /// True
+    /// >>> step = 1e-6 * np.array([0.0, 1.0, 0.0])
+    /// >>> ahead, behind = (scene.velocity(q + h, qd, "link2", frame="world") for h in (step, -step))
+    /// >>> np.allclose(by_q[:, 1], (ahead - behind) / 2e-6)
+    /// True
+    fn velocity_derivatives(q, qd, link; frame, at, errors) |scene, py, keywords| {
+        let (reference, frame) = scene.on_link(keywords)?;
+        let what = KinematicQuantity::VelocityDerivatives(&frame, reference);
+        scene.kinematic_quantity(py, &what, [q, qd], keywords)
+    }
+
+    /// Derivatives of the acceleration of a link with respect to q, qd and qdd; the third is its Jacobian.
+    #[doc = parameters!(q qd qdd link frame at)]
+    /// kind : {"spatial", "classical"}, default "spatial"
+    ///     As in acceleration.
+    #[doc = entries!(errors)]
+    #[doc = section!(Returns)]
+    /// da : (..., 3, 6, nv) ndarray
+    ///     da/dq, da/dqd and da/dqdd of acceleration, SI units, angular rows first.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     Joints that follow others (mimic), by name.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(depth). Derivatives with respect to q are along its tangent space, as in velocity_derivatives.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd, qdd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2], [0.0, 1.0, 0.0]
+    /// >>> by_q, by_qd, by_qdd = scene.acceleration_derivatives(q, qd, qdd, "link2")
+    /// >>> expected = scene.jacobian_rate(q, qd, "link2") + scene.velocity_derivatives(q, qd, "link2")[0]
+    /// >>> np.allclose(by_qd, expected)
+    /// True
+    fn acceleration_derivatives(q, qd, qdd, link; frame, at, kind, errors) |scene, py, keywords| {
+        let (reference, frame) = scene.on_link(keywords)?;
+        let kind = choose("kind", keywords.kind, ACCELERATION_KINDS)?;
+        let what = KinematicQuantity::AccelerationDerivatives(&frame, reference, kind);
+        scene.kinematic_quantity(py, &what, [q, qd, qdd], keywords)
+    }
+
+    /// Derivatives of the Jacobian of a link with respect to q: its Hessian.
+    #[doc = parameters!(q link frame at errors)]
+    #[doc = section!(Returns)]
+    /// dJ : (..., 6, nv, nv) ndarray
+    ///     Entry [i, j, k] is the derivative of jacobian[i, j] along degree of freedom k, SI units.
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     Joints that follow others (mimic), by name.
+    #[doc = entries!(arguments)]
+    #[doc = section!(Notes)]
+    /// O(depth^2). Derivatives are along the tangent space of q, as in velocity_derivatives; dJ @ qd is jacobian_rate,
+    /// and np.einsum("ijk,j", dJ, qd) is the first of velocity_derivatives.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
+    /// >>> np.allclose(scene.jacobian_derivatives(q, "link2") @ qd, scene.jacobian_rate(q, qd, "link2"))
+    /// True
+    fn jacobian_derivatives(q, link; frame, at, errors) |scene, py, keywords| {
+        let (reference, frame) = scene.on_link(keywords)?;
+        let what = KinematicQuantity::JacobianDerivatives(&frame, reference);
+        scene.kinematic_quantity(py, &what, [q], keywords)
+    }
 }
 
 impl PyScene {

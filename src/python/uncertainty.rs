@@ -15,7 +15,7 @@ use crate::batch::evaluator::Evaluator;
 use crate::batch::instruction_set::InstructionSet;
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
-use crate::estimation::lanes::{Accelerated, Question, VarianceLanes, variance_lanes};
+use crate::estimation::lanes::{Accelerated, Kept, Question, VarianceLanes};
 use crate::estimation::{JointCovariance, ParameterRoots, TorqueVariance, Variances};
 use crate::filter::Form;
 use crate::kinematics::Frame;
@@ -25,7 +25,7 @@ use crate::workspace::Workspace;
 use nalgebra::Matrix6;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 /// Rough times of one body in one state, ns (see `BatchCall::new`).
 mod cost {
@@ -248,7 +248,8 @@ impl PyScene {
             scene.check_no_connections("forward_dynamics_variance")?;
         }
         let (nv, bodies) = (scene.nv(), scene.joints().len());
-        let parameters = self.roots(roots)?;
+        let kept = Kept::of(scene);
+        let parameters = self.roots(&kept, roots)?;
         let noise = fixed("torque", torque, &[nv])?;
         let joints = joints.map(|joints| fixed("joints", joints, &[nv, 4, 4])).transpose()?;
         let joints: Vec<JointCovariance<f64>> =
@@ -267,15 +268,17 @@ impl PyScene {
         let width = nv + 36 * links.len();
         let mut output = call.output(py, &[width], None, Output::new)?;
         let kernels: Mutex<Vec<Box<dyn VarianceLanes>>> = Mutex::new(Vec::new());
-        call.chunks(py, (width, cost), None, output.numbers()?, &|evaluator, states, _, out| {
-            let kept = kernels.lock().ok().and_then(|mut kernels| kernels.pop());
-            let mut kernel = kept.unwrap_or_else(|| variance_lanes(scene, &question));
+        let outcome = call.chunks(py, (width, cost), None, output.numbers()?, &|evaluator, states, _, out| {
+            let used = kernels.lock().ok().and_then(|mut kernels| kernels.pop());
+            let mut kernel = used.unwrap_or_else(|| kept.kernel(scene, &question));
             let outcome = of_states(scene, &question, evaluator, &mut *kernel, states, out);
             if let Ok(mut kernels) = kernels.lock() {
                 kernels.push(kernel);
             }
             outcome
-        })?;
+        });
+        kept.give_back(kernels.into_inner().unwrap_or_default());
+        outcome?;
         Ok(output.finish())
     }
 }
@@ -350,18 +353,20 @@ fn one_by_one(scene: &Scene, question: &Question<'_>, state: &Arguments<'_>, out
 
 impl PyScene {
     /// The roots of the parameters' covariances, from (bodies, rank, 10).
-    fn roots(&self, roots: &Object<'_>) -> PyResult<ParameterRoots<f64>> {
+    fn roots(&self, kept: &Kept, roots: &Object<'_>) -> PyResult<Arc<ParameterRoots<f64>>> {
         let (shape, numbers) = shaped("parameters", roots, 10)?;
         let bodies = self.scene.joints().len();
         let rank = match shape[..] {
             [found, rank, 10] if found == bodies => rank,
             _ => return Err(wrong_shape("parameters", &shape, format!("({bodies}, rank, 10)"))),
         };
-        let columns: &[Parameters<f64>] = numbers.as_chunks::<10>().0;
-        let is_some = |column: &&Parameters<f64>| column.iter().any(|&x| x != 0.0);
-        let of_body = |k: usize| columns[k * rank..(k + 1) * rank].iter().filter(is_some).copied().collect();
-        let of_links: Vec<Vec<Parameters<f64>>> = (0..bodies).map(of_body).collect();
-        Ok(self.scene.parameter_roots(&of_links)?)
+        let make = |numbers: &[f64]| {
+            let columns: &[Parameters<f64>] = numbers.as_chunks::<10>().0;
+            let of_body = |k: usize| columns[k * rank..(k + 1) * rank].to_vec();
+            let of_links: Vec<Vec<Parameters<f64>>> = (0..bodies).map(of_body).collect();
+            self.scene.parameter_roots(&of_links)
+        };
+        Ok(kept.roots(numbers, make)?)
     }
 }
 

@@ -60,6 +60,7 @@ mod whole_check;
 
 pub use crate::collision::Solid;
 pub use crate::joints::JointKind;
+pub use crate::kinematics::Link;
 pub use crate::model::Model;
 #[doc(hidden)]
 pub use crate::model::{Body, Motion, Simplifications};
@@ -87,7 +88,6 @@ use self::shared::Shared;
 use crate::error::{Error, known_names};
 use crate::model::Identity;
 use crate::setters::accessors;
-use crate::spatial::RigidShift;
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -107,17 +107,6 @@ pub struct Joint {
     pub v: Range<usize>,
     /// Limits. Position limits act as stops in simulations; the other limits are reported.
     pub limits: Limits,
-}
-
-/// A link of a scene: the body that it is part of, and its pose on that body.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Link {
-    /// Name.
-    pub name: String,
-    /// Index of the moving body that carries it; `None` for the base.
-    pub body: Option<usize>,
-    /// Pose of the link frame in the body frame (or base frame).
-    pub placement: RigidShift<f64>,
 }
 
 /// An immutable articulated system: bodies, joints, gravity, and their names.

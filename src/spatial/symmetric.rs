@@ -65,7 +65,7 @@ impl<T: Real> Symmetric3<T> {
 
     /// Adds the upper triangle of a b^T.
     #[inline(always)]
-    fn add_product(&self, a: [T; 3], b: [T; 3]) -> Self {
+    pub(crate) fn add_product(&self, a: [T; 3], b: [T; 3]) -> Self {
         let e = &self.entries;
         Self {
             entries: [

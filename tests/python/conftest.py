@@ -211,6 +211,7 @@ OF_MASS = {
     "center_of_mass_jacobian": 1,
     "centroidal_momentum_matrix": 1,
     "centroidal_momentum_matrix_rate": 2,
+    "centroidal_momentum_derivatives": 2,
 }
 """Methods for the center of mass, and their numbers of arguments of q, qd and qdd."""
 
@@ -278,6 +279,12 @@ def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[
         "jacobian at a point": (lambda q: scene.jacobian(q, link, frame="local-world-aligned", at=POINT), (q,)),
         "jacobian_rate": (lambda q, qd: scene.jacobian_rate(q, qd, link, frame="world"), (q, qd)),
         "jacobian_rate_product": (lambda q, qd: scene.jacobian_rate_product(q, qd, link), (q, qd)),
+        "velocity_derivatives": (lambda q, qd: scene.velocity_derivatives(q, qd, link, frame="world"), (q, qd)),
+        "acceleration_derivatives": (
+            lambda q, qd, qdd: scene.acceleration_derivatives(q, qd, qdd, link, at=POINT, kind="classical"),
+            (q, qd, tau),
+        ),
+        "jacobian_derivatives": (lambda q: scene.jacobian_derivatives(q, link, frame="local-world-aligned"), (q,)),
         **{name: (getattr(scene, name), (q, qd, tau)[:count]) for name, count in OF_MASS.items()},
         "kinetic_energy": (scene.kinetic_energy, (q, qd)),
         "potential_energy": (scene.potential_energy, (q,)),
@@ -317,6 +324,9 @@ METHODS = (
     "jacobian at a point",
     "jacobian_rate",
     "jacobian_rate_product",
+    "velocity_derivatives",
+    "acceleration_derivatives",
+    "jacobian_derivatives",
     *OF_MASS,
     "kinetic_energy",
     "potential_energy",

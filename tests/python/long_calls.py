@@ -186,6 +186,8 @@ LONG: dict[str, Callable[[], Call]] = {
     "placement": batch(30, 300_000, lambda scene, q: scene.placement(q, "link29")),
     "acceleration": batch(30, 300_000, lambda scene, q: scene.acceleration(q, q, q, "link29")),
     "jacobian_rate": batch(30, 300_000, lambda scene, q: scene.jacobian_rate(q, q, "link29")),
+    "acceleration_derivatives": batch(30, 100_000, lambda scene, q: scene.acceleration_derivatives(q, q, q, "link29")),
+    "jacobian_derivatives": batch(30, 20_000, lambda scene, q: scene.jacobian_derivatives(q, "link29")),
     "centroidal_momentum_matrix_rate": batch(30, 200_000, lambda scene, q: scene.centroidal_momentum_matrix_rate(q, q)),
     "energy": batch(100, 300_000, lambda scene, q: scene.energy(q, q)),
     "momentum": batch(100, 300_000, lambda scene, q: scene.momentum(q, q)),

@@ -21,10 +21,13 @@ TASKS = {
     "Modified copies": ("with_properties", "with_payload", "with_inertias", "lock", "without_constraints", "without_contacts"),
     "Configurations": ("neutral", "initial", "initial_velocity", "keyframes", "random_configuration", "integrate", "difference"),
     "Forward kinematics: where is a link, such as the end effector": ("placement", "poses", "placements"),
-    "Velocities, accelerations and Jacobians of links": ("velocity", "acceleration", "jacobian", "jacobian_rate", "jacobian_rate_product"),
+    "Velocities, accelerations and Jacobians of links": (
+        "velocity", "acceleration", "jacobian", "jacobian_rate", "jacobian_rate_product", "velocity_derivatives", "acceleration_derivatives",
+        "jacobian_derivatives",
+    ),
     "Center of mass and momentum": (
         "center_of_mass", "center_of_mass_velocity", "center_of_mass_acceleration", "center_of_mass_jacobian", "momentum", "centroidal_momentum_matrix",
-        "centroidal_momentum_matrix_rate",
+        "centroidal_momentum_matrix_rate", "centroidal_momentum_derivatives",
     ),
     "Inverse kinematics": ("inverse_kinematics", "inverse_kinematics_rates"),
     "Joint torques and accelerations": ("forward_dynamics", "inverse_dynamics", "bias_torque", "gravity_torque", "coriolis_matrix"),

@@ -65,12 +65,14 @@ def _parameters(scene: phipsi.Scene) -> np.ndarray:
 #: A call of each method that takes a state of the scene, or returns another scene.
 CALLS: dict[str, Call] = {
     "acceleration": lambda scene, s: scene.acceleration(s.q, s.qd, s.qdd, _tip(scene)),
+    "acceleration_derivatives": lambda scene, s: scene.acceleration_derivatives(s.q, s.qd, s.qdd, _tip(scene)),
     "bias_torque": lambda scene, s: scene.bias_torque(s.q, s.qd),
     "center_of_mass": lambda scene, s: scene.center_of_mass(s.q),
     "center_of_mass_acceleration": lambda scene, s: scene.center_of_mass_acceleration(s.q, s.qd, s.qdd),
     "center_of_mass_jacobian": lambda scene, s: scene.center_of_mass_jacobian(s.q),
     "center_of_mass_velocity": lambda scene, s: scene.center_of_mass_velocity(s.q, s.qd),
     "centroidal_momentum_matrix": lambda scene, s: scene.centroidal_momentum_matrix(s.q),
+    "centroidal_momentum_derivatives": lambda scene, s: scene.centroidal_momentum_derivatives(s.q, s.qd),
     "centroidal_momentum_matrix_rate": lambda scene, s: scene.centroidal_momentum_matrix_rate(s.q, s.qd),
     "constrained_dynamics": lambda scene, s: scene.constrained_dynamics(s.q, s.qd, s.tau).qdd,
     "constrained_inverse_dynamics": lambda scene, s: scene.constrained_inverse_dynamics(s.q, s.qd, s.qdd).tau,
@@ -105,6 +107,7 @@ CALLS: dict[str, Call] = {
     "inverse_kinematics": lambda scene, s: scene.inverse_kinematics(_target(scene, s), s.q, seed=1).q,
     "inverse_kinematics_rates": lambda scene, s: scene.inverse_kinematics_rates(_target(scene, s), s.q, dt=0.01),
     "jacobian": lambda scene, s: scene.jacobian(s.q, _tip(scene)),
+    "jacobian_derivatives": lambda scene, s: scene.jacobian_derivatives(s.q, _tip(scene)),
     "jacobian_rate": lambda scene, s: scene.jacobian_rate(s.q, s.qd, _tip(scene)),
     "jacobian_rate_product": lambda scene, s: scene.jacobian_rate_product(s.q, s.qd, _tip(scene)),
     "kinetic_energy": lambda scene, s: scene.kinetic_energy(s.q, s.qd),
@@ -139,6 +142,7 @@ CALLS: dict[str, Call] = {
     "with_payload": lambda scene, s: _extras(scene.with_payload(_tip(scene), 1.0, (0, 0, 0.1))),
     "with_properties": lambda scene, s: _extras(scene.with_properties(damping=2.0)),
     "velocity": lambda scene, s: scene.velocity(s.q, s.qd, _tip(scene)),
+    "velocity_derivatives": lambda scene, s: scene.velocity_derivatives(s.q, s.qd, _tip(scene)),
 }
 
 
@@ -242,6 +246,9 @@ EXPECTED: dict[str, tuple[str, str, str]] = {
     **dict.fromkeys(["forward_dynamics_hvp", "forward_dynamics_variance", "identify", "momentum_observer", "observer"], ("included", "tree", "supported")),
     **dict.fromkeys(["operational_inertia", "operational_inverse_inertia"], ("included", "tree", "supported")),
     **dict.fromkeys(["factor", "random_model"], ("tree", "tree", "error")),
+    **dict.fromkeys(
+        ["velocity_derivatives", "acceleration_derivatives", "jacobian_derivatives", "centroidal_momentum_derivatives"], ("tree", "tree", "error")
+    ),
     "ode": ("error", "error", "supported"),
     "simulate_vjp": ("included", "included", "supported"),
     "to_urdf": ("error", "error", "supported"),

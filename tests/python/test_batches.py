@@ -121,6 +121,7 @@ def test_no_joints(welded: phipsi.Scene, method: str, batch: tuple[int, ...]) ->
     shapes["placements"] = shapes["poses"] = shapes["placement of several"] = (2, 4, 4)
     shapes.update({"placement": (4, 4), "velocity": (6,), "acceleration": (6,), "kinetic_energy": (), "potential_energy": ()})
     shapes.update({"jacobian at a point": (6, 0), "jacobian_rate": (6, 0), "jacobian_rate_product": (6,)})
+    shapes.update({"velocity_derivatives": (2, 6, 0), "acceleration_derivatives": (3, 6, 0), "jacobian_derivatives": (6, 0, 0)})
     shapes["coriolis_matrix"] = shapes["mass_matrix_derivative"] = (0, 0)
     shapes["inverse_dynamics_derivatives"] = shapes["forward_dynamics_derivatives"] = (0, 0)
     evaluate, arguments = methods(welded, State(nothing, nothing, nothing))[method]

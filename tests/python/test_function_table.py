@@ -44,9 +44,13 @@ def test_a_row_is_what_the_method_takes_and_gives(name: str) -> None:
     found: Any = getattr(SCENE, name)(*given, *([SCENE.link_names[-1]] if row["of_link"] else []))
     if name == "placements":
         found = np.stack(list(found.values()))
-    parts = found[: len(row["results"])] if isinstance(found, tuple) else [found]
+    if isinstance(found, tuple):
+        parts = list(found[: len(row["results"])])
+    else:
+        # Several results in one array are on an axis of their own.
+        parts = list(np.moveaxis(found, -3, 0)) if len(row["results"]) > 1 else [found]
     assert [np.shape(part) for part in parts] == shapes((name,), SCENE)
-    for key in row["results"] if "derivatives" in name else ():
+    for key in row["results"] if "derivatives" in name and isinstance(found, tuple) else ():
         # Generated C code has the letters of the matrices, results in Python their names.
         field = {"M": "mass_matrix", "Minv": "mass_matrix_inverse"}.get(key, key)
         assert np.shape(getattr(found, field)) == (SCENE.nv, SCENE.nv)

@@ -352,6 +352,8 @@ def test_one_state_in_arrays_has_the_bits_of_one_in_lists(mixed: phipsi.Scene) -
     }
     for name, count in {"placement": 1, "velocity": 2, "acceleration": 3, "jacobian": 1, "jacobian_rate": 2, "jacobian_rate_product": 2}.items():
         calls[name] = (lambda *state, method=getattr(mixed, name): method(*state, mixed.link_names[-1])), count
+    for name, count in {"velocity_derivatives": 2, "acceleration_derivatives": 3, "jacobian_derivatives": 1}.items():
+        calls[name] = (lambda *state, method=getattr(mixed, name): method(*state, mixed.link_names[-1])), count
     for name, (call, count) in calls.items():
         state = (q, qd, qdd)[:count]
         found = call(*state)

@@ -7,6 +7,7 @@ import phipsi
 import pytest
 from conftest import random_scene, random_states
 from oracle_mpmath import State, exact, random_tree, rounded, skew, zeros
+from phipsi._arguments import has_followers
 from phipsi.errors import ArgumentError, NotFiniteError, ShapeError
 from phipsi.estimation import ParameterCovariance
 from tolerances import assert_near, inverse, product
@@ -124,6 +125,37 @@ def test_a_batch_is_its_states() -> None:
     assert whole.shape == (40, scene.nv)
     for at in (0, 17, 39):
         assert_near(whole[at], scene.forward_dynamics_variance(q[at], qd[at], tau[at], parameters=sigma, torque=0.1), 0.0)
+
+
+def test_no_call_depends_on_the_one_before() -> None:
+    """A scene keeps kernels and roots of covariances: each call in turn has the bits of that on a new scene."""
+    random = np.random.default_rng(3)
+    q, qd, u = random_states(random_scene(2, 5), 4, (3,))
+    bodies = len(random_scene(2, 5).body_names)
+    one, other = covariance_of(random, bodies, 2), covariance_of(random, bodies, 10)
+    calls = [
+        lambda scene: scene.forward_dynamics_variance(q, qd, u, parameters=one, torque=0.1),
+        lambda scene: scene.forward_dynamics_variance(q, qd, u, parameters=other, torque=0.1),
+        lambda scene: scene.forward_dynamics_variance(q, qd, u, parameters=other, links="link3").links["link3"],
+        lambda scene: scene.forward_dynamics_variance(q, qd, u, parameters=one, torque=0.2, joints={"friction": 0.1}),
+        lambda scene: scene.inverse_dynamics_variance(q, qd, u, parameters=one),
+    ]
+    expected = [call(random_scene(2, 5)) for call in calls]
+    assert all(np.any(found != expected[0]) for found in expected[1:2])
+    scene = random_scene(2, 5)
+    for at in (0, 1, 0, 2, 3, 4, 0, 3, 2, 1):
+        assert_near(calls[at](scene), expected[at], 0.0)
+
+
+def test_a_fixed_joint_with_mimic_needs_no_dense_matrices() -> None:
+    text = """<robot name="r"><link name="base"/><link name="a"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+    <link name="b"/><joint name="j" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+    <joint name="k" type="fixed"><parent link="a"/><child link="b"/><mimic joint="j"/></joint></robot>"""
+    scene = phipsi.load(text)
+    assert scene.joints["k"].mimic is not None and not has_followers(scene)
+    builder = phipsi.SceneBuilder().link("base").link("a", 1.0).link("b", 1.0).joint("j", "revolute", "base", "a")
+    builder.joint("k", "revolute", "a", "b", mimic="j")
+    assert has_followers(builder.build(mimic="couple"))
 
 
 def test_an_object_with_a_covariance_is_taken_as_it_is() -> None:

@@ -21,9 +21,9 @@ def each(name: str, value: ArrayLike, size: int, refused: str, *, positive: bool
     found = numbers(name, value)
     if found.shape not in ((), (size,)):
         raise of_argument(ShapeError, name, f"found shape {found.shape}; expected () or ({size},)")
-    if not np.all(np.isfinite(found) & ((found > 0.0) if positive else (found >= 0.0))):
+    if not (np.isfinite(found) & ((found > 0.0) if positive else (found >= 0.0))).all():
         raise of_argument(ArgumentError, name, refused.replace("{least}", str(found.min())))
-    return np.array(np.broadcast_to(found, (size,)), float)
+    return np.full(size, found) if found.ndim == 0 else np.array(found)
 
 
 def positive(name: str, value: float) -> float:

@@ -76,17 +76,17 @@ class ParameterCovariance:
     of the same errors are `columns`."""
 
     def __init__(self, scene: Scene, parameters: Any) -> None:
+        whole = getattr(parameters, "parameter_covariance", parameters)
+        if isinstance(whole, ParameterCovariance):
+            whole._check_robot(scene)
+            self.__dict__.update(whole.__dict__)
+            return
         bodies = len(scene.body_names)
         self.blocks = np.zeros((bodies, 0, 10))
         self.extras = np.zeros((0, 0))
         self._columns: _Array | None = None
         self._model: Columns | None = None
         if parameters is None:
-            return
-        whole = getattr(parameters, "parameter_covariance", parameters)
-        if isinstance(whole, ParameterCovariance):
-            whole._check_robot(scene)
-            self.__dict__.update(whole.__dict__)
             return
         given = numbers("parameters", getattr(parameters, "covariance", parameters))
         full = (10 * bodies, 10 * bodies)
@@ -419,7 +419,7 @@ def forward_dynamics_variance(
         wrenches,
         errors,
     )
-    of_joints = both[..., : scene.nv].copy()
+    of_joints = both[..., : scene.nv].copy() if names else both
     of_links = {
         name: both[..., scene.nv + 36 * at :][..., :36].reshape(*both.shape[:-1], 6, 6) for at, name in enumerate(names)
     }
