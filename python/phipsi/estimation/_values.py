@@ -18,6 +18,9 @@ def each(name: str, value: ArrayLike, size: int, refused: str, *, positive: bool
 
     `refused` is the message of the error for other values; "{least}" in it is replaced by the least value.
     """
+    if type(value) is float and 0.0 < value < np.inf:
+        # The most frequent argument, without arrays of one number.
+        return np.full(size, value)
     found = numbers(name, value)
     if found.shape not in ((), (size,)):
         raise of_argument(ShapeError, name, f"found shape {found.shape}; expected () or ({size},)")
