@@ -28,7 +28,7 @@ use super::works::RowWork;
 use crate::contact::{Cone, expansion_kept};
 use crate::dynamics::constraints::ProjectionStep;
 use crate::dynamics::contacts::LimitRow;
-use crate::dynamics::{factorise, solve};
+use crate::dynamics::solve;
 use nalgebra::{DMatrix, DVector};
 
 /// A limit that was inactive becomes active if the step ends further outside than this, rad or m.
@@ -188,8 +188,9 @@ impl Constrained<'_> {
         record.free.clone_from(&s.v_next);
         record.mean.extend(s.x.iter().map(|x| x / h));
         let (mut free, mut mean) = (s.v_next.clone(), record.mean.clone());
+        let pivots = self.factorise(&s.model, &s.q)?;
         for velocities in [&mut free, &mut mean] {
-            self.velocities_onto_connections(&s.model, &s.q, velocities)?;
+            self.velocities_with_factors(&s.model, pivots, velocities)?;
         }
         let limits: Vec<_> = rows.iter().map(|of| of.bounds((s.q[of.coordinate], s.v[of.row]), h)).collect();
         let bounds: Vec<[f64; 2]> = limits.iter().map(|of| of.map(|bound| bound.velocity)).collect();
@@ -357,13 +358,13 @@ impl Constrained<'_> {
         (rows, h): (&[SetValued], f64),
         s: &Scratch<f64>,
     ) -> Result<(), Failure> {
-        // Factors M at q for the projections below; a singular pivot has ended the step before.
-        factorise(&s.model, &mut self.scratch.workspace, &s.q);
+        // A displacement leaves the factors at its end.
+        let pivots = self.factorise(&s.model, &s.q)?;
         for &i in more {
             let (mut torque, mut column) = (vec![0.0; s.v.len()], vec![0.0; s.v.len()]);
             torque[rows[i].row] = h;
             solve(&s.model, &mut self.scratch.workspace, &torque, &mut column);
-            self.velocities_onto_connections(&s.model, &s.q, &mut column)?;
+            self.velocities_with_factors(&s.model, pivots, &mut column)?;
             acting.near.push(i);
             acting.columns.push(column);
         }

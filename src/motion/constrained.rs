@@ -5,12 +5,16 @@ use super::scratch::Scratch;
 use super::solver::Solver;
 use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{
-    ConstraintScratch, Outcome, ProjectionStep, RowFault, constrained_dynamics, project_velocities, record_projection,
+    ConstraintScratch, Outcome, Projected, ProjectionStep, RowFault, constrained_dynamics, project_velocities,
+    project_with_factors, record_projection,
 };
-use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::dynamics::{
+    self,
+    sweeps::{SweepModel, SweepScratch},
+};
 use crate::error::Error;
 use crate::filter::Form;
-use crate::filter::pivots::LostPivot;
+use crate::filter::pivots::{LostPivot, PivotMonitor};
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
@@ -163,6 +167,35 @@ impl Constrained<'_> {
         let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
         let velocities = project_velocities((model, scene.constraints()), workspace, rows, (q, v), self.compliance)
             .map_err(|at| (None, Some(scene.row_fault(at))))?;
+        self.accept(model, &velocities)
+    }
+
+    /// Factors M and the rows at `q`.
+    pub(super) fn factorise(&mut self, model: &Model<f64>, q: &[f64]) -> Result<PivotMonitor<f64>, Failure> {
+        let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
+        let pivots = dynamics::factorise(model, workspace, q);
+        if let Some(lost) = workspace.lost_pivot(model, &pivots) {
+            return Err((Some(lost), None));
+        }
+        rows.factorise((model, scene.constraints()), workspace, q, self.compliance)
+            .map_err(|at| (None, Some(scene.row_fault(at))))?;
+        Ok(pivots)
+    }
+
+    /// As [`Constrained::velocities_onto_connections`], with the last factors.
+    pub(super) fn velocities_with_factors(
+        &mut self,
+        model: &Model<f64>,
+        pivots: PivotMonitor<f64>,
+        v: &mut [f64],
+    ) -> Result<(), Failure> {
+        let ConstrainedScratch { workspace, rows, .. } = &mut *self.scratch;
+        let velocities = project_with_factors(model, (workspace, pivots), rows, v, self.compliance);
+        self.accept(model, &velocities)
+    }
+
+    fn accept(&self, model: &Model<f64>, velocities: &Projected) -> Result<(), Failure> {
+        let (scene, workspace) = (self.scene, &self.scratch.workspace);
         if let Some(lost) = workspace.lost_pivot(model, &velocities.pivots) {
             return Err((Some(lost), None));
         }

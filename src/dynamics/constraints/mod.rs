@@ -55,7 +55,9 @@ pub(crate) use kernel::{ConstraintKernel, Residuals};
 pub(crate) use mobility::jacobian_of_rows;
 #[cfg(feature = "motion")]
 pub(crate) use products::RowGradients;
-pub(crate) use projection::{CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities};
+pub(crate) use projection::{
+    CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities, project_with_factors,
+};
 #[cfg(feature = "motion")]
 pub(crate) use projection::{ProjectionStep, record_projection};
 pub(crate) use rows::errors_of_rows;

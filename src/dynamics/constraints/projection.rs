@@ -154,6 +154,17 @@ pub(crate) fn project_velocities(
         return Ok(Projected { pivots, rank: 0, left: f64::NAN, stays: None });
     }
     scratch.factorise((model, constraints), workspace, q, compliance)?;
+    Ok(project_with_factors(model, (workspace, pivots), scratch, qd, compliance))
+}
+
+/// As [`project_velocities`], with the factors of M, which had these `pivots`, and of the rows at one configuration.
+pub(crate) fn project_with_factors(
+    model: &Model<f64>,
+    (workspace, pivots): (&mut Workspace<f64>, PivotMonitor<f64>),
+    scratch: &mut ConstraintScratch,
+    qd: &mut [f64],
+    compliance: &[f64],
+) -> Projected {
     let speed = 1.0 + largest(qd) * (1.0 + extent(model));
     let mut before = f64::INFINITY;
     scratch.forces.fill(0.0);
@@ -164,7 +175,7 @@ pub(crate) fn project_velocities(
             let stays = (!(left <= CLOSED * speed)).then(|| worst(&scratch.rates));
             let beyond = || scratch.relaxed.beyond(&scratch.dropped, speed);
             let stays = stays.or_else(|| if compliance.is_empty() { beyond() } else { None });
-            return Ok(Projected { pivots, rank: scratch.inverse.rank, left: largest(&scratch.rates), stays });
+            return Projected { pivots, rank: scratch.inverse.rank, left: largest(&scratch.rates), stays };
         }
         before = left;
         scratch.step_against(model, workspace);
