@@ -22,6 +22,7 @@
 #   make robustness  after make test: completed simulations, their errors, energy and times, compared with MuJoCo: writes docs/measured/motion-robustness.md (ten minutes)
 #   make inverse-kinematics   inverse kinematics, compared with pink, mink and dynibo, in .venv-ik: writes docs/measured/inverse-kinematics-times.md (ten minutes)
 #   make loops-and-contacts  steps of closed loops compared with the tree, of a standing robot with MuJoCo: writes docs/measured/loops-and-contacts.md (a minute)
+#   make jax-calls      one call from a jitted program of JAX, through Python and as an operation of XLA: writes docs/measured/jax-calls.md
 #   make servos         steps of servos at their limits, environments, and random servos: writes docs/measured/servos.md (two minutes)
 #   make closed-loops   forward dynamics with connections, compared with Pinocchio: writes docs/measured/closed-loops-times.md (a minute)
 #   make contact-suites   after make test: contacts in SimBenchmark and ContactBench, compared with MuJoCo: writes docs/measured/contact-suites.md (ten minutes)
@@ -53,7 +54,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts servos contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts servos jax-calls contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
 
 # A separate environment; the packages of the system are not changed.
 $(BIN)/python:
@@ -244,6 +245,9 @@ contact-suites: $(VENV)/test
 
 loops-and-contacts: $(VENV)/test
 	$(BIN)/python benches/loops_and_contacts.py --markdown docs/measured/loops-and-contacts.md
+
+jax-calls: $(VENV)-jax/there
+	$(VENV)-jax/bin/python benches/jax_calls.py --markdown docs/measured/jax-calls.md
 
 servos: $(VENV)/test
 	$(BIN)/python benches/servos.py --markdown docs/measured/servos.md
