@@ -35,7 +35,7 @@ class Large(NamedTuple):
     """Tested parameters, as "method.parameter"."""
 
 
-OF_THREE = ("forward_dynamics", "inverse_dynamics", "estimate", "acceleration", "center_of_mass_acceleration")
+OF_THREE = ("forward_dynamics", "inverse_dynamics", "estimate", "acceleration", "acceleration_derivatives", "center_of_mass_acceleration")
 """Methods with the arguments q, qd and a third one."""
 
 
@@ -273,7 +273,7 @@ LARGE: dict[str, Large] = {
     "jacobian_rate": Large("q, qd", broadcast("jacobian_rate", link="link3")),
     "jacobian_rate_product": Large("q, qd", broadcast("jacobian_rate_product", link="link3")),
     "velocity_derivatives": Large("q, qd", broadcast("velocity_derivatives", link="link3")),
-    "acceleration_derivatives": Large("q, qd, qdd", broadcast("acceleration_derivatives", link="link3")),
+    "acceleration_derivatives": Large("q, qd", broadcast("acceleration_derivatives", link="link3")),
     "jacobian_derivatives": Large("q", batch(10**6, lambda scene, q: scene.jacobian_derivatives(q, "link3"))),
     "center_of_mass": Large("q", batch(2 * 10**6, lambda scene, q: scene.center_of_mass(q)), room=30),
     "center_of_mass_velocity": Large("q, qd", broadcast("center_of_mass_velocity")),
