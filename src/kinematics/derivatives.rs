@@ -14,11 +14,10 @@
 //! In another reference frame, the motion of the frame relative to it is added: see [`ReferenceFrame`].
 
 use super::frame::{AccelerationKind, Frame, ReferenceFrame};
-use super::jacobian::{Columns, local_jacobian_in};
-use crate::filter::Stage;
+use super::jacobian::{Columns, added, local_jacobian_in, rows, velocity_on_path};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, angular, cross_add, cross_motion, linear, scaled_add, spatial, sum, zero};
+use crate::spatial::{angular, cross_add, cross_motion, linear, scaled_add, spatial, sum, zero};
 use nalgebra::{Vector3, Vector6};
 
 /// dV/dq and J of a frame at q and qd into `out`, (2 x 6 x nv) row by row, with V expressed in `reference`. O(depth),
@@ -36,12 +35,12 @@ pub fn velocity_derivatives<T: Real>(
     by_q.fill(T::zero());
     let at = Columns::of_matrix(model.nv());
     let placement = local_jacobian_in(model, q, frame, at, by_qd);
-    let whole = velocity_on_path(model, qd, frame, by_qd);
+    let whole = velocity_on_path(model, frame, qd, by_qd);
     let mut inboard = whole;
     let mut body = frame.body;
     while let Some(k) = body {
         let stage = &model.system.stages[k];
-        let own = contribution(stage, at, qd, by_qd);
+        let own = added(&zero(), stage, qd, by_qd);
         inboard = scaled_add(&own, own[0].constant(-1.0), &inboard);
         for j in rows(stage) {
             let s = at.column(by_qd, j);
@@ -70,13 +69,13 @@ pub fn acceleration_derivatives<T: Real>(
     by_qd.fill(T::zero());
     let at = Columns::of_matrix(model.nv());
     let placement = local_jacobian_in(model, q, frame, at, by_qdd);
-    let velocity = velocity_on_path(model, qd, frame, by_qdd);
+    let velocity = velocity_on_path(model, frame, qd, by_qdd);
     // A = sum of S qdd + V(k) x S qd, inward.
     let (mut acceleration, mut own_velocity, mut body) = (zero(), velocity, frame.body);
     while let Some(k) = body {
         let stage = &model.system.stages[k];
-        let own = contribution(stage, at, qd, by_qdd);
-        let pushed = contribution(stage, at, qdd, by_qdd);
+        let own = added(&zero(), stage, qd, by_qdd);
+        let pushed = added(&zero(), stage, qdd, by_qdd);
         acceleration = sum(&acceleration, &sum(&pushed, &cross_motion(&own_velocity, &own)));
         own_velocity = scaled_add(&own, own[0].constant(-1.0), &own_velocity);
         body = stage.parent;
@@ -86,8 +85,8 @@ pub fn acceleration_derivatives<T: Real>(
     let (mut inboard, mut inboard_acceleration, mut body) = (velocity, acceleration, frame.body);
     while let Some(k) = body {
         let stage = &model.system.stages[k];
-        let own = contribution(stage, at, qd, by_qdd);
-        let pushed = contribution(stage, at, qdd, by_qdd);
+        let own = added(&zero(), stage, qd, by_qdd);
+        let pushed = added(&zero(), stage, qdd, by_qdd);
         let added = sum(&pushed, &cross_motion(&inboard, &own));
         inboard_acceleration = scaled_add(&added, minus_one, &inboard_acceleration);
         inboard = scaled_add(&own, minus_one, &inboard);
@@ -101,11 +100,12 @@ pub fn acceleration_derivatives<T: Real>(
             let change = moved(reference, &s, &acceleration, &relative);
             let change_of_velocity = moved(reference, &s, &velocity, &turned);
             let by_rate = sum(&turned, &cross_motion(&s, &outboard));
-            let express = [change, change_of_velocity, by_rate, s];
-            let [mut a, v, mut b, s] = express_each(reference, &placement, &express);
+            let mut a = reference.express(&placement, &change);
+            let mut b = reference.express(&placement, &by_rate);
             if kind == AccelerationKind::Classical {
+                let v = reference.express(&placement, &change_of_velocity);
                 a = with_product(&a, &seen, &v);
-                b = with_product(&b, &seen, &s);
+                b = with_product(&b, &seen, &reference.express(&placement, &s));
             }
             at.write(by_q, j, &a);
             at.write(by_qd, j, &b);
@@ -182,54 +182,11 @@ fn moved<T: Real>(reference: ReferenceFrame, s: &Vector6<T>, x: &Vector6<T>, rel
     }
 }
 
-/// Several motions, expressed in `reference`.
-#[inline(always)]
-fn express_each<T: Real, const N: usize>(
-    reference: ReferenceFrame,
-    placement: &RigidShift<T>,
-    motions: &[Vector6<T>; N],
-) -> [Vector6<T>; N] {
-    let mut out = *motions;
-    for motion in &mut out {
-        *motion = reference.express(placement, motion);
-    }
-    out
-}
-
 /// A change of the acceleration with that of w x v added to its linear half, for the velocity (w, v) and its change.
 #[inline(always)]
 fn with_product<T: Real>(change: &Vector6<T>, velocity: &Vector6<T>, by: &Vector6<T>) -> Vector6<T> {
     let first: Vector3<T> = cross_add(&angular(by), &linear(velocity), &linear(change));
     spatial(&angular(change), &cross_add(&angular(velocity), &linear(by), &first))
-}
-
-/// V of the frame, from the columns of J on the path.
-#[inline(always)]
-fn velocity_on_path<T: Real>(model: &Model<T>, qd: &[T], frame: &Frame<T>, jacobian: &[T]) -> Vector6<T> {
-    let at = Columns::of_matrix(model.nv());
-    let (mut velocity, mut body) = (zero(), frame.body);
-    while let Some(k) = body {
-        let stage = &model.system.stages[k];
-        velocity = sum(&velocity, &contribution(stage, at, qd, jacobian));
-        body = stage.parent;
-    }
-    velocity
-}
-
-/// The sum of S x over the degrees of freedom of a joint.
-#[inline(always)]
-fn contribution<T: Real>(stage: &Stage<T>, at: Columns, x: &[T], jacobian: &[T]) -> Vector6<T> {
-    let mut total = zero();
-    for j in rows(stage) {
-        total = scaled_add(&at.column(jacobian, j), x[j], &total);
-    }
-    total
-}
-
-/// The degrees of freedom of a joint.
-#[inline(always)]
-fn rows<T: Real>(stage: &Stage<T>) -> std::ops::Range<usize> {
-    stage.first_row..stage.first_row + stage.rows.count()
 }
 
 /// Writes the entries (i, j, k) of an array (6 x nv x nv) for all six i.

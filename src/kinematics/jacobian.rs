@@ -18,7 +18,7 @@ pub fn jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, reference:
         let nv = model.nv();
         each_stage(model, frame, |stage| {
             for j in rows(stage) {
-                let column = reference.express(&placement, &column(out, nv, j));
+                let column = reference.express(&placement, &Columns::of_matrix(nv).column(out, j));
                 write_column(out, nv, j, column.as_slice());
             }
         });
@@ -41,15 +41,14 @@ pub fn jacobian_rate<T: Real>(
 ) {
     let placement = local_jacobian(model, q, frame, out);
     let nv = model.nv();
-    let mut velocity = zero();
-    each_stage(model, frame, |stage| velocity = added(&velocity, stage, qd, out));
+    let velocity = velocity_on_path(model, frame, qd, out);
     // V(k) plus the contribution of `reference`, minus V.
     let mut turning = reference.seen_from(&velocity);
     let back: Vector6<T> = zero();
     each_stage(model, frame, |stage| {
         let own = added(&back, stage, qd, out);
         for j in rows(stage) {
-            let rate = cross_motion(&turning, &column(out, nv, j));
+            let rate = cross_motion(&turning, &Columns::of_matrix(nv).column(out, j));
             write_column(out, nv, j, reference.express(&placement, &rate).as_slice());
         }
         turning = scaled_add(&own, own[0].constant(-1.0), &turning);
@@ -144,21 +143,32 @@ fn each_stage<T: Real>(model: &Model<T>, frame: &Frame<T>, mut work: impl FnMut(
 }
 
 /// The degrees of freedom of a joint.
-fn rows<T: Real>(stage: &Stage<T>) -> std::ops::Range<usize> {
+#[inline(always)]
+pub(super) fn rows<T: Real>(stage: &Stage<T>) -> std::ops::Range<usize> {
     stage.first_row..stage.first_row + stage.rows.count()
 }
 
-/// A velocity and the contribution of a joint to it.
+/// A motion and the contribution of a joint to it, the sum of the columns of J times x.
 #[inline(always)]
-fn added<T: Real>(velocity: &Vector6<T>, stage: &Stage<T>, qd: &[T], jacobian: &[T]) -> Vector6<T> {
-    rows(stage).fold(*velocity, |sum, j| scaled_add(&column(jacobian, qd.len(), j), qd[j], &sum))
+pub(super) fn added<T: Real>(motion: &Vector6<T>, stage: &Stage<T>, x: &[T], jacobian: &[T]) -> Vector6<T> {
+    // No closure: in lanes it would be a function without the instructions of the arm.
+    let (at, mut total) = (Columns::of_matrix(x.len()), *motion);
+    for j in rows(stage) {
+        total = scaled_add(&at.column(jacobian, j), x[j], &total);
+    }
+    total
 }
 
-/// Column `j` of a matrix with six rows of length `nv`.
+/// V of a frame at qd, from the columns of J in its own axes.
 #[inline(always)]
-fn column<T: Real>(matrix: &[T], nv: usize, j: usize) -> Vector6<T> {
-    let at = |row: usize| matrix[row * nv + j];
-    Vector6::new(at(0), at(1), at(2), at(3), at(4), at(5))
+pub(super) fn velocity_on_path<T: Real>(model: &Model<T>, frame: &Frame<T>, qd: &[T], jacobian: &[T]) -> Vector6<T> {
+    let (mut velocity, mut body) = (zero(), frame.body);
+    while let Some(k) = body {
+        let stage = &model.system.stages[k];
+        velocity = added(&velocity, stage, qd, jacobian);
+        body = stage.parent;
+    }
+    velocity
 }
 
 /// Writes column `j` of a matrix with rows of length `nv`.

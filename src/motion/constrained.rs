@@ -5,8 +5,7 @@ use super::scratch::Scratch;
 use super::solver::Solver;
 use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{
-    ConstraintScratch, Outcome, Projected, ProjectionStep, RowFault, constrained_dynamics, project_velocities,
-    project_with_factors, record_projection,
+    ConstraintScratch, Outcome, ProjectionStep, RowFault, constrained_dynamics, project_with_factors, record_projection,
 };
 use crate::dynamics::{
     self,
@@ -164,10 +163,8 @@ impl Constrained<'_> {
         q: &[f64],
         v: &mut [f64],
     ) -> Result<(), Failure> {
-        let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
-        let velocities = project_velocities((model, scene.constraints()), workspace, rows, (q, v), self.compliance)
-            .map_err(|at| (None, Some(scene.row_fault(at))))?;
-        self.accept(model, &velocities)
+        let pivots = self.factorise(model, q)?;
+        self.velocities_with_factors(model, pivots, v)
     }
 
     /// Factors M and the rows at `q`.
@@ -189,16 +186,8 @@ impl Constrained<'_> {
         pivots: PivotMonitor<f64>,
         v: &mut [f64],
     ) -> Result<(), Failure> {
-        let ConstrainedScratch { workspace, rows, .. } = &mut *self.scratch;
+        let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
         let velocities = project_with_factors(model, (workspace, pivots), rows, v, self.compliance);
-        self.accept(model, &velocities)
-    }
-
-    fn accept(&self, model: &Model<f64>, velocities: &Projected) -> Result<(), Failure> {
-        let (scene, workspace) = (self.scene, &self.scratch.workspace);
-        if let Some(lost) = workspace.lost_pivot(model, &velocities.pivots) {
-            return Err((Some(lost), None));
-        }
         let Some(row) = velocities.stays else { return Ok(()) };
         Err((None, Some(scene.open_at("the end of a step", row, velocities.left, "m/s or rad/s", SMALLER))))
     }
