@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import accumulate
 from math import prod
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ._core import _unwritten, get_num_threads
 from .errors import PhipsiError
 
-__all__ = ["Batches", "entry"]
+__all__ = ["Batches", "Entry", "entry"]
 
 _Array: TypeAlias = NDArray[Any]
 _Entry: TypeAlias = Callable[..., int]
@@ -27,6 +27,18 @@ addressof, numbers_of = ctypes.addressof, ctypes.c_char.from_buffer
 WORTH_A_THREAD = 2048
 #: Size of intermediate blocks, bytes, chosen to fit in the L2 cache of a core. With a quarter of it, derivatives of an arm with out take 10 % longer.
 BETWEEN = 1 << 20
+
+
+class Entry(NamedTuple):
+    """A function of a library: its name, that of its batches, the numbers per state of its arguments, the shapes of its results, and the name of the function that computes its margin, "" if the margin is its own last
+    result, None without margins.
+    """
+
+    name: str
+    batch: str
+    reads: tuple[int, ...]
+    results: tuple[tuple[int, ...], ...]
+    margin: str | None
 
 
 def entry(code: ctypes.CDLL, name: str, arrays: int) -> _Entry:

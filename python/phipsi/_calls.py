@@ -42,10 +42,6 @@ class Call:
         value(*(np.zeros((0, width)) for width in widths))
 
 
-def _by_coordinates(coordinates: Coordinates, q: Array, by_tangent: NDArray[np.float64]) -> Array:
-    return np.asarray(by_tangent @ coordinates.tangents(q))
-
-
 @lru_cache(maxsize=32)
 def forward_dynamics(scene: Scene, form: str, errors: Errors = "raise", tolerance: float | None = None) -> Call:
     """qdd as a function of (q, qd, tau)."""
@@ -56,7 +52,7 @@ def forward_dynamics(scene: Scene, form: str, errors: Errors = "raise", toleranc
 
     def derivatives(q: Array, qd: Array, tau: Array) -> tuple[Array, ...]:
         by_q, by_qd, minv = scene.forward_dynamics_derivatives(coordinates.normalized(q), qd, tau, form=form, tolerance=tolerance, errors=errors)  # type: ignore[arg-type]
-        return _by_coordinates(coordinates, q, by_q), by_qd, minv
+        return coordinates.by_entries(q, by_q), by_qd, minv
 
     return Call(value, derivatives, ("q", "qd", "tau"), (scene.nq, scene.nv, scene.nv), scene.nv)
 
@@ -71,7 +67,7 @@ def inverse_dynamics(scene: Scene, errors: Errors = "raise") -> Call:
 
     def derivatives(q: Array, qd: Array, qdd: Array) -> tuple[Array, ...]:
         by_q, by_qd, mass = scene.inverse_dynamics_derivatives(coordinates.normalized(q), qd, qdd, errors=errors)
-        return _by_coordinates(coordinates, q, by_q), by_qd, mass
+        return coordinates.by_entries(q, by_q), by_qd, mass
 
     return Call(value, derivatives, ("q", "qd", "qdd"), (scene.nq, scene.nv, scene.nv), scene.nv)
 
@@ -105,7 +101,7 @@ def _of_configuration(scene: Scene, shape: tuple[int, ...], of_q: Host, by_tange
 
     def derivatives(q: Array) -> tuple[Array, ...]:
         found = np.asarray(by_tangent(coordinates.normalized(q)))
-        return (_by_coordinates(coordinates, q, found.reshape(*q.shape[:-1], size, scene.nv)),)
+        return (coordinates.by_entries(q, found.reshape(*q.shape[:-1], size, scene.nv)),)
 
     return Call(value, derivatives, ("q",), (scene.nq,), shape)
 
@@ -169,7 +165,7 @@ def bias_torque(scene: Scene, errors: Errors = "raise") -> Call:
 
     def derivatives(q: Array, qd: Array) -> tuple[Array, ...]:
         by_q, by_qd, _ = scene.inverse_dynamics_derivatives(coordinates.normalized(q), qd, np.zeros(scene.nv), errors=errors)
-        return _by_coordinates(coordinates, q, by_q), by_qd
+        return coordinates.by_entries(q, by_q), by_qd
 
     return Call(value, derivatives, ("q", "qd"), (scene.nq, scene.nv), scene.nv)
 
@@ -387,7 +383,7 @@ class Rollout:
         rows = self.coordinates.normalized(rows)
         by_tangents = np.einsum("...i,...ij->...j", by_rows, self.coordinates.changes(rows))
         found = self.scene.simulate_vjp(rows, rates, by_tangents, by_rates, tau_steps=tau, **self._steps(tau))
-        return np.einsum("...i,...ij->...j", found.q, self.coordinates.tangents(q)), found.qd, found.tau
+        return self.coordinates.by_entries(q, found.q[..., None, :])[..., 0, :], found.qd, found.tau
 
     def _alone(self, q: Array, qd: Array, tau: Array, reason: PhipsiError) -> PhipsiError:
         """Error of a single state, whose message contains no index within the remaining states."""

@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 
 from . import _xla
 from ._arguments import names_of
-from ._batches import Batches, entry
+from ._batches import Batches, Entry, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
-from ._functions import ARGUMENTS, COMPILED, IN_FORM, THROUGH_CONNECTIONS, Function, Functions, functions_of, parts, rows_of, said, shapes, symbol
+from ._functions import ARGUMENTS, COMPILED, IN_FORM, THROUGH_CONNECTIONS, Function, Functions, functions_of, parts, row_count, rows_of, said, shapes, symbol
 from ._results import ConstrainedDynamics, by_connection
 from .errors import ArgumentError, CacheWarning, ConstraintError, LinkageWarning, LongCodeWarning, of_argument, warn
 
@@ -99,14 +99,14 @@ class Compiled(Functions[_Array]):
         _check_owner(library)
         code = ctypes.CDLL(str(library))
         self._rows = rows_of(scene)
-        self._rigid = np.zeros(max((rows.stop for rows in self._rows.values()), default=0))
+        self._rigid = np.zeros(row_count(scene))
         self._code = {parts(function): self._batches(code, function) for function in functions}
         self._keywords = {parts(function): self._fixed(parts(function)) for function in functions}
         #: The operations of XLA, for phipsi.jax; None if they were not compiled.
         self._operations = None
         if jax:
-            handlers = _handlers(scene, functions, self.form)
-            self._operations = {of: _xla.registered(code, library, handler, self.dtype) for of, handler in handlers.items()}
+            operations = _operations(scene, functions, self.form).items()
+            self._operations = {of: _xla.registered(code, library, operation, self.dtype) for of, operation in operations}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the scene and the options; unpickling compiles again, or loads from the cache."""
@@ -124,13 +124,9 @@ class Compiled(Functions[_Array]):
     def _batches(self, code: ctypes.CDLL, function: Function) -> Batches:
         """One function of the library."""
         of = parts(function)
-        name, scene, nv = of[0], self.scene, self.scene.nv
-        reads, results = [scene.nq, *[nv] * (len(ARGUMENTS[name]) - 1)], shapes(of, scene)
-        if name == "constrained_dynamics":
-            reads[-1] = self._rigid.size
-        tells = name in WATCHED and (self.form == "auto" or (name in THROUGH_CONNECTIONS and bool(self._rows)))
-        called = f"robot_{WATCHED[name] if tells else symbol(function)}_batch"
-        batches = Batches(entry(code, called, len(reads) + len(results) + tells), reads, results, self.dtype, FEW[name])
+        name, known = of[0], _entry(self.scene, function, self.form)
+        called = entry(code, known.batch, len(known.reads) + len(known.results) + (known.margin == ""))
+        batches = Batches(called, known.reads, known.results, self.dtype, FEW[name])
 
         def again(*states: _Array) -> Any:
             if name != "constrained_dynamics":
@@ -139,10 +135,8 @@ class Compiled(Functions[_Array]):
             found = self.scene.constrained_dynamics(*state, compliance=compliance if compliance.any() else None, **self._fixed(of))
             return found.qdd, np.concatenate([*found.forces.values()], axis=-1), found.rank, found.residual
 
-        if tells:
-            batches.watched(again)
-        elif self.form == "auto" and name in WATCHES:
-            batches.watched(again, entry(code, f"robot_{WATCH}_batch", 2))
+        if known.margin is not None:
+            batches.watched(again, entry(code, known.margin, 2) if known.margin else None)
         return batches
 
     def _run(
@@ -346,7 +340,7 @@ def compile(  # noqa: A001  # phipsi.compile
     own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
     told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
     if jax:
-        files["robot.c"] += _xla.source([*_handlers(scene, known, kept).values()], dtype)
+        files["robot.c"] += _xla.source([*_operations(scene, known, kept).values()], dtype)
         told += _xla.flags()
     key = _key(files, command, told)
     into = _writable((_caches() if cache is None else Path(cache)) / key)
@@ -365,19 +359,20 @@ def compile(  # noqa: A001  # phipsi.compile
     return made
 
 
-def _handlers(scene: Scene, functions: tuple[Function, ...], form: str) -> dict[tuple[str, ...], _xla.Handler]:
-    """The operations of XLA of these functions."""
-    found = {}
-    for function in functions:
-        of = parts(function)
-        name, reads = of[0], (scene.nq, *[scene.nv] * (len(ARGUMENTS[of[0]]) - 1))
-        if name not in IN_JAX:
-            continue
-        tells = name in WATCHED and (form == "auto" or (name in THROUGH_CONNECTIONS and bool(scene.constraint_names)))
-        margin = "" if tells else f"robot_{WATCH}_batch" if form == "auto" and name in WATCHES else None
-        batch = f"robot_{WATCHED[name] if tells else symbol(function)}_batch"
-        found[of] = _xla.Handler(said([of]), batch, reads, tuple(shapes(of, scene)), margin)
-    return found
+def _entry(scene: Scene, function: Function, form: str) -> Entry:
+    """Arguments, results and margin of a compiled function."""
+    of = parts(function)
+    name, reads = of[0], [scene.nq, *[scene.nv] * (len(ARGUMENTS[of[0]]) - 1)]
+    if name == "constrained_dynamics":
+        reads[-1] = row_count(scene)
+    tells = name in WATCHED and (form == "auto" or (name in THROUGH_CONNECTIONS and bool(scene.constraint_names)))
+    margin = "" if tells else f"robot_{WATCH}_batch" if form == "auto" and name in WATCHES else None
+    return Entry(said([of]), f"robot_{WATCHED[name] if tells else symbol(function)}_batch", tuple(reads), tuple(shapes(of, scene)), margin)
+
+
+def _operations(scene: Scene, functions: tuple[Function, ...], form: str) -> dict[tuple[str, ...], Entry]:
+    """The functions that are operations of XLA too."""
+    return {parts(function): _entry(scene, function, form) for function in functions if parts(function)[0] in IN_JAX}
 
 
 def _dependent(scene: Scene) -> str | None:

@@ -8,7 +8,7 @@ Coordinates with one axis are their own tangents. A quaternion (x, y, z, w) = (v
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +80,9 @@ class Coordinates:
         self.turns: list[tuple[slice, slice]] = []
         #: (position, quaternion, linear, angular) of every free joint.
         self.moves: list[tuple[slice, slice, slice, slice]] = []
+        #: Slices of q and v in order, and whether they are those of a quaternion: of each spherical and free joint, and
+        #: of all other joints between them.
+        self._parts: list[tuple[slice, slice, bool]] = []
         plain: list[tuple[int, int]] = []
         for joint in scene.joint_names:
             q, v = scene.q_index(joint), scene.v_index(joint)
@@ -91,32 +94,56 @@ class Coordinates:
                 self.moves.append((slice(q.start, q.start + 3), turn, slice(v.start, v.start + 3), angular))
             else:
                 plain.extend(zip(range(q.start, q.stop), range(v.start, v.stop), strict=True))
+            turns, begin = q.stop - q.start != v.stop - v.start, (q.start, v.start)
+            if self._parts and not (turns or self._parts[-1][2]):
+                last_q, last_v, _ = self._parts.pop()
+                begin = (last_q.start, last_v.start)
+            self._parts.append((slice(begin[0], q.stop), slice(begin[1], v.stop), turns))
         self._plain = tuple(np.array(plain, dtype=np.intp).reshape(-1, 2).T)
 
-    def normalized(self, q: Array) -> Array:
+    def normalized(self, q: Any, xp: Any = np) -> Any:
         """The configurations with unit quaternions, (..., nq). Zero and infinite quaternions are unchanged, so that the
-        scene reports them.
+        scene reports them. xp: numpy or jax.numpy.
         """
-        q = np.array(q, dtype=np.float64)
-        for turn, _ in self.turns:
-            norm = np.linalg.norm(q[..., turn], axis=-1, keepdims=True)
-            q[..., turn] /= np.where((norm > 0) & (norm < np.inf), norm, 1.0)
-        return q
+        q = np.array(q, dtype=np.float64) if xp is np else q
+        if not self.turns:
+            return q
+        parts = []
+        for in_q, _, turns in self._parts:
+            part = q[..., in_q]
+            if turns:
+                norm = xp.linalg.norm(part[..., -4:], axis=-1, keepdims=True)
+                unit = part[..., -4:] / xp.where((norm > 0) & (norm < np.inf), norm, 1.0)
+                part = xp.concatenate([part[..., :-4], unit], axis=-1)
+            parts.append(part)
+        return xp.concatenate(parts, axis=-1)
 
-    def tangents(self, q: Array) -> Array:
-        """T with tangent = T dq, (..., nv, nq), for q with quaternions of any norm."""
-        t = np.zeros((*q.shape[:-1], self.scene.nv, self.scene.nq))
-        in_q, in_v = self._plain
-        t[..., in_v, in_q] = 1.0
-        for turn, angular in self.turns:
-            v, s = q[..., turn][..., :3], q[..., turn][..., 3, None, None]
-            # A zero quaternion has no tangent: the scale is infinite, and its results are NaN or have raised before.
-            with np.errstate(divide="ignore", over="ignore"):
-                scale = 2.0 / np.sum(q[..., turn] ** 2, axis=-1)[..., None, None]
-            t[..., angular, turn] = scale * np.concatenate([s * np.eye(3) - skew(v), -v[..., None]], axis=-1)
-        for place, turn, linear, _ in self.moves:
-            t[..., linear, place] = np.swapaxes(rotation(q[..., turn]), -1, -2)
-        return t
+    def by_entries(self, q: Any, by_tangent: Any, xp: Any = np) -> Any:
+        """Derivatives by the entries of q, (..., n, nq), from those by its tangent, (..., n, nv), for q with quaternions
+        of any norm. xp: numpy or jax.numpy.
+        """
+        if not self.turns:
+            return by_tangent
+        parts = []
+        for in_q, in_v, turns in self._parts:
+            rows = by_tangent[..., in_v]
+            if not turns:
+                parts.append(rows)
+                continue
+            turn, angular = q[..., None, in_q][..., -4:], rows[..., -3:]
+            # A zero quaternion has no tangent: its results are NaN or have raised before.
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                norm = xp.linalg.norm(turn, axis=-1, keepdims=True)
+                v, s = turn[..., :3] / norm, turn[..., 3:] / norm
+                by_turn = [s * angular - xp.cross(angular, v), -xp.sum(angular * v, axis=-1, keepdims=True)]
+                by_turn = [2.0 * one / norm for one in by_turn]
+            if rows.shape[-1] == 6:
+                # R times the row: the tangent of a position is R^T dp.
+                linear = rows[..., :3]
+                across = 2.0 * xp.cross(xp.broadcast_to(v, linear.shape), linear)
+                by_turn = [linear + s * across + xp.cross(xp.broadcast_to(v, linear.shape), across), *by_turn]
+            parts.append(xp.concatenate(by_turn, axis=-1))
+        return xp.concatenate(parts, axis=-1)
 
     def changes(self, q: Array) -> Array:
         """E with dq = E tangent, (..., nq, nv), for normalized configurations: T E = 1."""
@@ -152,4 +179,4 @@ class Coordinates:
             along[..., rows, rows] = np.eye(a.shape[-1]) + a @ jacobian
             by_v[..., rows, rows] = jacobian
         end = self.changes(self.scene.integrate(self.normalized(q), v))
-        return end @ along @ self.tangents(q), end @ by_v
+        return self.by_entries(q, end @ along), end @ by_v

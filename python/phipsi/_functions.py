@@ -259,9 +259,14 @@ def rows_of(scene: Scene) -> dict[str, slice]:
     return {name: scene.constraint_rows(name) for name in scene.constraint_names}
 
 
+def row_count(scene: Scene) -> int:
+    """The number of rows of all connections."""
+    return max((rows.stop for rows in rows_of(scene).values()), default=0)
+
+
 def shapes(function: tuple[str, ...], scene: Scene) -> list[tuple[int, ...]]:
     """The shapes of the results of one state."""
-    lengths = {"nq": scene.nq, "nv": scene.nv, "links": len(scene.link_names), "rows": max((rows.stop for rows in rows_of(scene).values()), default=0)}
+    lengths = {"nq": scene.nq, "nv": scene.nv, "links": len(scene.link_names), "rows": row_count(scene)}
     lengths["contacts"] = len(scene.contact_names)
     results: dict[str, tuple[str | int, ...]] = TABLE[function[0]]["results"]
     return [tuple(axis if isinstance(axis, int) else lengths[axis] for axis in axes) for axes in results.values()]

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import _install
+from ._batches import Entry
+from ._install import command
 
 __all__ = ["Target", "flags", "registered", "source"]
 
@@ -82,21 +83,11 @@ class Target(NamedTuple):
     dtype: np.dtype[Any]
 
 
-class Handler(NamedTuple):
-    """A function of the library: its name, that of its batches, the numbers per state, and the name of the function that computes its margin, "" if it is its own last result, None without margins."""
-
-    name: str
-    batch: str
-    reads: tuple[int, ...]
-    results: tuple[tuple[int, ...], ...]
-    margin: str | None
-
-
 def _ffi() -> Any:
     try:
         from jax import ffi
     except ImportError as error:
-        raise ImportError(f"jax: found no jax.ffi; expected JAX 0.5 or later: {_install.command('jax')}") from error
+        raise ImportError(f"jax: found no jax.ffi; expected JAX 0.5 or later: {command('jax')}") from error
     return ffi
 
 
@@ -105,11 +96,11 @@ def flags() -> list[str]:
     return [f"-I{_ffi().include_dir()}"]
 
 
-def source(handlers: Sequence[Handler], dtype: str) -> str:
+def source(handlers: Sequence[Entry], dtype: str) -> str:
     """C code of the handlers, which follows that of the functions. Its first line names the JAX whose header it needs."""
     most = max((len(of.reads) + len(of.results) for of in handlers), default=1)
     number = "double" if dtype == "float64" else "float"
-    text = f"\n/* Handlers of XLA, for jaxlib {metadata.version('jaxlib')}. */\n#include <math.h>\n#define NUMBER {number}\n#define BLOCK {BLOCK}\n#define ARRAYS {most}{COMMON}"
+    text = f"\n/* Entrys of XLA, for jaxlib {metadata.version('jaxlib')}. */\n#include <math.h>\n#define NUMBER {number}\n#define BLOCK {BLOCK}\n#define ARRAYS {most}{COMMON}"
     for of in handlers:
         widths = [*of.reads, *map(prod, of.results)]
         at = ", ".join(f"at[{i}]" for i in range(len(widths)))
@@ -135,7 +126,7 @@ def handler(batch: str) -> str:
 _REGISTERED: set[str] = set()
 
 
-def registered(code: ctypes.CDLL, library: Path, of: Handler, dtype: np.dtype[Any]) -> Target:
+def registered(code: ctypes.CDLL, library: Path, of: Entry, dtype: np.dtype[Any]) -> Target:
     """The operation of a function of a library, which JAX knows from now on."""
     name = f"phipsi-{library.parent.name}-{of.batch}"
     if name not in _REGISTERED:

@@ -469,14 +469,14 @@ class _Coded:
         batch, dtype = _shape(arguments), arguments[0].dtype
         q = arguments[0].astype(target.dtype)
         # A function of fewer arguments is that of more at zero: the bias torque is the inverse dynamics without accelerations.
-        given = [_normalized(self.coordinates, q), *arguments[1:], *(jnp.zeros(width) for width in target.reads[len(arguments) :])]
+        given = [self.coordinates.normalized(q, jnp), *arguments[1:], *(jnp.zeros(width) for width in target.reads[len(arguments) :])]
         arrays = [jnp.broadcast_to(array, (*batch, width)).astype(target.dtype) for array, width in zip(given, target.reads, strict=True)]
         results = [jax.ShapeDtypeStruct((*batch, *shape), target.dtype) for shape in target.results]
         found = jax.ffi.ffi_call(target.name, results, vmap_method="broadcast_all")(*arrays, raises=np.int32(self.errors == "raise"))
         if method == "value":
             return (found[0].reshape(*batch, self.size).astype(dtype),)
         by_q, *by_others = found[: len(arguments)]
-        return tuple(one.astype(dtype) for one in (_by_coordinates(self.coordinates, q, by_q), *by_others))
+        return tuple(one.astype(dtype) for one in (self.coordinates.by_entries(q, by_q, jnp), *by_others))
 
 
 @lru_cache(maxsize=64)
@@ -507,33 +507,6 @@ def _form(robot: Compiled, form: str, tolerance: float | None) -> tuple[str, flo
         found = f"form {form!r} and tolerance {tolerance!r} with functions that were compiled for {robot.form!r} and {robot.tolerance!r}"
         raise of_argument(ArgumentError, "form", f"found {found}; expected these, or the scene in place of its code")
     return robot.form, robot.tolerance
-
-
-def _normalized(coordinates: Coordinates, q: jax.Array) -> jax.Array:
-    """As Coordinates.normalized."""
-    for turn, _ in coordinates.turns:
-        norm = jnp.linalg.norm(q[..., turn], axis=-1, keepdims=True)
-        q = q.at[..., turn].divide(jnp.where((norm > 0) & (norm < jnp.inf), norm, 1.0))
-    return q
-
-
-def _by_coordinates(coordinates: Coordinates, q: jax.Array, by_tangent: jax.Array) -> jax.Array:
-    """Derivatives by the entries of q from those by its tangent, as the product with Coordinates.tangents."""
-    if not coordinates.turns:
-        return by_tangent
-    in_q, in_v = coordinates._plain
-    unit = _normalized(coordinates, q)
-    by_q = jnp.zeros((*by_tangent.shape[:-1], q.shape[-1]), by_tangent.dtype).at[..., in_q].set(by_tangent[..., in_v])
-    for turn, angular in coordinates.turns:
-        v, s, by_turn = unit[..., None, turn][..., :3], unit[..., None, turn][..., 3:], by_tangent[..., angular]
-        rows = jnp.concatenate([s * by_turn - jnp.cross(by_turn, v), -jnp.sum(by_turn * v, axis=-1, keepdims=True)], axis=-1)
-        by_q = by_q.at[..., turn].set(2.0 * rows / jnp.linalg.norm(q[..., None, turn], axis=-1, keepdims=True))
-    for place, turn, linear, _ in coordinates.moves:
-        # R times the row: the tangent of a position is R^T dp.
-        v, s, along = unit[..., None, turn][..., :3], unit[..., None, turn][..., 3:], by_tangent[..., linear]
-        across = 2.0 * jnp.cross(v, along)
-        by_q = by_q.at[..., place].set(along + s * across + jnp.cross(v, across))
-    return by_q
 
 
 # Defined once: JAX recompiles for every new function object and never frees compiled code.

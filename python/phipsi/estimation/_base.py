@@ -75,6 +75,11 @@ class BaseParameters(NamedTuple):
         lower, upper : (base,) ndarray
             Ends of the intervals.
 
+        Raises
+        ------
+        ArgumentError
+            A level that is not between 0 and 1.
+
         Examples
         --------
         >>> import numpy as np, phipsi

@@ -227,10 +227,6 @@ class Identification:
 
     def _quantile(self, level: float, share: ArrayLike) -> _Array:
         """Half width of an interval in standard deviations."""
-        if not 0.0 < level < 1.0:
-            raise of_argument(
-                ArgumentError, "level", f"found {level}; expected a probability between 0 and 1, for instance 0.95"
-            )
         share = np.nan_to_num(share)
         with np.errstate(divide="ignore"):
             degrees = np.where(share > 0.0, max(self.blocks - 1, 1) / share**2, np.inf)

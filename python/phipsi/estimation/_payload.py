@@ -111,7 +111,7 @@ class Payload:
         >>> lower.shape
         (10,)
         """
-        half = _half(self.deviations, level, self.blocks)
+        half = student_quantile(level, self.blocks - 1.0) * self.deviations
         return self.parameters - half, self.parameters + half
 
 
@@ -160,18 +160,12 @@ class DriveGains:
         >>> lower.shape
         (3,)
         """
-        inverse, half = 1.0 / self.gains, _half(self.deviations / self.gains**2, level, self.blocks)
+        inverse = 1.0 / self.gains
+        half = student_quantile(level, self.blocks - 1.0) * self.deviations / self.gains**2
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = 1.0 / (inverse + half), 1.0 / (inverse - half)
         known = np.abs(inverse) > half
         return np.where(known, ends[0], -np.inf), np.where(known, ends[1], np.inf)
-
-
-def _half(deviations: _Array, level: float, blocks: int) -> _Array:
-    if not 0.0 < level < 1.0:
-        expected = "expected a probability between 0 and 1, for instance 0.95"
-        raise of_argument(ArgumentError, "level", f"found {level}; {expected}")
-    return np.asarray(float(student_quantile(level, blocks - 1.0)) * deviations)
 
 
 def identify_payload(

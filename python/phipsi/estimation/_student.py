@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import ArgumentError, of_argument
+
 __all__ = ["student_quantile"]
 
 _Array = NDArray[np.float64]
@@ -18,8 +20,11 @@ def student_quantile(level: float, degrees: ArrayLike) -> _Array:
     """Quantile t with P(|T| <= t) = level of Student's distribution; infinite degrees: the normal distribution.
 
     With t = sqrt(degrees) tan(theta), P is the normalized integral of cos^(degrees - 1) from 0 to theta. The function
-    uses bisection on theta and Gauss-Legendre quadrature.
+    uses bisection on theta and Gauss-Legendre quadrature. Raises ArgumentError for a level that is not between 0 and 1.
     """
+    if not 0.0 < level < 1.0:
+        expected = "expected a probability between 0 and 1, for instance 0.95"
+        raise of_argument(ArgumentError, "level", f"found {level}; {expected}")
     given = np.minimum(np.asarray(degrees, float), 1e6)
     normal = np.array(
         [2.0 * math.exp(math.lgamma((n + 1) / 2) - math.lgamma(n / 2)) / math.sqrt(math.pi) for n in given.ravel()]
