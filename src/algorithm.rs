@@ -9,6 +9,7 @@ pub(crate) mod table;
 use crate::error::{Error, choose};
 use crate::filter::Form;
 use crate::kinematics::{AccelerationKind, Frame, Link, ReferenceFrame};
+use crate::model::StateModel;
 use crate::spatial::SpatialVector;
 use table::{Array, Axis, Compiled, CompiledFor, FunctionEntry, Sizes, functions};
 
@@ -574,9 +575,24 @@ pub struct Arguments<'a> {
     /// The largest estimated error that form `auto` accepts, relative to the largest entry of the result; None: the
     /// default. See [`Workspace::tolerance`](crate::Workspace::tolerance).
     pub tolerance: Option<f64>,
+    /// The numbers of the model in which this state differs from the scene.
+    pub model: StateModel<'a>,
 }
 
 impl Arguments<'_> {
+    /// Returns an error if the state has its own model, for a function without one.
+    pub(crate) fn check_of_scene(&self, function: &str) -> Result<(), Error> {
+        if self.model.is_of_scene() {
+            return Ok(());
+        }
+        let found = format!("models of states in {function}");
+        Err(Error::argument(
+            "inertias, armature",
+            found,
+            "none: a scene for each model by with_inertias, with_properties",
+        ))
+    }
+
     /// The arguments that an algorithm takes; the others become empty.
     #[must_use]
     pub fn read_by(self, algorithm: Algorithm) -> Self {
@@ -587,7 +603,8 @@ impl Arguments<'_> {
         for (seed, (given, _)) in seed.iter_mut().zip(self.seed.into_iter().zip(algorithm.seeds())) {
             *seed = given;
         }
-        Self { q: self.q, qd, u, wrenches, seed, tolerance: algorithm.form().and(self.tolerance) }
+        let tolerance = algorithm.form().and(self.tolerance);
+        Self { q: self.q, qd, u, wrenches, seed, tolerance, model: self.model }
     }
 }
 

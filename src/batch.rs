@@ -32,6 +32,7 @@ pub(crate) mod evaluator;
 pub(crate) mod factor;
 mod finite;
 pub(crate) mod instruction_set;
+pub(crate) mod own_model;
 #[cfg(feature = "derivatives")]
 pub(crate) mod products;
 mod quantities;

@@ -409,6 +409,10 @@ class Scene:
         """Number of degrees of freedom: the length of qd, qdd and tau."""
 
     @property
+    def inertial_parameters(self) -> _Array:
+        """x"""
+
+    @property
     def armature(self) -> _Array:
         """Armature of each degree of freedom, (nv,), kg m^2 or kg, read-only: the variance of the measurement noise."""
 
@@ -607,6 +611,8 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
         errors: _Errors = "raise",
@@ -688,6 +694,8 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
         errors: _Errors = "raise",
@@ -704,6 +712,8 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Single | None = None,
         dtype: _Float32,
         errors: _Errors = "raise",
@@ -720,6 +730,8 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Single | None = None,
         dtype: _Float32,
         errors: _Errors = "raise",
@@ -740,6 +752,7 @@ class Scene:
         method: _Method = "auto",
         record_every: int = 1,
         pd: PD | tuple[ArrayLike | None, ...] | None = None,
+        inertias: ArrayLike | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
@@ -837,6 +850,7 @@ class Scene:
         method: _Method = "auto",
         record_every: int = 1,
         pd: PD | tuple[ArrayLike | None, ...] | None = None,
+        inertias: ArrayLike | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
@@ -999,6 +1013,7 @@ class Scene:
         dt: float,
         method: _Method = "auto",
         pd: PD | tuple[ArrayLike | None, ...] | None = None,
+        inertias: ArrayLike | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
         stiffness: ArrayLike | None = None,
@@ -1113,6 +1128,8 @@ class Scene:
         qdd: ArrayLike,
         *,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
         errors: _Errors = "raise",
@@ -1169,6 +1186,8 @@ class Scene:
         qdd: ArrayLike,
         *,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Single | None = None,
         dtype: _Float32,
         errors: _Errors = "raise",
@@ -1180,6 +1199,8 @@ class Scene:
         q: ArrayLike,
         qd: ArrayLike,
         *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
         errors: _Errors = "raise",
@@ -1220,12 +1241,27 @@ class Scene:
 
     @overload
     def bias_torque(
-        self, q: ArrayLike, qd: ArrayLike, *, out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        out: _Single | None = None,
+        dtype: _Float32,
+        errors: _Errors = "raise",
     ) -> _Single: ...
 
     @overload
     def gravity_torque(  # type: ignore[overload-overlap]
-        self, q: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        out: _Array | None = None,
+        dtype: _Float64 = None,
+        errors: _Errors = "raise",
     ) -> _Array:
         """Gravity torque dU/dq: joint torques that hold the scene in static equilibrium, in O(N).
 
@@ -1259,12 +1295,26 @@ class Scene:
 
     @overload
     def gravity_torque(
-        self, q: ArrayLike, *, out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        out: _Single | None = None,
+        dtype: _Float32,
+        errors: _Errors = "raise",
     ) -> _Single: ...
 
     @overload
     def mass_matrix(  # type: ignore[overload-overlap]
-        self, q: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        out: _Array | None = None,
+        dtype: _Float64 = None,
+        errors: _Errors = "raise",
     ) -> _Array:
         """Joint-space mass matrix M(q) including armature: the covariance of the joint torques (eq. 5.1).
 
@@ -1306,7 +1356,14 @@ class Scene:
 
     @overload
     def mass_matrix(
-        self, q: ArrayLike, *, out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        out: _Single | None = None,
+        dtype: _Float32,
+        errors: _Errors = "raise",
     ) -> _Single: ...
 
     @overload
@@ -1316,6 +1373,8 @@ class Scene:
         *,
         form: _Form = "auto",
         tolerance: float | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
         errors: _Errors = "raise",
@@ -1371,6 +1430,8 @@ class Scene:
         *,
         form: _Form = "auto",
         tolerance: float | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Single | None = None,
         dtype: _Float32,
         errors: _Errors = "raise",
@@ -1896,6 +1957,8 @@ class Scene:
         qdd: ArrayLike,
         *,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Array | None = None,
         errors: _Errors = "raise",
     ) -> InverseDynamicsDerivatives:
@@ -1954,6 +2017,8 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         out: _Array | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsDerivatives:
@@ -2022,6 +2087,8 @@ class Scene:
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         springs_and_damping: bool = True,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> LinearSystem:
         """Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.
@@ -2094,6 +2161,8 @@ class Scene:
         dparameters: ArrayLike | None = None,
         darmature: ArrayLike | None = None,
         dgravity: ArrayLike | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Directional derivative of the joint torques, in O(N): dtau_dq dq + dtau_dqd dqd + M dqdd.
@@ -2159,6 +2228,8 @@ class Scene:
         *,
         wrenches: Mapping[str, ArrayLike] | None = None,
         parameters: bool = False,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> InverseDynamicsGradients:
         """Gradients of cotangent . tau, in O(N): cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
@@ -2217,6 +2288,8 @@ class Scene:
         dparameters: ArrayLike | None = None,
         darmature: ArrayLike | None = None,
         dgravity: ArrayLike | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Directional derivative of the joint accelerations, in O(N): dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
@@ -2291,6 +2364,8 @@ class Scene:
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         parameters: bool = False,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsGradients:
         """Gradients of cotangent . qdd, in O(N): cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
@@ -2478,7 +2553,14 @@ class Scene:
         """
 
     def coriolis_matrix(
-        self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        out: _Array | None = None,
+        errors: _Errors = "raise",
     ) -> _Array:
         """Coriolis matrix C: C qd is the torque of the joint velocities, and dM/dt - 2 C is antisymmetric.
 
@@ -2519,7 +2601,14 @@ class Scene:
         """
 
     def mass_matrix_derivative(
-        self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        out: _Array | None = None,
+        errors: _Errors = "raise",
     ) -> _Array:
         """Time derivative dM/dt of the mass matrix along the joint velocities: C + C^T with the Coriolis matrix C.
 
@@ -3024,6 +3113,8 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedDynamics:
         """Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
@@ -3871,6 +3962,9 @@ class Scene:
         >>> phipsi.scenes.chain(3).with_payload("link2", 0.5, com=(0, 0, 0.3)).total_mass
         3.5
         """
+
+    def with_inertial_parameters(self, parameters: ArrayLike, /) -> Scene:
+        """x"""
 
     def with_inertias(self, links: Mapping[str, tuple[float, ArrayLike, ArrayLike | None]]) -> Scene:
         """Create a scene in which links have other inertias, for instance identified or randomized ones.

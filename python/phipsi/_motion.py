@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -37,6 +38,8 @@ from ._trajectory_files import TrajectoryFiles
 from .errors import ArgumentError, ContactWarning, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument, place_in_time, warn
 
 if TYPE_CHECKING:
+    from typing_extensions import Self
+
     from ._core import Scene
     from ._results import RolloutGradients
     from .estimation import Bands
@@ -56,6 +59,11 @@ __all__ = [
 ]
 
 _Array = NDArray[np.float64]
+
+
+def _of_rows(values: _Array) -> _Array:
+    """Numbers per degree of freedom, of all states or of each, for arrays with an axis of rows."""
+    return values if values.ndim == 1 else values[..., None, :]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,9 +94,9 @@ class Trajectory(TrajectoryFiles):
     method: str
     """Method that was requested."""
     armature: _Array = field(repr=False)
-    """Armature of the simulation, (nv,)."""
+    """Armature of the simulation, (nv,), or (..., nv) if states differ in it."""
     stiffness: _Array = field(repr=False)
-    """Stiffness of the joint springs, (nv,)."""
+    """Stiffness of the joint springs, (nv,), or (..., nv)."""
     rest: _Array = field(repr=False)
     """Configuration at which the joint springs are at rest, (nq,)."""
     contacts: ContactMotion | None = field(default=None, repr=False)
@@ -175,8 +183,11 @@ class Trajectory(TrajectoryFiles):
         >>> bool(abs(energy.total[-1] - energy.total[0]) < 1e-6)
         True
         """
+        if self._inertias is not None:
+            parts = [(of.kinetic, of.potential, of.spring) for of in (path.energy() for path in self._members())]
+            return MotionEnergy(*(np.reshape(of, self.q.shape[:-1]) for of in zip(*parts, strict=True)))
         energy = self.scene.energy(self.q, self.qd)
-        rotors = 0.5 * ((self.armature - self.scene.armature) * self.qd**2).sum(axis=-1)
+        rotors = 0.5 * ((_of_rows(self.armature) - self.scene.armature) * self.qd**2).sum(axis=-1)
         return MotionEnergy(np.asarray(energy.kinetic + rotors), np.asarray(energy.potential), self._springs())
 
     def energy_audit(self) -> EnergyAudit:
@@ -300,9 +311,9 @@ class Trajectory(TrajectoryFiles):
         given, scene, v = self._known(by_function=True), self.scene, self.qd
 
         def own(name: str, usual: _Array) -> _Array:
-            return usual if given.get(name) is None else np.asarray(_core._numbers(name, given[name], scene, False))
+            return usual if given.get(name) is None else _of_rows(np.asarray(_core._numbers(name, given[name], scene, False)))
 
-        u = -own("damping", scene.damping) * v - self.stiffness * self._displacement(self.rest, self.q)
+        u = -own("damping", scene.damping) * v - _of_rows(self.stiffness) * self._displacement(self.rest, self.q)
         speed = self.friction_speed
         direction = v / np.sqrt(v**2 + speed**2) if speed > 0.0 else np.sign(v)
         return transmitted(scene, u + efforts(self, given), v, direction, own("friction", scene.friction))
@@ -346,14 +357,19 @@ class Trajectory(TrajectoryFiles):
         scene = self.scene
         if not scene.constraint_names:
             return {}
-        if not np.array_equal(self.armature, scene.armature):
+        own: dict[str, Any] = {}
+        if self._inertias is not None:
+            own["inertias"] = self._inertias[..., None, :, :]
+        if self.armature.ndim > 1:
+            own["armature"] = _of_rows(self.armature)
+        elif not np.array_equal(self.armature, scene.armature):
             scene = scene.with_properties(armature=self.armature)
         given = {} if self.given is None or "compliance" not in self.given else {"compliance": self.given["compliance"]}
         wrenches = applied_wrenches(self)
         if self.contacts is not None:
             for link, wrench in contact_wrenches(self.scene, self.q, self.contacts).items():
                 wrenches[link] = wrenches.get(link, 0.0) + wrench
-        return dict(scene.constrained_dynamics(self.q, self.qd, self.torques(), wrenches=wrenches, errors="nan", **given).forces)
+        return dict(scene.constrained_dynamics(self.q, self.qd, self.torques(), wrenches=wrenches, errors="nan", **given, **own).forces)
 
     def _displacement(self, rest: _Array, q: _Array) -> _Array:
         """Displacement from rest to q, (..., nv), as springs measure it: for a free joint the distance in the child
@@ -372,7 +388,7 @@ class Trajectory(TrajectoryFiles):
     def _springs(self) -> _Array:
         # Joints without a spring have no energy at any distance, whose square can overflow.
         displacement = self._displacement(self.rest, self.q)
-        springs: _Array = 0.5 * (self.stiffness * displacement * displacement).sum(axis=-1)
+        springs: _Array = 0.5 * (_of_rows(self.stiffness) * displacement * displacement).sum(axis=-1)
         return springs
 
     def momentum(self) -> _Array:
@@ -391,7 +407,25 @@ class Trajectory(TrajectoryFiles):
         >>> path.momentum().shape
         (101, 6)
         """
+        if self._inertias is not None:
+            return np.reshape([path.momentum() for path in self._members()], (*self.q.shape[:-1], 6))
         return self.scene.momentum(self.q, self.qd)
+
+    @property
+    def _inertias(self) -> _Array | None:
+        """Inertial parameters of the states, if these differ in them, (..., bodies, 10)."""
+        inertias = (self.given or {}).get("inertias")
+        return None if inertias is None else np.asarray(inertias, np.float64)
+
+    def _members(self) -> Iterator[Self]:
+        """The trajectory of each state in the scene with its inertias, for results that need no torques."""
+        batch, bodies = self.q.shape[:-2], len(self.scene.body_names)
+        inertias = np.broadcast_to(np.asarray(self._inertias), (*batch, bodies, 10))
+        stiffness = np.broadcast_to(self.stiffness, (*batch, self.scene.nv))
+        armature = np.broadcast_to(self.armature, (*batch, self.scene.nv))
+        for at in np.ndindex(batch):
+            scene = self.scene.with_inertial_parameters(inertias[at])
+            yield replace(self, scene=scene, q=self.q[at], qd=self.qd[at], armature=armature[at], stiffness=stiffness[at], given=None)
 
     def vjp(
         self, cotangent_q: ArrayLike | None = None, cotangent_qd: ArrayLike | None = None, *, parameters: bool = False

@@ -34,7 +34,7 @@ PLAIN = ("dt", "steps", "method", "record_every", "integrator", "friction_speed"
 #: Fields that are arrays or None.
 OPTIONAL = ("applied", "control", "activation", "start_activation")
 #: Arguments of Scene.simulate that are arrays.
-GIVEN = ("tau", "tau_steps", "targets", "target_rates", "damping", "friction", "compliance")
+GIVEN = ("tau", "tau_steps", "targets", "target_rates", "damping", "friction", "compliance", "inertias")
 
 
 def columns(scene: Scene, letter: str) -> list[str]:
@@ -218,6 +218,8 @@ class TrajectoryFiles:
                         arrays[f"given/pd/{part}"] = _core._numbers(part, gain, self.scene, part == "target")
             elif name == "wrenches" and value is not None:
                 arrays |= {f"given/wrenches/{link}": np.asarray(wrench, np.float64) for link, wrench in value.items()}
+            elif name == "inertias" and value is not None:
+                arrays["given/inertias"] = np.asarray(value, np.float64)
             elif name in GIVEN and value is not None and not isinstance(value, str):
                 arrays[f"given/{name}"] = _core._numbers(name, value, *(() if name == "compliance" else (self.scene, name == "targets")))
             else:

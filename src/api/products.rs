@@ -66,6 +66,7 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
+        state.check_of_scene("inverse_dynamics_hvp")?;
         self.check_product_state(Products::gradient(None), state, (scratch.identity(), out.len()))?;
         for ((name, _), direction) in INVERSE_DYNAMICS_JVP.seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
@@ -110,6 +111,7 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
+        state.check_of_scene("forward_dynamics_hvp")?;
         let which = Products::gradient(Some(workspace.form));
         self.check_product(workspace, which, state, (scratch.identity(), out.len()))?;
         for ((name, _), direction) in FORWARD_DYNAMICS_JVP.seeds().iter().zip(direction) {

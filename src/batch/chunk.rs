@@ -10,6 +10,7 @@ use super::derivatives::{self, DerivativeKernel};
 use super::factor;
 use super::finite::{any_not_finite, not_finite};
 use super::instruction_set::{Entry, Target, Vectorized, Work, within_target};
+use super::own_model::{self, InertiaPlaces, OwnModel};
 #[cfg(feature = "derivatives")]
 use super::products::{self, ProductKernel};
 use super::quantities::{self, QuantityKernel};
@@ -42,6 +43,7 @@ struct Numbers<T: Vectorized> {
     /// The indices of the quaternions in q.
     quaternions: Vec<usize>,
     constraints: Constraints,
+    places: InertiaPlaces,
 }
 
 /// Scratch for one state per lane of `T`.
@@ -66,6 +68,9 @@ pub struct Chunk<T: Vectorized> {
     products: Option<Box<ProductKernel<T>>>,
     connected: Option<Box<ConnectedKernel<T>>>,
     quantities: Option<Box<QuantityKernel<T>>>,
+    /// The models of the states, and whether the states of this run have their own.
+    own_model: Option<Box<OwnModel<T>>>,
+    has_own_model: bool,
 }
 
 impl<T: Vectorized> Chunk<T> {
@@ -79,6 +84,7 @@ impl<T: Vectorized> Chunk<T> {
                 sweeps: SweepModel::new(model),
                 quaternions: model.quaternions(),
                 constraints: scene.constraints().clone(),
+                places: InertiaPlaces::new(scene),
             }
         });
         let Numbers { model, sweeps, .. } = &*numbers;
@@ -98,6 +104,8 @@ impl<T: Vectorized> Chunk<T> {
             products: None,
             connected: None,
             quantities: None,
+            own_model: None,
+            has_own_model: false,
             numbers,
         }
     }
@@ -128,22 +136,29 @@ impl<T: Vectorized> Chunk<T> {
         }
         self.gather_wrenches(states);
         self.accept(states);
+        let invalid = match self.take_models(target, states) {
+            _ if !self.has_own_model => 0,
+            // The roots of inertias are the scene's.
+            _ if algorithm.form() == Some(Form::SquareRoot) => return u64::MAX,
+            invalid => invalid,
+        };
         let is_connected = !self.numbers.constraints.is_empty();
         let call = ChunkArguments { chunk: self, algorithm, states, out };
-        match algorithm {
-            Algorithm::ForwardDynamics(_) | Algorithm::ConstrainedDynamics(_) if is_connected => {
-                target.within(Run::<T, I, CONNECTED>(call, target))
+        invalid
+            | match algorithm {
+                Algorithm::ForwardDynamics(_) | Algorithm::ConstrainedDynamics(_) if is_connected => {
+                    target.within(Run::<T, I, CONNECTED>(call, target))
+                }
+                Algorithm::ForwardDynamics(_) => target.within(Run::<T, I, ACCELERATIONS>(call, target)),
+                Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, I, TORQUES>(call, target)),
+                Algorithm::MassMatrix => target.within(Run::<T, I, MASS>(call, target)),
+                Algorithm::MassMatrixInverse(_) => target.within(Run::<T, I, INVERSE>(call, target)),
+                #[cfg(feature = "derivatives")]
+                Algorithm::Derivatives(_) => target.within(Run::<T, I, DERIVATIVES>(call, target)),
+                #[cfg(feature = "derivatives")]
+                Algorithm::Products(_) => target.within(Run::<T, I, PRODUCTS>(call, target)),
+                _ => u64::MAX,
             }
-            Algorithm::ForwardDynamics(_) => target.within(Run::<T, I, ACCELERATIONS>(call, target)),
-            Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, I, TORQUES>(call, target)),
-            Algorithm::MassMatrix => target.within(Run::<T, I, MASS>(call, target)),
-            Algorithm::MassMatrixInverse(_) => target.within(Run::<T, I, INVERSE>(call, target)),
-            #[cfg(feature = "derivatives")]
-            Algorithm::Derivatives(_) => target.within(Run::<T, I, DERIVATIVES>(call, target)),
-            #[cfg(feature = "derivatives")]
-            Algorithm::Products(_) => target.within(Run::<T, I, PRODUCTS>(call, target)),
-            _ => u64::MAX,
-        }
     }
 
     /// As [`Chunks::kinematic_quantity`](crate::algorithm::Chunks::kinematic_quantity), for these instructions.
@@ -178,6 +193,25 @@ impl<T: Vectorized> Chunk<T> {
             let is_strict = tolerance.is_some_and(|given| given < ROUNDING_MARGIN * f64::EPSILON);
             self.strict |= u64::from(is_strict) << lane;
         }
+    }
+
+    /// Loads the models of the states, if they have their own; returns the lanes whose numbers are invalid.
+    #[inline]
+    fn take_models<I: Target>(&mut self, target: I, states: &[Arguments<'_>]) -> u64 {
+        self.has_own_model = states.iter().any(|state| !state.model.is_of_scene());
+        if !self.has_own_model {
+            return 0;
+        }
+        let model = states[0].model;
+        let is_same_kind = |state: &Arguments<'_>| {
+            state.model.inertias.len() == model.inertias.len() && state.model.armature.len() == model.armature.len()
+        };
+        if !states.iter().all(is_same_kind) {
+            return u64::MAX;
+        }
+        let Numbers { model, sweeps, places, .. } = &*self.numbers;
+        let own = self.own_model.get_or_insert_with(|| Box::new(OwnModel::new(places, model, sweeps)));
+        own_model::load(target, own, (model, sweeps), &in_lanes(states))
     }
 
     /// Gathers forces on bodies into lanes; empty if no state has any.
@@ -336,9 +370,15 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             products,
             connected,
             strict,
+            own_model,
+            has_own_model,
             ..
         } = chunk;
-        let Numbers { model, sweeps, quaternions, constraints } = &**constants;
+        let Numbers { model, sweeps, quaternions, constraints, .. } = &**constants;
+        let (model, sweeps) = match own_model {
+            Some(own) if *has_own_model => (&own.model, &own.sweeps),
+            _ => (model, sweeps),
+        };
         let [q, qd, u] = arguments;
         let given = in_lanes(states);
         let mut fault = gather_state([&mut *q, qd, u], &given);

@@ -270,6 +270,9 @@ impl Scene {
         check_length("out", out.len(), width * states.len()).map_err(|error| Fault { state: 0, error })?;
         let lengths = [self.nq(), nv, nv];
         for (i, (states, out)) in states.chunks(lanes).zip(out.chunks_mut((width * lanes).max(1))).enumerate() {
+            for (lane, state) in states.iter().enumerate() {
+                state.check_of_scene(what.entry().name).map_err(|error| Fault { state: i * lanes + lane, error })?;
+            }
             let fits = |state: &Arguments<'_>| {
                 let given = [state.q.len(), state.qd.len(), state.u.len()];
                 (0..3).all(|k| given[k] == if k < what.reads() { lengths[k] } else { 0 })

@@ -8,6 +8,7 @@ use crate::algorithm::table::Sizes;
 use crate::algorithm::{Algorithm, Arguments, constants_width};
 use crate::error::{Error, check_finite, check_length, number};
 use crate::filter::pivots::PivotMonitor;
+use crate::model::StateModel;
 use crate::scene::{Scene, check_tolerance};
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
@@ -32,6 +33,13 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
+        if !state.model.is_of_scene() {
+            let scene = self.with_state_model(&state.model)?;
+            let mut own = scene.workspace();
+            scene.recursion(&mut own, None, algorithm, &Arguments { model: StateModel::default(), ..*state }, out)?;
+            workspace.accuracy = own.accuracy;
+            return Ok(());
+        }
         let (reads_rates, third) = algorithm.reads();
         let state = &state.read_by(algorithm);
         let &Arguments { q, qd, u, wrenches, .. } = state;
@@ -230,6 +238,8 @@ impl Scene {
             seeds,
             may_lack_seed: matches!(algorithm, Algorithm::ConstrainedDynamics(_)),
             bodies: self.model().bodies.len(),
+            parameters: 10 * self.tree().joints().len(),
+            nv: self.nv(),
             supported: !self.goes_through_connections(algorithm),
         }
     }
@@ -281,10 +291,17 @@ pub(crate) struct Requirements {
     seeds: [usize; 3],
     may_lack_seed: bool,
     bodies: usize,
+    parameters: usize,
+    nv: usize,
     supported: bool,
 }
 
 impl Requirements {
+    /// True if the numbers of a model have the lengths of the scene.
+    fn fits(&self, model: &StateModel<'_>) -> bool {
+        [0, self.parameters].contains(&model.inertias.len()) && [0, self.nv].contains(&model.armature.len())
+    }
+
     /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads, and it has no
     /// connections that they do not support.
     #[inline]
@@ -295,5 +312,6 @@ impl Requirements {
             && (unseeded || state.seed.map(<[f64]>::len) == self.seeds)
             && self.supported
             && (forces == 0 || forces == self.bodies)
+            && (state.model.is_of_scene() || self.fits(&state.model))
     }
 }

@@ -74,6 +74,7 @@ impl Scene {
 
     /// Checks the arguments of one state that the algorithm takes.
     fn check_coupled(&self, algorithm: Algorithm, state: &Arguments<'_>) -> Result<(), Error> {
+        state.check_of_scene("a scene whose joints follow others (mimic)")?;
         if algorithm.takes_constants() || algorithm.gives_constants() {
             let expected = format!(
                 "products with (q, qd, u) alone, or a scene with {} for those with parameters, armature, gravity and wrenches",
@@ -145,7 +146,8 @@ impl Call<'_, '_> {
         let expanded: Vec<_> = states.iter().map(expand).collect();
         let mut asked: Vec<Arguments<'_>> = Vec::with_capacity(states.len());
         for (&Arguments { wrenches, tolerance, .. }, [q, qd, u, first, second, third]) in states.iter().zip(&expanded) {
-            asked.push(Arguments { q, qd, u, wrenches, seed: [first, second, third], tolerance });
+            let seed = [&first[..], second, third];
+            asked.push(Arguments { q, qd, u, wrenches, seed, tolerance, ..Arguments::default() });
         }
         let (width, sizes) = (tied.width(algorithm), tied.sizes());
         let mut results = vec![f64::NAN; states.len() * width];

@@ -168,7 +168,8 @@ pub fn estimate<T: Real>(
     // The rows write the same D and g again.
     let mut measured = std::mem::take(&mut store.measured);
     for (filtered, body) in scratch.filtered.iter_mut().zip(scene.1.swept()) {
-        *filtered = store.filtered_covariance((&scene.0.system, body), &mut measured, false, |_, _| {});
+        let body = (&scene.0.system, body, scene.1.load(body));
+        *filtered = store.filtered_covariance(body, &mut measured, false, |_, _| {});
     }
     store.measured = measured;
     // The smoother computes the corrections of a0 by the measurements.

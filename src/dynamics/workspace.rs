@@ -224,9 +224,9 @@ impl<T: Real> Workspace<T> {
         let (mut p, mut scale) = (Vec::new(), Vec::new());
         let mut measured = self.store.measured.clone();
         for body in self.sweeps.swept() {
-            let of_roots = monitor.of_roots;
-            p.push(self.store.filtered_covariance((system, body), &mut measured, of_roots, |_, _| {}));
-            scale.push(self.store.scale(body, of_roots));
+            let (of_roots, load) = (monitor.of_roots, self.sweeps.load(body));
+            p.push(self.store.filtered_covariance((system, body, load), &mut measured, of_roots, |_, _| {}));
+            scale.push(self.store.scale((body, load), of_roots));
         }
         let evidence = Evidence { shift: &self.store.shifts, p: &p, measured: &self.store.measured, scale: &scale };
         first_lost(system, &evidence, monitor, |k| model.bodies[k].inertia_terms)

@@ -1,8 +1,10 @@
 //! The numerical model of a scene, which the recursions read, for any scalar type.
 
+mod of_state;
 pub mod simplifications;
 
 pub use crate::joints::Motion;
+pub use of_state::StateModel;
 pub use simplifications::Simplifications;
 
 use crate::filter::{Stage, System};

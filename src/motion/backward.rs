@@ -385,7 +385,7 @@ fn set_event_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut Scrat
         let held = T::from_f64(solution.driven.torque).minus_product(decline, s.target_rate[of.row]);
         let [kp, kd] = [KP, KD].map(|i| s.gains[i][of.row]);
         let terms = if is_limit { ([zero, decline], held) } else { ([kp, kd], zero) };
-        s.drive(settings, scheme.implicit_step(), of.row, terms);
+        s.drive(scheme.implicit_step(), of.row, terms);
     }
     for (mode, row_solution) in s.modes.iter_mut().zip(solutions) {
         (mode.stuck, mode.target) = (T::from_f64(row_solution.stuck), T::from_f64(row_solution.target));

@@ -58,6 +58,24 @@ pub(super) fn step_settings(
     of
 }
 
+/// The settings of a state with its own properties, by the method of the settings of all.
+pub(super) fn settings_of_state(scene: &Scene, all: &StepSettings, mut properties: Properties) -> StepSettings {
+    let touches = all.method == Method::Contact;
+    if touches && properties.friction_speed == 0.0 {
+        properties.friction_speed = FRICTION_SPEED;
+    }
+    let free = all.free.as_ref().map(|free| Box::new(settings_of_state(scene, free, properties.clone())));
+    if let Some(coupling) = &all.coupling {
+        coupling.give_armature(&mut properties.armature);
+    }
+    let mut of = all.clone();
+    of.free = free;
+    of.adopt_properties(scene.model(), properties);
+    let is_tree = scene.constraints().is_empty() && !touches;
+    of.set_valued = set_valued(scene, &of, of.stops && is_tree);
+    of
+}
+
 /// For a scene with connections: the rows with exact friction, stops or limits of effort.
 pub(super) fn closed_rows(scene: &Scene, settings: &StepSettings) -> Vec<SetValued> {
     set_valued(scene, settings, settings.stops)

@@ -38,12 +38,11 @@ pub(super) const LINEAR: Piece = Piece::Between(1);
 impl<T: Real> Scratch<T> {
     /// Sets the gains that act on a row, the constant torque beside them, and the noise of the row.
     #[inline(always)]
-    pub fn drive(&mut self, settings: &StepSettings, hg: f64, row: usize, ([kp, kd], held): ([T; 2], T)) {
-        let (of, armature) = (&mut self.rows[row], settings.properties.armature[row]);
-        let (hg, armature) = (kp.constant(hg), kp.constant(armature));
+    pub fn drive(&mut self, hg: f64, row: usize, ([kp, kd], held): ([T; 2], T)) {
+        let (of, hg) = (&mut self.rows[row], kp.constant(hg));
         (of.proportional, of.derivative, of.held) = (kp, kd, held);
         of.slope = hg * (kd + hg * kp);
-        let noise = armature + hg * ((of.damping + kd) + hg * (of.stiffness + kp));
+        let noise = of.armature + hg * ((of.damping + kd) + hg * (of.stiffness + kp));
         of.noise = if of.has_noise { noise + noise.one_if_zero() * noise.constant(self.vanishing) } else { noise };
         self.model.system.noise[row] = of.noise;
     }
@@ -54,7 +53,7 @@ impl<T: Real> Scratch<T> {
         for row in 0..self.rows.len() {
             let zero = self.rows[row].damping.constant(0.0);
             let gains = if settings.gains.is_some() { [KP, KD].map(|i| self.gains[i][row]) } else { [zero; 2] };
-            self.drive(settings, hg, row, (gains, zero));
+            self.drive(hg, row, (gains, zero));
         }
     }
 
@@ -62,7 +61,7 @@ impl<T: Real> Scratch<T> {
     pub fn release_drives(&mut self, settings: &StepSettings, hg: f64) {
         for &row in &settings.limited {
             let zero = self.rows[row].damping.constant(0.0);
-            self.drive(settings, hg, row, ([zero; 2], zero));
+            self.drive(hg, row, ([zero; 2], zero));
         }
     }
 
@@ -236,7 +235,7 @@ pub(super) fn set_drives<T: Real>((settings, scheme): StepArguments<'_>, s: &mut
         let (kp, kd) = (s.gains[KP][row] * is_linear, s.gains[KD][row] * is_linear);
         let kd = if settings.has_motors { is(at.1, 1.0).mul_add(limits.decline, kd) } else { kd };
         let held = limits.held(at, s.target_rate[row]);
-        s.drive(settings, scheme.implicit_step(), row, ([kp, kd], held));
+        s.drive(scheme.implicit_step(), row, ([kp, kd], held));
     }
 }
 

@@ -141,6 +141,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if touches && rows.every > 1 {
             return self.gradients_of_all_steps(torque, steps, rows, (count, parameters));
         }
+        let (whole, population): (&Scene, _) = (self.scene.borrow(), self.population.as_deref());
         let (scene, states) = (self.scene(), self.states());
         let (nv, bodies) = (scene.nv(), if parameters { scene.model().bodies.len() } else { 0 });
         let each = |changes: bool| if changes { steps } else { 1 };
@@ -167,11 +168,19 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let changes: Mutex<Vec<ModeChange>> = Mutex::new(Vec::new());
         let shapes: Mutex<Vec<ShapeGradients>> = Mutex::new(Vec::new());
         let outcome = Batch { states, cost, pool: &pool, make }.run_pieces(GRAIN, &mut all, |reverser, range, out| {
-            let lanes = reverser.lanes();
+            let lanes = if population.is_some() { 1 } else { reverser.lanes() };
             for from in range.clone().step_by(lanes) {
                 let to = (from + lanes).min(range.end);
                 let out = &mut out[(from - range.start) * width..(to - range.start) * width];
                 let states = from..to;
+                let member = population.map(|population| population.of(from));
+                let own = member.map(|member| member.scene(whole)).transpose();
+                let own = own.map_err(|error| Fault { state: from, error })?;
+                let scene = own.as_deref().map_or(scene, Scene::tree);
+                let own_settings = member.map(|member| member.settings.backward());
+                let settings = own_settings.as_ref().unwrap_or(settings);
+                let mut own_reverser = member.map(|_| make());
+                let reverser = own_reverser.as_mut().unwrap_or(&mut *reverser);
                 let job =
                     Job { scene, settings, torque, rows, count, states, layout, changes: &changes, shapes: &shapes };
                 if let Err(found) = reverser.run(&job, out) {

@@ -2,6 +2,7 @@
 
 use super::contact::RECORD;
 use super::events::StopImpact;
+use super::population::Population;
 use super::step_settings::StepSettings;
 use super::torque::Torque;
 use super::touches::Touches;
@@ -96,6 +97,8 @@ impl Divisions {
 pub(super) struct Job<'a, 'r> {
     pub scene: &'a Scene,
     pub settings: &'a StepSettings,
+    /// The models of the states, if they differ, and the scene that they vary.
+    pub models: Option<(&'a Population, &'a Scene)>,
     /// The steps, counted from the start of the run.
     pub steps: Range<usize>,
     pub states: States<'a>,

@@ -73,6 +73,7 @@ mod limit_rows;
 pub(crate) mod manifold;
 pub(crate) mod method;
 mod modes;
+mod population;
 pub(crate) mod properties;
 mod reversed_substeps;
 mod reverser;

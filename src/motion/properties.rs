@@ -9,6 +9,8 @@ use crate::setters::setters;
 pub const FRICTION_SPEED: f64 = 1e-2;
 
 /// Joint properties in simulation, per degree of freedom; initialized from a scene and freely modifiable.
+///
+/// Armature, damping, stiffness and friction are those of all states, (nv), or one set per state, one after another.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Properties {
@@ -29,9 +31,13 @@ pub struct Properties {
     /// value selects the regularized torque -f v / sqrt(v^2 + v0^2), which is within 1 % of f above 7 v0 and viscous
     /// below v0, so that joints creep.
     pub friction_speed: f64,
+    /// Inertial parameters of each state, (states, joints, 10), as those of
+    /// [`Scene::inertial_parameters`](crate::Scene::inertial_parameters); empty for the inertias of the scene.
+    pub inertias: Vec<f64>,
 }
 
 setters!(Properties {
+    with_inertias: inertias => Vec<f64>,
     with_armature: armature => Vec<f64>,
     with_damping: damping => Vec<f64>,
     with_stiffness: stiffness => Vec<f64>,
@@ -54,7 +60,46 @@ impl Properties {
             friction: friction.clone(),
             curves: curves.clone(),
             friction_speed: 0.0,
+            inertias: Vec::new(),
         }
+    }
+
+    /// True if all states have the same properties.
+    pub(super) fn are_of_all(&self, nv: usize) -> bool {
+        self.inertias.is_empty() && self.of_rows().iter().all(|values| values.len() == nv)
+    }
+
+    /// The properties that each state can have for itself, in the order of their names in `check`.
+    fn of_rows(&self) -> [&Vec<f64>; 4] {
+        [&self.armature, &self.damping, &self.stiffness, &self.friction]
+    }
+
+    /// The properties of one state.
+    pub(super) fn of_state(&self, (nv, joints): (usize, usize), state: usize) -> Self {
+        let of =
+            |values: &[f64]| if values.len() == nv { values.to_vec() } else { values[state * nv..][..nv].to_vec() };
+        let [armature, damping, stiffness, friction] = self.of_rows().map(|values| of(values));
+        let inertias = match self.inertias.is_empty() {
+            true => Vec::new(),
+            false => self.inertias[state * 10 * joints..][..10 * joints].to_vec(),
+        };
+        let (rest, curves) = (self.rest.clone(), self.curves.clone());
+        Self { armature, damping, stiffness, rest, friction, curves, friction_speed: self.friction_speed, inertias }
+    }
+
+    /// The largest properties of all states.
+    pub(super) fn largest(&self, nv: usize) -> Self {
+        let of = |values: &[f64]| {
+            let mut most = vec![0.0; nv];
+            for (at, &value) in values.iter().enumerate() {
+                most[at % nv] = value.max(most[at % nv]);
+            }
+            most
+        };
+        let [armature, damping, stiffness, friction] = self.of_rows().map(|values| of(values));
+        let (rest, curves) = (self.rest.clone(), self.curves.clone());
+        let inertias = Vec::new();
+        Self { armature, damping, stiffness, rest, friction, curves, friction_speed: self.friction_speed, inertias }
     }
 
     /// True if friction acts and is regularized.
@@ -62,14 +107,18 @@ impl Properties {
         self.friction_speed > 0.0 && (!self.curves.is_empty() || self.friction.iter().any(|&f| f != 0.0))
     }
 
-    pub(super) fn check(&self, scene: &Scene) -> Result<(), Error> {
+    pub(super) fn check(&self, scene: &Scene, states: usize) -> Result<(), Error> {
         for (name, values) in [
             ("armature", &self.armature),
             ("damping", &self.damping),
             ("stiffness", &self.stiffness),
             ("friction", &self.friction),
         ] {
-            check_positive(scene, name, values, 1)?;
+            check_positive(scene, name, values, states)?;
+        }
+        if !self.inertias.is_empty() {
+            check_length("inertias", self.inertias.len(), states * 10 * scene.joints().len())?;
+            check_finite("inertias", &self.inertias)?;
         }
         scene.check_configuration("rest", &self.rest)?;
         if !(self.friction_speed.is_finite() && self.friction_speed >= 0.0) {

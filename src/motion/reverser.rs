@@ -168,6 +168,7 @@ fn through(
     };
     stepper.run(job::Job {
         scene: job.scene,
+        models: None,
         settings: job.settings,
         steps: steps.start..steps.start + (rows - 1) * stride,
         states: job::States::Adjacent(job.states.clone()),
@@ -563,6 +564,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
             current.iter_mut().zip(start).for_each(|(to, x)| *to = *x);
             let mut step = job::Job {
                 scene: job.scene,
+                models: None,
                 settings: job.settings,
                 steps: n..n + 1,
                 states: job::States::Adjacent(state..state + 1),

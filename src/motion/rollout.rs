@@ -6,7 +6,8 @@ use super::events::StopImpact;
 use super::friction_curve::check_curves;
 use super::job::{Impacts, Job, Records, Rows, States};
 use super::method::Method;
-use super::properties::Gains;
+use super::population::Population;
+use super::properties::{Gains, Properties};
 use super::settings::{Limits, Settings};
 use super::step_settings::StepSettings;
 use super::stepper::Stepper;
@@ -45,6 +46,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct Rollout<S> {
     pub(super) scene: S,
     pub(super) settings: StepSettings,
+    /// The models of the states, and the properties as given, if the states differ in them.
+    pub(super) population: Option<Arc<Population>>,
+    properties: Option<Properties>,
     /// As given in the settings.
     method: Method,
     limits: Limits,
@@ -93,7 +97,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("form", format!("\"{form}\""), "\"auto\" or \"covariance\" for a rollout"));
         }
         scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), settings.tolerance)?;
-        settings.properties.check(holds)?;
+        let states = q.len().checked_div(holds.nq()).unwrap_or(1);
+        settings.properties.check(holds, states)?;
         check_curves(holds, coupling.as_deref(), &settings.properties)?;
         check_method(holds, &settings)?;
         holds.check_compliance(&settings.compliance)?;
@@ -119,7 +124,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
         }
         let (nq, nv) = (holds.nq(), holds.nv());
-        let states = q.len().checked_div(nq).unwrap_or(1);
         if q.len() != states * nq || qd.len() != states * nv {
             return Err(Error::Shape {
                 argument: "q, qd".to_owned(),
@@ -148,19 +152,37 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let wrenches = wrenches.transpose()?;
         let stops = settings.limits == Limits::Stop;
         let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
-        let of_steps = |touches: bool| step_settings(holds, &settings, coupling.clone(), (q, touches));
+        let has_models = !settings.properties.are_of_all(nv);
+        let mut of_all = settings.clone();
+        if has_models {
+            of_all.properties = settings.properties.largest(nv);
+        }
+        let of_steps = |touches: bool| step_settings(holds, &of_all, coupling.clone(), (q, touches));
         let mut step_settings = of_steps(holds.touches());
         if holds.touches() && method != Method::Contact && smoothing.is_none() {
             step_settings.free = Some(Box::new(of_steps(false)));
         }
         step_settings.smoothing = smoothing;
         step_settings.push(wrenches);
+        let population = if has_models {
+            if step_settings.smoothing.is_some() {
+                let found = "models that differ between states";
+                return Err(Error::argument("smoothing", found, "smoothing=0, or one model for all states"));
+            }
+            let population = Population::new(scene.borrow(), &step_settings, &settings.properties, states);
+            population.check(scene.borrow())?;
+            Some(Arc::new(population))
+        } else {
+            None
+        };
         let current = memory::filled("q, qd", states.saturating_mul(step_settings.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
         let pool = Pool::default();
         let mut rollout = Self {
             scene,
             settings: step_settings,
+            population,
+            properties: has_models.then_some(settings.properties),
             method,
             limits: settings.limits,
             form,
@@ -224,7 +246,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             method: self.method,
             form: self.form,
             tolerance: self.settings.tolerance,
-            properties: properties.clone(),
+            properties: self.properties.as_ref().unwrap_or(properties).clone(),
             gains: gains.as_deref().cloned(),
             wrenches: self.settings.wrenches.as_ref().map(|wrenches| wrenches.given.clone()),
             arm: self.arm,
@@ -439,14 +461,16 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let cost = self.cost().saturating_mul(steps);
         let slice = (SLICE / self.cost().max(1)).max(1);
         self.touches.begin(every, last);
-        let Self { scene, settings, form, arm, current, begun, pool, impacts, touches, .. } = self;
-        let (impacts, touches) = (&*impacts, &*touches);
-        let scene: &Scene = (*scene).borrow().tree();
+        let Self { scene, settings, form, arm, current, begun, pool, impacts, touches, population, .. } = self;
+        let (impacts, touches, population) = (&*impacts, &*touches, population.as_deref());
+        let whole: &Scene = (*scene).borrow();
+        let scene = whole.tree();
         let has_shapes = scene.shapes().is_some();
         let make = || Stepper::new(*form, *arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
-            let lanes = stepper.lanes();
+            let alone = population.filter(|population| !population.in_lanes);
+            let lanes = if alone.is_some() { 1 } else { stepper.lanes() };
             let mut from = states.start;
             while from < states.end {
                 let to = (from + lanes).min(states.end);
@@ -462,9 +486,13 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 loop {
                     interrupt::check().map_err(|error| Fault { state: from, error })?;
                     let ends = last.min(begins.saturating_add(slice));
+                    let member = alone.map(|population| population.of(from));
+                    let own = member.map(|member| member.scene(whole)).transpose();
+                    let own = own.map_err(|error| Fault { state: from, error })?;
                     let job = Job {
-                        scene,
-                        settings,
+                        scene: own.as_deref().map_or(scene, Scene::tree),
+                        settings: member.map_or(&*settings, |member| &member.settings),
+                        models: population.filter(|_| member.is_none()).map(|population| (population, whole)),
                         steps: begins..ends,
                         states: States::Adjacent(from..to),
                         begun: &begun[from..to],
@@ -475,7 +503,14 @@ impl<S: Borrow<Scene>> Rollout<S> {
                         touches: has_shapes.then_some(touches),
                         divisions: None,
                     };
-                    if let Err(found) = stepper.run(job) {
+                    let made = match member {
+                        Some(member) => {
+                            let mut own = member.stepper.lock().unwrap_or_else(PoisonError::into_inner);
+                            own.get_or_insert_with(make).run(job)
+                        }
+                        None => stepper.run(job),
+                    };
+                    if let Err(found) = made {
                         // Interrupted substeps return a diverging motion.
                         interrupt::check().map_err(|error| Fault { state: from, error })?;
                         let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);

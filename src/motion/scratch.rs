@@ -21,6 +21,7 @@ const FREE: f64 = -1e-200;
 pub(super) struct RowTerms<T> {
     /// Measurement noise without the part of friction.
     pub noise: T,
+    pub armature: T,
     pub damping: T,
     pub stiffness: T,
     pub friction: T,
@@ -164,6 +165,7 @@ impl<T: Real> Scratch<T> {
             let ([kp, kd], noise) = (settings.largest[row], of_step.system.noise[row]);
             RowTerms {
                 noise: T::from_f64(noise),
+                armature: T::from_f64(p.armature[row]),
                 damping: T::from_f64(p.damping[row]),
                 stiffness: T::from_f64(p.stiffness[row]),
                 friction: T::from_f64(if curved.iter().any(|of| of.row == row) { 0.0 } else { p.friction[row] }),

@@ -75,10 +75,6 @@ impl StepSettings {
         method: Method,
         (properties, gains): (Properties, Option<Gains>),
     ) -> Self {
-        let stiff = |values: &[f64]| {
-            let stages = model.system.stages.iter();
-            stages.map(|s| values[s.first_row..][..s.rows.count()].iter().any(|&k| k != 0.0)).collect()
-        };
         let largest = gains.as_ref().map(|gains| (0..model.nv()).map(|row| gains.largest(model.nv(), row)).collect());
         let largest: Vec<[f64; 2]> = largest.unwrap_or_else(|| vec![[0.0; 2]; model.nv()]);
         Self {
@@ -99,8 +95,8 @@ impl StepSettings {
             stops: false,
             restitution: 0.0,
             kinds: rate_kinds(model),
-            sprung_bodies: stiff(&properties.stiffness),
-            controlled_bodies: stiff(&largest.iter().map(|[kp, _]| *kp).collect::<Vec<_>>()),
+            sprung_bodies: stiff_bodies(model, &properties.stiffness),
+            controlled_bodies: stiff_bodies(model, &largest.iter().map(|[kp, _]| *kp).collect::<Vec<_>>()),
             largest,
             properties,
             gains: gains.map(Arc::new),
@@ -109,6 +105,13 @@ impl StepSettings {
             compliance: Vec::new(),
             smoothing: None,
         }
+    }
+
+    /// Takes other joint properties.
+    pub fn adopt_properties(&mut self, model: &Model<f64>, properties: Properties) {
+        self.regularized = properties.is_regularized();
+        self.sprung_bodies = stiff_bodies(model, &properties.stiffness);
+        self.properties = properties;
     }
 
     /// Sets the length of steps, with contacts and without.
@@ -205,6 +208,12 @@ impl StepSettings {
             })
             .collect()
     }
+}
+
+/// Per body: whether a row of its joint has stiffness.
+fn stiff_bodies(model: &Model<f64>, stiffness: &[f64]) -> Vec<bool> {
+    let stages = model.system.stages.iter();
+    stages.map(|s| stiffness[s.first_row..][..s.rows.count()].iter().any(|&k| k != 0.0)).collect()
 }
 
 /// The kind of a degree of freedom, for the error estimate.

@@ -9,6 +9,7 @@ use super::faults::{LARGEST_STEP, fault_of};
 use super::job::{Divisions, Impacts, Job, States};
 use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
+use super::population::Population;
 use super::scratch::Scratch;
 pub(super) use super::scratch::{fill, scatter, take_lane};
 use super::solver::{Checked, Kernels};
@@ -18,6 +19,7 @@ use super::torque::{StepFault, Torque};
 use super::totals::TOTALS;
 use super::works::add_work;
 use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
+use crate::batch::own_model::OwnInertias;
 use crate::error::Error;
 use crate::filter::Form;
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
@@ -33,7 +35,7 @@ use pulp::x86::V4;
 
 /// Advances states, for any scalar type.
 trait Stepping: Send + Sync {
-    fn run(&mut self, form: Form, checked: &mut Option<Box<CheckedState>>, job: Job<'_, '_>) -> Result<(), StepFault>;
+    fn run(&mut self, form: Form, checked: &mut CheckedStates, job: Job<'_, '_>) -> Result<(), StepFault>;
 }
 
 /// Scratch memory for one rollout on one thread, allocated at first use.
@@ -41,7 +43,7 @@ pub(super) struct Stepper {
     arm: InstructionSet,
     one: Option<Box<dyn Stepping>>,
     many: Option<Box<dyn Stepping>>,
-    checked: Option<Box<CheckedState>>,
+    checked: CheckedStates,
     touching: Option<Box<ContactStepper>>,
     switching: Option<Box<Switching>>,
     form: Form,
@@ -50,7 +52,7 @@ pub(super) struct Stepper {
 impl Stepper {
     pub fn new(form: Form, arm: InstructionSet) -> Self {
         let arm = if arm.available() { arm } else { InstructionSet::Baseline };
-        Self { arm, one: None, many: None, checked: None, touching: None, switching: None, form }
+        Self { arm, one: None, many: None, checked: CheckedStates::default(), touching: None, switching: None, form }
     }
 
     /// Largest number of states of a job.
@@ -127,6 +129,8 @@ struct Compiled<T: Vectorized, I> {
     /// For a scene with connections, and for one with contacts.
     connected: Option<Box<Connected<T>>>,
     touching: Option<Box<Touching<T>>>,
+    /// For states that differ in their inertias.
+    own_inertias: Option<Box<OwnInertias<T>>>,
 }
 
 impl<T: Vectorized, I: Target> Compiled<T, I> {
@@ -141,7 +145,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
         let limits = || if settings.stops { limit_rows(scene) } else { Vec::new() };
         let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch, limits())));
         let touching = settings.touches_in_lanes(scene).then(|| Box::new(Touching::new(scene, settings, &scratch)));
-        Self { scratch, target, connected, touching }
+        Self { scratch, target, connected, touching, own_inertias: None }
     }
 }
 
@@ -153,6 +157,23 @@ struct CheckedState {
     substeps: Substeps,
     /// For a scene with connections.
     closed: Option<ClosedScratch>,
+}
+
+/// The scratch of the states of a job: one for all, or one for each lane whose state has its own model.
+#[derive(Default)]
+struct CheckedStates {
+    of_all: Option<Box<CheckedState>>,
+    of_lanes: Vec<Option<(usize, Box<CheckedState>)>>,
+}
+
+impl CheckedStates {
+    /// The scratch of a lane and its state, or that of all.
+    fn of(&mut self, own: Option<(usize, usize)>, make: impl FnOnce() -> CheckedState) -> &mut CheckedState {
+        let Some((lane, state)) = own else { return self.of_all.get_or_insert_with(|| Box::new(make())) };
+        self.of_lanes.resize_with(self.of_lanes.len().max(lane + 1), || None);
+        let kept = self.of_lanes[lane].take().filter(|(of, _)| *of == state);
+        &mut self.of_lanes[lane].insert(kept.unwrap_or_else(|| (state, Box::new(make())))).1
+    }
 }
 
 impl CheckedState {
@@ -200,10 +221,11 @@ impl CheckedState {
 }
 
 impl<T: Vectorized, I: Target> Stepping for Compiled<T, I> {
-    fn run(&mut self, form: Form, checked: &mut Option<Box<CheckedState>>, job: Job<'_, '_>) -> Result<(), StepFault> {
+    fn run(&mut self, form: Form, checked: &mut CheckedStates, job: Job<'_, '_>) -> Result<(), StepFault> {
         let target = self.target;
         let (connected, touching) = (self.connected.as_deref_mut(), self.touching.as_deref_mut());
-        target.within(Run { scratch: &mut self.scratch, connected, touching, target, form, checked, job })
+        let own_inertias = &mut self.own_inertias;
+        target.within(Run { scratch: &mut self.scratch, connected, touching, own_inertias, target, form, checked, job })
     }
 }
 
@@ -211,9 +233,10 @@ struct Run<'a, 'r, T: Vectorized, I> {
     scratch: &'a mut Scratch<T>,
     connected: Option<&'a mut Connected<T>>,
     touching: Option<&'a mut Touching<T>>,
+    own_inertias: &'a mut Option<Box<OwnInertias<T>>>,
     target: I,
     form: Form,
-    checked: &'a mut Option<Box<CheckedState>>,
+    checked: &'a mut CheckedStates,
     job: Job<'a, 'r>,
 }
 
@@ -222,12 +245,16 @@ impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
 
     #[inline(always)]
     fn call(self) -> Result<(), StepFault> {
-        let Self { scratch: s, connected, mut touching, target, form, checked, job } = self;
-        let Job { scene, settings, steps, states, begun, current, torque, mut rows, impacts, mut divisions, .. } = job;
+        let Self { scratch: s, connected, mut touching, own_inertias, target, form, checked, job } = self;
+        let Job { scene, settings, models, steps, states, begun, current, torque, .. } = job;
+        let Job { mut rows, impacts, mut divisions, .. } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = settings.width(scene);
         let kept = nq + nv + TOTALS;
         begin(s, settings, (&states, &*current, width), torque, (nq, nv));
+        if let Some((population, _)) = models {
+            s.take_models((population, own_inertias), settings, count, |lane| states.at(lane));
+        }
         let mut kernels = Kernels::new(target, form, connected);
         kernels.factors = touching.is_some();
         if let Some(connected) = &mut kernels.connected {
@@ -266,7 +293,7 @@ impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
                 let lanes = (fallback, &mut counted[..]);
                 outcome = match &mut touching {
                     Some(touching) => touching.recompute(s, of, steps, lanes, (&mut *current, width, kept)),
-                    None => recompute(s, of, checked, steps, (lanes, divisions.as_deref_mut())),
+                    None => recompute(s, (of, models), checked, steps, (lanes, divisions.as_deref_mut())),
                 };
                 s.totals = counted;
                 if outcome.is_err() {
@@ -343,18 +370,23 @@ fn needs_fallback<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64
 #[inline(never)]
 fn recompute<T: Vectorized>(
     s: &mut Scratch<T>,
-    (scene, settings, form): (&Scene, &StepSettings, Form),
-    alone: &mut Option<Box<CheckedState>>,
+    ((scene, settings, form), models): ((&Scene, &StepSettings, Form), Option<(&Population, &Scene)>),
+    alone: &mut CheckedStates,
     (n, states, begun, impacts): (usize, &States<'_>, &[usize], Option<&Impacts>),
     ((mut fallback, totals), mut divisions): ((u64, &mut [T]), Option<&mut Divisions>),
 ) -> Result<(), StepFault> {
-    let alone = alone.get_or_insert_with(|| Box::new(CheckedState::new(scene, settings, form)));
     while fallback != 0 {
         let lane = fallback.trailing_zeros() as usize;
         fallback &= fallback - 1;
+        let state = states.at(lane);
+        let member = models.map(|(population, whole)| (population.of(state), whole));
+        let own = member.map(|(member, whole)| member.scene(whole)).transpose();
+        let own = own.map_err(|error| StepFault { step: n, state, joint: String::new(), error })?;
+        let scene = own.as_deref().map_or(scene, Scene::tree);
+        let settings = member.map_or(settings, |(member, _)| &member.settings);
+        let alone = alone.of(member.map(|_| (lane, state)), || CheckedState::new(scene, settings, form));
         let one = &mut alone.scratch;
         take_lane(one, s, lane);
-        let state = states.at(lane);
         let divided = (lane, divisions.as_deref_mut());
         alone.step(scene, settings, divided).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
         if let Some(impacts) = impacts

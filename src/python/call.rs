@@ -9,6 +9,7 @@ use super::input::Input;
 use super::interrupts::detached;
 use super::object::Object;
 use super::output::{Array, Output};
+use super::own_models::Models;
 use super::scene::PyScene;
 use super::scratch::Scratch;
 use super::wrenches::{self, Wrench};
@@ -23,6 +24,7 @@ pub(super) struct BatchCall<'a, 'py> {
     pub scene: &'a PyScene,
     inputs: Vec<Input<'py>>,
     wrenches: Vec<Wrench<'py>>,
+    pub models: Models<'py>,
     /// Leading axes of the result.
     pub batch: Vec<usize>,
     pub states: usize,
@@ -65,10 +67,21 @@ impl PyScene {
 
 impl<'a, 'py> BatchCall<'a, 'py> {
     pub fn new(scene: &'a PyScene, inputs: Vec<Input<'py>>, wrenches: Vec<Wrench<'py>>, cost: Cost) -> PyResult<Self> {
-        let all = || names_and_axes(&inputs, &wrenches);
+        Self::of_models(scene, inputs, wrenches, Models::default(), cost)
+    }
+
+    /// The same for states that have their own models.
+    pub fn of_models(
+        scene: &'a PyScene,
+        inputs: Vec<Input<'py>>,
+        wrenches: Vec<Wrench<'py>>,
+        models: Models<'py>,
+        cost: Cost,
+    ) -> PyResult<Self> {
+        let all = || names_and_axes(&inputs, &wrenches, &models);
         let batch = if all().all(|(_, axes)| axes.is_empty()) { Vec::new() } else { broadcast_axes(all())? };
         let states = states_of(&batch)?;
-        Ok(Self { scene, inputs, wrenches, batch, states, cost, errors: Errors::Raise, tolerance: None })
+        Ok(Self { scene, inputs, wrenches, models, batch, states, cost, errors: Errors::Raise, tolerance: None })
     }
 
     /// Sets the treatment of invalid states.
@@ -94,12 +107,12 @@ impl<'a, 'py> BatchCall<'a, 'py> {
             return make(py, &full).or_else(|failed| asked_by(py, &self.asking(), Err(failed)));
         };
         let wrenches = self.wrenches.iter().map(|wrench| wrench.input.addresses());
-        Output::given(out, &full, self.inputs.iter().map(Input::addresses).chain(wrenches))
+        Output::given(out, &full, self.inputs.iter().chain(self.models.inputs()).map(Input::addresses).chain(wrenches))
     }
 
     /// Names of the arguments that determine the size of the batch.
     pub fn asking(&self) -> String {
-        let all = names_and_axes(&self.inputs, &self.wrenches);
+        let all = names_and_axes(&self.inputs, &self.wrenches, &self.models);
         let names: Vec<&str> = all.filter(|(_, axes)| !axes.is_empty()).map(|(name, _)| name).collect();
         if names.is_empty() { "scene".to_owned() } else { names.join(", ") }
     }
@@ -234,9 +247,11 @@ impl<'py> BatchCall<'_, 'py> {
 fn names_and_axes<'a>(
     inputs: &'a [Input<'_>],
     wrenches: &'a [Wrench<'_>],
+    models: &'a Models<'_>,
 ) -> impl Iterator<Item = (&'a str, &'a [usize])> {
     let given = inputs.iter().map(|input| (&*input.name, input.leading()));
-    given.chain(wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())))
+    let given = given.chain(wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())));
+    given.chain(models.inputs().map(|input| (&*input.name, input.leading())))
 }
 
 /// Evaluates a batch with these leading axes, without the GIL unless it is short; raises the fault of the lowest state.

@@ -3,6 +3,8 @@
 use super::axis::Axis;
 use super::builder::{PySceneBuilder, inertial};
 use super::choice::{items, refuse_unknown};
+use super::description::body_names;
+use super::input::{Input, wrong_shape};
 use super::object::Object;
 use super::scene::PyScene;
 use super::{errors, input};
@@ -108,6 +110,32 @@ impl PyScene {
         refuse_unknown(py, "Scene.with_payload", unknown)?;
         let payload = inertial(&str::to_owned, mass, com, inertia)?;
         self.changed(py, self.scene.with_payload(link, &payload)?)
+    }
+
+    /// Create a scene with other inertial parameters of all bodies, such as those of one member of a population.
+    #[doc = section!(Parameters)]
+    /// parameters : (bodies, 10) array_like
+    ///     In the order of inertial_parameters. Each link of body_names has the inertia of all links fixed to it, which
+    ///     become massless.
+    #[doc = returns!(scene)]
+    #[doc = section!(Raises)]
+    /// ShapeError, NotFiniteError, ArgumentError
+    ///     A negative mass or moment of inertia, or an invalid array. The message names the link.
+    #[doc = section!(Warns)]
+    /// InertiaWarning
+    ///     An inertia that no rigid body can have.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> scene.with_inertial_parameters(2.0 * scene.inertial_parameters).total_mass
+    /// 6.0
+    #[pyo3(signature = (parameters, /))]
+    fn with_inertial_parameters(&self, py: Python<'_>, parameters: &Object<'_>) -> PyResult<Self> {
+        let given = Input::table("parameters", parameters, body_names(&self.scene).len(), 10)?;
+        if !given.leading().is_empty() {
+            let found = [given.leading(), &[body_names(&self.scene).len(), 10]].concat();
+            return Err(wrong_shape("parameters", &found, format!("({}, 10)", body_names(&self.scene).len())));
+        }
+        self.changed(py, self.scene.with_inertial_parameters(given.data()?)?)
     }
 
     /// Create a scene in which links have other inertias, for instance identified or randomized ones.

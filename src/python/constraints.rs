@@ -8,6 +8,7 @@ use super::evaluate::Keywords;
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::Output;
+use super::own_models::Models;
 use super::scene::{PyScene, slice};
 use super::wrenches::Wrench;
 use crate::algorithm::Algorithm;
@@ -99,7 +100,7 @@ methods! {
     }
 
     /// Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
-    #[doc = parameters!(q qd tau compliance form tolerance wrenches errors)]
+    #[doc = parameters!(q qd tau compliance form tolerance wrenches models errors)]
     #[doc = section!(Returns)]
     /// dynamics : ConstrainedDynamics
     ///     Named tuple: qdd (..., nv); forces, a dict from connection names to (..., rows); rank (...) and residual
@@ -124,7 +125,8 @@ methods! {
     /// >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
     /// >>> np.allclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
     /// (True, (1,))
-    fn constrained_dynamics(q, qd, tau; compliance, form, tolerance, wrenches, errors) |scene, py, keywords| {
+    fn constrained_dynamics(q, qd, tau; compliance, form, tolerance, wrenches, inertias, armature,
+        errors) |scene, py, keywords| {
         scene.scene.check_independent()?;
         let results = match keywords.compliance {
             None => scene.evaluate(py, Algorithm::ConstrainedDynamics, [q, qd, tau], keywords)?,
@@ -331,7 +333,8 @@ impl PyScene {
         inputs.push(self.compliance(compliance)?);
         let width = self.scene.width(algorithm);
         let cost = Cost { arithmetic: self.cost_through_connections() * self.size(), results: width };
-        let call = BatchCall::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
+        let (wrenches, models) = (Wrench::read(&self.scene, keywords.wrenches)?, Models::read(self, keywords)?);
+        let call = BatchCall::of_models(self, inputs, wrenches, models, cost)?;
         let call = call.with(self.errors(keywords.errors, algorithm.form())?).accepting(keywords.tolerance);
         let mut output = call.output::<f64>(py, &[width], None, Output::unwritten)?;
         call.in_chunks(py, algorithm, output.numbers()?, None)?;

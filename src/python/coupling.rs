@@ -37,11 +37,16 @@ impl PyScene {
     /// Converts joint properties of the tree to the coordinates of the scene.
     pub(super) fn properties_of_scene(&self, of: &Properties) -> Properties {
         let Some(coupling) = self.scene.coupling() else { return of.clone() };
+        let nv = self.scene.tree().nv().max(1);
+        // Of all states, or one after another.
+        let each = |values: &[f64], reduce: &dyn Fn(&[f64]) -> Vec<f64>| values.chunks(nv).flat_map(reduce).collect();
+        let squares = |values: &[f64]| each(values, &|of| coupling.reduce_squares(of));
         Properties {
-            armature: coupling.reduce_squares(&of.armature),
-            damping: coupling.reduce_squares(&of.damping),
-            stiffness: coupling.reduce_squares(&of.stiffness),
-            friction: coupling.reduce_friction(&of.friction),
+            armature: squares(&of.armature),
+            damping: squares(&of.damping),
+            stiffness: squares(&of.stiffness),
+            friction: each(&of.friction, &|of| coupling.reduce_friction(of)),
+            inertias: of.inertias.clone(),
             rest: coupling.reduce_rest(&of.stiffness, &of.rest),
             curves: coupling.independent_rows().iter().filter_map(|&row| of.curves.get(row).copied()).collect(),
             friction_speed: of.friction_speed,

@@ -24,7 +24,7 @@ const FORWARD: fn(Form) -> Algorithm = |form| Algorithm::Derivatives(Derivatives
 
 methods! {
     /// Analytical derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M.
-    #[doc = parameters!(q qd qdd wrenches out_of_derivatives errors)]
+    #[doc = parameters!(q qd qdd wrenches models out_of_derivatives errors)]
     #[doc = section!(Returns)]
     /// derivatives : InverseDynamicsDerivatives
     ///     Named tuple (dtau_dq, dtau_dqd, mass_matrix), each (..., nv, nv), SI units. Row i is the torque tau_i.
@@ -40,7 +40,7 @@ methods! {
     /// >>> change = scene.inverse_dynamics(q + step, qd, qdd) - scene.inverse_dynamics(q - step, qd, qdd)
     /// >>> np.allclose(scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq[:, 1], change / 2e-6)
     /// True
-    fn inverse_dynamics_derivatives(q, qd, qdd; wrenches, out, errors) |scene, py, keywords| {
+    fn inverse_dynamics_derivatives(q, qd, qdd; wrenches, inertias, armature, out, errors) |scene, py, keywords| {
         let algorithm = |_| Algorithm::Derivatives(Derivatives::InverseDynamics);
         let all = scene.evaluate(py, algorithm, [q, qd, qdd], keywords)?;
         three_parts(imported!(py, "phipsi._results", "InverseDynamicsDerivatives")?, &all, 2)
@@ -52,7 +52,7 @@ methods! {
     ///     Replaces both bounds of form "auto": that of forward_dynamics for the factor of M, and 1e-11 of the largest
     ///     entry for the derivatives. States beyond are recomputed in double-double arithmetic, which takes about 30
     ///     times longer.
-    #[doc = entries!(wrenches out_of_derivatives errors)]
+    #[doc = entries!(wrenches models out_of_derivatives errors)]
     #[doc = section!(Returns)]
     /// derivatives : ForwardDynamicsDerivatives
     ///     Named tuple (dqdd_dq, dqdd_dqd, mass_matrix_inverse), each (..., nv, nv), SI units. Row i is the acceleration
@@ -69,7 +69,8 @@ methods! {
     /// >>> inverse = scene.inverse_dynamics_derivatives(q, qd, qdd)
     /// >>> np.allclose(inverse.mass_matrix @ forward.dqdd_dq, -inverse.dtau_dq)
     /// True
-    fn forward_dynamics_derivatives(q, qd, tau; form, tolerance, wrenches, out, errors) |scene, py, keywords| {
+    fn forward_dynamics_derivatives(q, qd, tau; form, tolerance, wrenches, inertias, armature, out,
+        errors) |scene, py, keywords| {
         let all = scene.evaluate(py, FORWARD, [q, qd, tau], keywords)?;
         three_parts(imported!(py, "phipsi._results", "ForwardDynamicsDerivatives")?, &all, 2)
     }
@@ -79,7 +80,7 @@ methods! {
     /// springs_and_damping : bool, default True
     ///     If true, the springs and the viscous damping of the joints act in addition to tau, as in simulate. False:
     ///     the linearization of forward_dynamics.
-    #[doc = entries!(errors)]
+    #[doc = entries!(models errors)]
     #[doc = section!(Returns)]
     /// system : LinearSystem
     ///     Named tuple (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
@@ -98,7 +99,8 @@ methods! {
     /// >>> A, B = scene.linearize([0.3, 0.2, 0.1], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     /// >>> A.shape, B.shape
     /// ((6, 6), (6, 3))
-    fn linearize(q, qd, tau; form, tolerance, wrenches, springs_and_damping, errors) |scene, py, keywords| {
+    fn linearize(q, qd, tau; form, tolerance, wrenches, springs_and_damping, inertias, armature,
+        errors) |scene, py, keywords| {
         scene.check_dense("linearize", "differences of forward_dynamics")?;
         let has_forces = keywords.springs_and_damping && scene.scene.joint_forces().are_linear();
         let torque;
@@ -153,7 +155,7 @@ methods! {
     }
 
     /// Coriolis matrix C: C qd is the torque of the joint velocities, and dM/dt - 2 C is antisymmetric.
-    #[doc = parameters!(q qd out errors)]
+    #[doc = parameters!(q qd models out errors)]
     #[doc = section!(Returns)]
     /// C : (..., nv, nv) ndarray
     ///     Coriolis matrix, SI units; for joints with one axis that of the Christoffel symbols.
@@ -166,10 +168,11 @@ methods! {
     /// >>> skew = scene.mass_matrix_derivative(q, qd) - 2 * scene.coriolis_matrix(q, qd)
     /// >>> np.allclose(skew, -skew.T)
     /// True
-    fn coriolis_matrix(q, qd; out, errors) => evaluate(|_| Algorithm::Derivatives(Derivatives::CoriolisMatrix));
+    fn coriolis_matrix(q, qd; inertias, armature, out,
+        errors) => evaluate(|_| Algorithm::Derivatives(Derivatives::CoriolisMatrix));
 
     /// Time derivative dM/dt of the mass matrix along the joint velocities: C + C^T with the Coriolis matrix C.
-    #[doc = parameters!(q qd out errors)]
+    #[doc = parameters!(q qd models out errors)]
     #[doc = section!(Returns)]
     /// dM : (..., nv, nv) ndarray
     ///     Derivative, SI units; exactly symmetric. The armature is constant and does not contribute.
@@ -182,5 +185,6 @@ methods! {
     /// >>> change = scene.mass_matrix(q + 1e-6 * qd) - scene.mass_matrix(q - 1e-6 * qd)
     /// >>> np.allclose(scene.mass_matrix_derivative(q, qd), change / 2e-6)
     /// True
-    fn mass_matrix_derivative(q, qd; out, errors) => evaluate(|_| Algorithm::Derivatives(Derivatives::MassMatrix));
+    fn mass_matrix_derivative(q, qd; inertias, armature, out,
+        errors) => evaluate(|_| Algorithm::Derivatives(Derivatives::MassMatrix));
 }

@@ -23,7 +23,7 @@ methods! {
     ///     Largest accepted error relative to the largest acceleration, between 0 and 1, in the forms "auto" and
     ///     "square-root". Default: max(5e-14, 4 n eps) with n degrees of freedom on the longest path to the base.
     ///     Errors as small as the effect of one rounding of the forces are always accepted.
-    #[doc = entries!(wrenches out)]
+    #[doc = entries!(wrenches models out)]
     /// dtype : {"float64", "float32"} or numpy dtype, optional
     ///     Type of the result, float64 by default. The arithmetic is in float64 in both cases; float32 results are the
     ///     float64 results rounded, and a result beyond the range of float32 is an error.
@@ -53,11 +53,11 @@ methods! {
     /// >>> qdd = scene.forward_dynamics(q, qd, tau)
     /// >>> np.allclose(scene.inverse_dynamics(q, qd, qdd), tau)
     /// True
-    fn forward_dynamics(q, qd, tau; form, tolerance, wrenches, out, dtype, errors, return_info)
+    fn forward_dynamics(q, qd, tau; form, tolerance, wrenches, inertias, armature, out, dtype, errors, return_info)
         => evaluate(Algorithm::ForwardDynamics);
 
     /// Joint torques from joint accelerations, in O(N): tau = M qdd + bias - J^T w, including gravity and armature.
-    #[doc = parameters!(q qd qdd wrenches out dtype errors)]
+    #[doc = parameters!(q qd qdd wrenches models out dtype errors)]
     #[doc = section!(Returns)]
     /// tau : (..., nv) ndarray
     ///     Joint torques, N m or N; those of a free joint are (force, moment), whereas wrenches are (moment, force).
@@ -71,10 +71,11 @@ methods! {
     /// >>> tau = scene.inverse_dynamics([0.3, 0.2, 0.1], still, still)
     /// >>> np.allclose(tau, scene.gravity_torque([0.3, 0.2, 0.1]))
     /// True
-    fn inverse_dynamics(q, qd, qdd; wrenches, out, dtype, errors) => evaluate(|_| Algorithm::InverseDynamics);
+    fn inverse_dynamics(q, qd, qdd; wrenches, inertias, armature, out, dtype,
+        errors) => evaluate(|_| Algorithm::InverseDynamics);
 
     /// Bias torque H phi b: joint torques for zero joint accelerations (Coriolis, centrifugal and gravity), in O(N).
-    #[doc = parameters!(q qd out dtype errors)]
+    #[doc = parameters!(q qd models out dtype errors)]
     #[doc = section!(Returns)]
     /// tau : (..., nv) ndarray
     ///     Bias torque, N m or N.
@@ -85,10 +86,10 @@ methods! {
     /// >>> nonlinear = scene.coriolis_matrix(q, qd) @ qd + scene.gravity_torque(q)
     /// >>> np.allclose(scene.bias_torque(q, qd), nonlinear)
     /// True
-    fn bias_torque(q, qd; out, dtype, errors) => evaluate(|_| Algorithm::BiasTorque);
+    fn bias_torque(q, qd; inertias, armature, out, dtype, errors) => evaluate(|_| Algorithm::BiasTorque);
 
     /// Gravity torque dU/dq: joint torques that hold the scene in static equilibrium, in O(N).
-    #[doc = parameters!(q out dtype errors)]
+    #[doc = parameters!(q models out dtype errors)]
     #[doc = section!(Returns)]
     /// tau : (..., nv) ndarray
     ///     Gravity torque, N m or N, along the tangent space of q.
@@ -97,13 +98,13 @@ methods! {
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.gravity_torque(scene.neutral()).round(1)
     /// array([  0. , -37. ,   0.2,   0. ,   0. ,   0. ])
-    fn gravity_torque(q; out, dtype, errors) |scene, py, keywords| {
+    fn gravity_torque(q; inertias, armature, out, dtype, errors) |scene, py, keywords| {
         let rest = fresh::zeros::<f64>(py, &[scene.scene.nv()])?.into_any();
         scene.evaluate(py, |_| Algorithm::BiasTorque, [q, &rest], keywords)
     }
 
     /// Joint-space mass matrix M(q) including armature: the covariance of the joint torques (eq. 5.1).
-    #[doc = parameters!(q out dtype errors)]
+    #[doc = parameters!(q models out dtype errors)]
     #[doc = section!(Returns)]
     /// M : (..., nv, nv) ndarray
     ///     Mass matrix, kg m^2, kg m or kg; full and exactly symmetric.
@@ -116,10 +117,10 @@ methods! {
     /// >>> M = scene.mass_matrix([0.3, 0.2, 0.1])
     /// >>> M.shape, bool((M == M.T).all())
     /// ((3, 3), True)
-    fn mass_matrix(q; out, dtype, errors) => evaluate(|_| Algorithm::MassMatrix);
+    fn mass_matrix(q; inertias, armature, out, dtype, errors) => evaluate(|_| Algorithm::MassMatrix);
 
     /// Inverse of the joint-space mass matrix in closed form (eq. 6.1), without forming or factoring M.
-    #[doc = parameters!(q form tolerance out dtype errors)]
+    #[doc = parameters!(q form tolerance models out dtype errors)]
     #[doc = section!(Returns)]
     /// Minv : (..., nv, nv) ndarray
     ///     Inverse mass matrix of the kinematic tree, SI units; full and exactly symmetric.
@@ -132,7 +133,8 @@ methods! {
     /// >>> q = [0.3, 0.2, 0.1]
     /// >>> np.allclose(scene.mass_matrix_inverse(q) @ scene.mass_matrix(q), np.eye(3))
     /// True
-    fn mass_matrix_inverse(q; form, tolerance, out, dtype, errors) => evaluate(Algorithm::MassMatrixInverse);
+    fn mass_matrix_inverse(q; form, tolerance, inertias, armature, out, dtype,
+        errors) => evaluate(Algorithm::MassMatrixInverse);
 }
 
 impl PyScene {

@@ -8,6 +8,7 @@ use super::cost::Cost;
 use super::dtype::{Dtype, check_range, is_float32};
 use super::object::Object;
 use super::output::Output;
+use super::own_models::Models;
 use super::scene::PyScene;
 use super::scratch::Scratch;
 use super::wrenches::{self, Wrench};
@@ -38,6 +39,8 @@ pub(super) struct Keywords<'a, 'py> {
     pub wrenches: Option<&'a Object<'py>>,
     pub out: Option<&'a Object<'py>>,
     pub dtype: Option<&'a Object<'py>>,
+    pub inertias: Option<&'a Object<'py>>,
+    pub armature: Option<&'a Object<'py>>,
     pub at: Option<&'a Object<'py>>,
     pub rotation: Option<&'a Object<'py>>,
     pub directions: Option<&'a Object<'py>>,
@@ -51,6 +54,11 @@ pub(super) struct Keywords<'a, 'py> {
 }
 
 impl Keywords<'_, '_> {
+    /// True if the states have their own models.
+    pub fn has_models(&self) -> bool {
+        self.inertias.is_some() || self.armature.is_some()
+    }
+
     pub fn none() -> Self {
         Self { errors: "raise", form: "auto", ..Self::default() }
     }
@@ -79,7 +87,12 @@ impl PyScene {
             _ => entry.cost[0] + entry.cost[1] * self.scene.nv(),
         };
         let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
-        let is_plain = !is_nan(errors)? && !return_info && wrenches.is_none() && dtype.is_none() && tolerance.is_none();
+        let is_plain = !is_nan(errors)?
+            && !return_info
+            && wrenches.is_none()
+            && dtype.is_none()
+            && tolerance.is_none()
+            && !keywords.has_models();
         if is_plain && let Some(result) = self.single(py, algorithm, values, shape, cost, out)? {
             self.warn_of_linkage(py)?;
             return Ok(result);
@@ -105,7 +118,8 @@ impl PyScene {
         let inputs = self.inputs(names.zip(values))?;
         let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
         let form = algorithm.form();
-        let call = BatchCall::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
+        let call = BatchCall::of_models(self, inputs, wrenches, Models::read(self, keywords)?, cost)?;
+        let call = call.with(self.errors(keywords.errors, form)?);
         let call = call.accepting(keywords.tolerance);
         let accuracy = match form {
             Some(form) if keywords.return_info => Some(BatchAccuracy::new(form, call.states)?),
@@ -179,7 +193,7 @@ impl<'py> BatchCall<'_, 'py> {
         run: &Run<'_>,
     ) -> PyResult<()> {
         let scene = &self.scene.scene;
-        let (arguments, wrenches) = self.over()?;
+        let ((arguments, wrenches), models) = (self.over()?, self.models.over(&self.batch)?);
         let (bodies, errors, tolerance) = (scene.model().bodies.len(), &self.errors, self.tolerance);
         self.run(py, cost, |batch| {
             batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
@@ -196,6 +210,11 @@ impl<'py> BatchCall<'_, 'py> {
                     let rounded = &mut results[from..from + count * width];
                     let out = P::in_f64(rounded, &mut room);
                     take(&mut chunk[..count], &arguments, first);
+                    if !models.is_empty() {
+                        for (lane, state) in chunk[..count].iter_mut().enumerate() {
+                            state.model = models.of(first + lane);
+                        }
+                    }
                     if wrenches.is_empty() && third.is_none() {
                         evaluate((evaluator, run, errors), &chunk[..count], first, out)?;
                     } else {

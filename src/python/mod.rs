@@ -61,6 +61,7 @@ mod object;
 mod observer;
 mod operational;
 mod output;
+mod own_models;
 mod panics;
 mod parts;
 mod pickled_simulator;

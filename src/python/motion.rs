@@ -9,6 +9,7 @@ use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers, property};
+use super::own_models;
 use super::scene::PyScene;
 use super::simulator::without_control;
 use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits, warn_of_start};
@@ -83,8 +84,12 @@ impl PyScene {
     ///     Steps between two rows.
     /// pd : PD, optional
     ///     Control law PD(kp, kd, target, target_rate, effort), evaluated within the step.
-    /// armature : float or (nv,) array_like, optional
-    ///     Armature instead of that of the scene, kg m^2 or kg.
+    /// inertias : (..., bodies, 10) array_like, optional
+    ///     Inertial parameters of each state instead of those of the scene, in the order of inertial_parameters: a
+    ///     model per state.
+    /// armature : float or (..., nv) array_like, optional
+    ///     Armature instead of that of the scene, kg m^2 or kg. As damping, stiffness and friction, for all states or
+    ///     (..., nv) for each.
     #[doc = entries!(losses)]
     /// friction_speed : float, optional
     ///     0 or None: exact Coulomb friction. Positive: friction is viscous below this speed, rad/s or m/s. 0 and
@@ -166,9 +171,9 @@ impl PyScene {
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, record_every=None, progress=None,
                         duration=None, covariance=None, control=None, activation=None, **given),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
-                             record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, \
-                             friction=None, friction_speed=None, form='auto', tolerance=None, progress=None, \
-                             compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
+                             record_every=1, pd=None, inertias=None, armature=None, damping=None, stiffness=None, \
+                             rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
+                             progress=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
                              duration=None, covariance=None, targets=None, target_rates=None, effort=None, \
                              control=None, activation=None, wrenches=None, frame='link')")]
     #[allow(clippy::too_many_lines)] // keywords, in Python
@@ -209,7 +214,7 @@ impl PyScene {
             return Err(without_control().into());
         }
         let every = count_or("record_every", record_every, 1, 1)?;
-        let (mut settings, pd) = keywords.read(py, own, (dt, steps))?;
+        let (mut settings, pd, of_states) = keywords.read(py, own, (dt, steps))?;
         keywords.warn_of_units(py, dt)?;
         keywords.warn_of_friction(py, own, &settings)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;
@@ -227,6 +232,7 @@ impl PyScene {
         axes.extend(wrenches.iter().flat_map(LinkWrenches::leading));
         given.check_not_steps(steps, axes.iter().all(|(_, leading)| leading.is_empty()))?;
         axes.extend(given.leading());
+        axes.extend(own_models::leading(&of_states));
         let batch = broadcast_axes(axes)?;
         let room = Room {
             states: states_of(&batch)?,
@@ -237,11 +243,12 @@ impl PyScene {
         let states = room.states;
         own.check_scratch(states)?;
         settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
+        own_models::fill(&of_states, &mut settings.properties, &batch, states)?;
         settings.wrenches = wrenches.map(|wrenches| wrenches.over(&batch, states)).transpose()?;
         let of_contacts = OF_CONTACT * scene.contacts().len();
         let outputs = [nq, nv, of_contacts].map(|width| room.output(py, &batch, width));
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
-        let fields = about(slf, &settings)?;
+        let fields = about(slf, &settings, &batch)?;
         fields.set_item("record_every", every)?;
         fields.set_item("given", keywords.given(py, (tau, tau_steps))?)?;
         let rollout = detached(py, || Rollout::new(scene, settings, &all_q[..], &all_qd[..]))?;

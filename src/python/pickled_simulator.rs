@@ -1,6 +1,7 @@
 //! Pickles and copies of a `Simulator`: its arguments, and its current state.
 
 use super::choice::name_of;
+use super::description::body_names;
 use super::input::shaped;
 use super::object::Object;
 use super::output::from_numbers;
@@ -70,7 +71,13 @@ impl PySimulator {
             ("friction", &properties.friction),
         ];
         for (name, numbers) in of_joints.into_iter().filter(|_| is_given) {
-            keywords.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
+            let width = if name == "rest" { own.scene.nq() } else { own.scene.nv() };
+            let of_states = if numbers.len() == width { &[][..] } else { &self.batch };
+            keywords.set_item(name, from_numbers(py, numbers, &[of_states, &[width]].concat())?)?;
+        }
+        if !properties.inertias.is_empty() {
+            let shape = [&self.batch[..], &[body_names(&own.scene).len(), 10]].concat();
+            keywords.set_item("inertias", from_numbers(py, &properties.inertias, &shape)?)?;
         }
         if let Some(gains) = gains {
             let Gains {

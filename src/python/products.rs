@@ -9,6 +9,7 @@ use super::evaluate::Keywords;
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::{Output, three_parts};
+use super::own_models::Models;
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Arguments, Products};
@@ -42,7 +43,7 @@ pub(super) fn places_of_links(scene: &Scene) -> Result<Vec<Place>, Error> {
 
 methods! {
     /// Directional derivative of the joint torques, in O(N): dtau_dq dq + dtau_dqd dqd + M dqdd.
-    #[doc = parameters!(q qd qdd dq dqd dqdd wrenches constants errors)]
+    #[doc = parameters!(q qd qdd dq dqd dqdd wrenches constants models errors)]
     #[doc = section!(Returns)]
     /// dtau : (..., nv) ndarray
     ///     Change of the joint torques, N m or N.
@@ -56,14 +57,14 @@ methods! {
     /// >>> product = scene.inverse_dynamics_jvp(q, qd, qdd, dq, zero, zero)
     /// >>> np.allclose(product, scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq @ dq)
     /// True
-    fn inverse_dynamics_jvp(q, qd, qdd, dq, dqd, dqdd;
-        wrenches, dwrenches, dparameters, darmature, dgravity, errors) => along(false);
+    fn inverse_dynamics_jvp(q, qd, qdd, dq, dqd, dqdd; wrenches, dwrenches, dparameters, darmature, dgravity,
+        inertias, armature, errors) => along(false);
 
     /// Gradients of cotangent . tau, in O(N): cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
     #[doc = parameters!(q qd qdd)]
     /// cotangent : (..., nv) array_like
     ///     Gradient of a scalar function with respect to tau.
-    #[doc = entries!(wrenches parameters errors)]
+    #[doc = entries!(wrenches parameters models errors)]
     #[doc = section!(Returns)]
     /// gradients : InverseDynamicsGradients
     ///     Named tuple (q, qd, qdd, wrenches, parameters, armature, gravity); what is not requested is None. The
@@ -75,10 +76,11 @@ methods! {
     /// >>> gradients = scene.inverse_dynamics_vjp(q, qd, qdd, c)
     /// >>> np.allclose(gradients.q, c @ scene.inverse_dynamics_derivatives(q, qd, qdd).dtau_dq)
     /// True
-    fn inverse_dynamics_vjp(q, qd, qdd, cotangent; wrenches, parameters, errors) => gradients(false);
+    fn inverse_dynamics_vjp(q, qd, qdd, cotangent; wrenches, parameters, inertias, armature,
+        errors) => gradients(false);
 
     /// Directional derivative of the joint accelerations, in O(N): dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
-    #[doc = parameters!(q qd tau dq dqd dtau form tolerance_of_derivatives wrenches constants errors)]
+    #[doc = parameters!(q qd tau dq dqd dtau form tolerance_of_derivatives wrenches constants models errors)]
     #[doc = section!(Returns)]
     /// dqdd : (..., nv) ndarray
     ///     Change of the joint accelerations, rad/s^2 or m/s^2.
@@ -93,14 +95,14 @@ methods! {
     /// >>> product = scene.forward_dynamics_jvp(q, qd, tau, zero, zero, dtau)
     /// >>> np.allclose(product, scene.mass_matrix_inverse(q) @ dtau)
     /// True
-    fn forward_dynamics_jvp(q, qd, tau, dq, dqd, dtau;
-        form, tolerance, wrenches, dwrenches, dparameters, darmature, dgravity, errors) => along(true);
+    fn forward_dynamics_jvp(q, qd, tau, dq, dqd, dtau; form, tolerance, wrenches, dwrenches, dparameters, darmature,
+        dgravity, inertias, armature, errors) => along(true);
 
     /// Gradients of cotangent . qdd, in O(N): cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
     #[doc = parameters!(q qd tau)]
     /// cotangent : (..., nv) array_like
     ///     Gradient of a scalar function with respect to qdd.
-    #[doc = entries!(form tolerance_of_derivatives wrenches parameters errors)]
+    #[doc = entries!(form tolerance_of_derivatives wrenches parameters models errors)]
     #[doc = section!(Returns)]
     /// gradients : ForwardDynamicsGradients
     ///     Named tuple (q, qd, tau, wrenches, parameters, armature, gravity); what is not requested is None. The
@@ -115,7 +117,8 @@ methods! {
     /// >>> gradients = scene.forward_dynamics_vjp(q, qd, tau, c)
     /// >>> np.allclose(gradients.q, c @ scene.forward_dynamics_derivatives(q, qd, tau).dqdd_dq)
     /// True
-    fn forward_dynamics_vjp(q, qd, tau, cotangent; form, tolerance, wrenches, parameters, errors) => gradients(true);
+    fn forward_dynamics_vjp(q, qd, tau, cotangent; form, tolerance, wrenches, parameters, inertias, armature,
+        errors) => gradients(true);
 
     /// Hessian of cotangent . tau times a direction, in O(N): change of the gradients of inverse_dynamics_vjp.
     #[doc = parameters!(q qd qdd)]
@@ -193,7 +196,8 @@ impl PyScene {
         let mut inputs = self.inputs(names.zip(given.iter().copied()))?;
         inputs.extend(others);
         let cost = Cost { arithmetic: body * self.size(), results: which.entry().results.len() * self.scene.nv() };
-        let call = BatchCall::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
+        let models = Models::read(self, keywords)?;
+        let call = BatchCall::of_models(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, models, cost)?;
         Ok(call.with(errors).accepting(keywords.tolerance))
     }
 

@@ -9,6 +9,7 @@ use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::from_numbers;
+use super::own_models;
 use super::products::{Place, parameters_of, places_of_links};
 use super::scene::PyScene;
 use super::stepping::Keywords;
@@ -38,7 +39,7 @@ impl PyScene {
     ///     Step, s.
     /// steps : int
     ///     Number of steps.
-    /// tau, tau_steps, method, record_every, pd, armature, damping, stiffness, rest, friction, friction_speed
+    /// tau, tau_steps, method, record_every, pd, inertias, armature, damping, stiffness, rest, friction, friction_speed
     ///     As given to simulate; tau is an array.
     /// form, tolerance
     ///     As given to simulate.
@@ -75,8 +76,8 @@ impl PyScene {
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, record_every=None,
                         parameters=false, **given),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
-                             method='auto', record_every=1, pd=None, armature=None, damping=None, stiffness=None, \
-                             rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
+                             method='auto', record_every=1, pd=None, inertias=None, armature=None, damping=None, \
+                             stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
                              parameters=False, limits=None, restitution=0.0, compliance=None, \
                              smoothing=0.0, targets=None, target_rates=None, effort=None, \
                              wrenches=None, frame='link')")]
@@ -101,7 +102,7 @@ impl PyScene {
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let rows = steps / every + 1;
-        let (mut settings, pd) = keywords.read(py, own, (dt, steps))?;
+        let (mut settings, pd, of_states) = keywords.read(py, own, (dt, steps))?;
         let given = Given::read(tau, tau_steps, steps, own)?;
         let wrenches = keywords.wrenches(own, steps)?;
         if matches!(given, Given::Function(_)) {
@@ -123,10 +124,12 @@ impl PyScene {
             axes.push(of_pd);
         }
         axes.extend(wrenches.iter().flat_map(LinkWrenches::leading));
+        axes.extend(own_models::leading(&of_states));
         let batch = broadcast_axes(axes)?;
         let states = states_of(&batch)?;
         memory::room("q", memory::bytes_of::<f64>(&[states, rows, nq + 3 * nv]))?;
         settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
+        own_models::fill(&of_states, &mut settings.properties, &batch, states)?;
         settings.wrenches = wrenches.as_ref().map(|wrenches| wrenches.over(&batch, states)).transpose()?;
         let changes = |of: fn(&Gains) -> &[f64]| settings.gains.as_ref().is_some_and(|gains| !of(gains).is_empty());
         let (targets, rates) = (changes(|gains| &gains.targets), changes(|gains| &gains.target_rates));

@@ -11,6 +11,7 @@ use super::interrupts::detached;
 use super::motion::Room;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
+use super::own_models;
 use super::scene::PyScene;
 use super::stepping::{Blocks, Keywords, Stopped, about, set_outcome, stop_impacts, warn_of_limits, warn_of_start};
 use super::threads::free;
@@ -90,7 +91,7 @@ impl PyScene {
     ///     Joint velocities at the start, rad/s or m/s; zero by default.
     /// dt : float
     ///     Step, s.
-    /// method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
+    /// method, pd, inertias, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
     ///     As in simulate, for all steps.
     /// compliance, limits, restitution, accuracy, smoothing, effort
     ///     As in simulate, for all steps. The targets of pd can be changed by step.
@@ -108,8 +109,8 @@ impl PyScene {
     /// >>> simulator.steps
     /// 10
     #[pyo3(signature = (q, qd=None, *, dt, control=None, activation=None, **given),
-           text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, armature=None, damping=None, \
-                             stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
+           text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, inertias=None, armature=None, \
+                             damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
                              tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
                              smoothing=0.0, effort=None, control=None, activation=None)")]
     fn simulator<'py>(
@@ -136,18 +137,20 @@ impl PyScene {
         };
         let keywords = Keywords::take(py, "Scene.simulator", Some(given), [true, false])?;
         let dt = dt.ok_or_else(|| Error::argument("dt", "None", "a step in s, finite and positive"))?;
-        let (mut settings, pd) = keywords.read(py, own, (dt, 0))?;
+        let (mut settings, pd, of_states) = keywords.read(py, own, (dt, 0))?;
         keywords.warn_of_units(py, dt)?;
         keywords.warn_of_friction(py, own, &settings)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(pd.iter().flat_map(Pd::leading));
+        axes.extend(own_models::leading(&of_states));
         let batch = broadcast_axes(axes)?;
         let numbers = own.scene.tree().nq() + own.scene.tree().nv();
         let states = states_of(&batch)?;
         Room { states, rows: 1, numbers }.checked()?;
         own.check_scratch(states)?;
         settings.gains = pd.map(|pd| pd.over(&batch, states)).transpose()?;
+        own_models::fill(&of_states, &mut settings.properties, &batch, states)?;
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
         let (scene, method) = (slf.clone().unbind(), settings.method);
         let held = Held(scene.clone_ref(py));
@@ -283,7 +286,7 @@ impl PySimulator {
 
     /// Current states as a trajectory of one row.
     fn now<'py>(&self, py: Python<'py>, moving: &Simulator<Held>) -> PyResult<Object<'py>> {
-        let fields = about(self.scene.bind(py), &moving.settings())?;
+        let fields = about(self.scene.bind(py), &moving.settings(), &self.batch)?;
         fields.set_item("steps", moving.steps())?;
         let made = (
             moving.chosen_method(),

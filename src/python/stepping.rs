@@ -2,10 +2,13 @@
 
 use super::choice::{read_form, refuse_unknown};
 use super::control::Pd;
+use super::description::body_names;
 use super::errors::{batch_index, fault, warn_as};
 use super::input;
+use super::input::Input;
 use super::object::{Object, imported};
 use super::output::from_numbers;
+use super::own_models::OfStates;
 use super::scene::PyScene;
 use super::wrenches::LinkWrenches;
 use crate::batch::Fault;
@@ -28,6 +31,7 @@ const LONG_STEP: f64 = 1.0;
 pub(super) struct Keywords<'py> {
     method: Option<String>,
     pd: Option<Object<'py>>,
+    inertias: Option<Object<'py>>,
     armature: Option<Object<'py>>,
     damping: Option<Object<'py>>,
     stiffness: Option<Object<'py>>,
@@ -74,6 +78,7 @@ impl<'py> Keywords<'py> {
         let keywords = Self {
             method: taken(given, "method", None)?,
             pd: taken(given, "pd", None)?,
+            inertias: taken(given, "inertias", None)?,
             armature: taken(given, "armature", None)?,
             damping: taken(given, "damping", None)?,
             stiffness: taken(given, "stiffness", None)?,
@@ -103,7 +108,7 @@ impl<'py> Keywords<'py> {
         py: Python<'py>,
         own: &PyScene,
         (dt, steps): (f64, usize),
-    ) -> PyResult<(Settings, Option<Pd<'py>>)> {
+    ) -> PyResult<(Settings, Option<Pd<'py>>, OfStates<'py>)> {
         let mut settings = Settings::new(&own.scene, dt);
         match self.method.as_deref().map(Method::named).transpose()? {
             // Scenes with contacts have one method, which is their default.
@@ -123,16 +128,25 @@ impl<'py> Keywords<'py> {
         }
         settings.form = read_form(&self.form)?;
         settings.tolerance = self.tolerance;
-        let properties = &mut settings.properties;
-        for (name, given, place) in [
-            ("armature", &self.armature, &mut properties.armature),
-            ("damping", &self.damping, &mut properties.damping),
-            ("stiffness", &self.stiffness, &mut properties.stiffness),
-            ("friction", &self.friction, &mut properties.friction),
-        ] {
-            if let Some(given) = given {
-                *place = own.expanded(input::spread(name, given, own.rates())?, Coupling::torques);
+        let (properties, mut of_states) = (&mut settings.properties, OfStates::new());
+        let places: [(_, _, fn(&mut Properties) -> &mut Vec<f64>); 4] = [
+            ("armature", &self.armature, |of| &mut of.armature),
+            ("damping", &self.damping, |of| &mut of.damping),
+            ("stiffness", &self.stiffness, |of| &mut of.stiffness),
+            ("friction", &self.friction, |of| &mut of.friction),
+        ];
+        for (name, given, place) in places {
+            let Some(given) = given else { continue };
+            let input = own.on_tree(py, Input::spread(name, given, own.rates())?, Coupling::torques)?;
+            if input.leading().is_empty() {
+                *place(properties) = input.data()?.to_vec();
+            } else {
+                of_states.push((place, input));
             }
+        }
+        if let Some(given) = &self.inertias {
+            let input = Input::table("inertias", given, body_names(&own.scene).len(), 10)?;
+            of_states.push((|of| &mut of.inertias, input));
         }
         if let Some(rest) = &self.rest {
             properties.rest = own.expanded(input::state("rest", rest, own.coordinates())?, Coupling::configuration);
@@ -152,7 +166,7 @@ impl<'py> Keywords<'py> {
             Some("clip") => pd = Some(Pd::clipped(py, pd, own)?),
             Some(other) => return Err(Error::argument("effort", format!("{other:?}"), "\"report\" or \"clip\"").into()),
         }
-        Ok((settings, pd))
+        Ok((settings, pd, of_states))
     }
 
     /// Reads the wrenches on links, whose values can be those of a batch.
@@ -202,6 +216,7 @@ impl<'py> Keywords<'py> {
             ("target_rates", self.target_rates.as_ref()),
             ("damping", self.damping.as_ref()),
             ("friction", self.friction.as_ref()),
+            ("inertias", self.inertias.as_ref()),
             ("compliance", self.compliance.as_ref()),
             ("wrenches", self.wrenches.as_ref()),
         ] {
@@ -223,15 +238,25 @@ impl<'py> Keywords<'py> {
 }
 
 /// Fields of a trajectory that describe the run.
-pub(super) fn about<'py>(scene: &Bound<'py, PyScene>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
+pub(super) fn about<'py>(
+    scene: &Bound<'py, PyScene>,
+    settings: &Settings,
+    batch: &[usize],
+) -> PyResult<Bound<'py, PyDict>> {
     let py = scene.py();
     let fields = PyDict::new(py);
     fields.set_item("scene", scene)?;
     fields.set_item("dt", settings.dt)?;
     fields.set_item("method", settings.method.name())?;
-    let Properties { armature, stiffness, rest, .. } = &scene.get().properties_of_scene(&settings.properties);
-    for (name, numbers) in [("armature", armature), ("stiffness", stiffness), ("rest", rest)] {
-        fields.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
+    let own = scene.get();
+    let Properties { armature, stiffness, rest, .. } = &own.properties_of_scene(&settings.properties);
+    for (name, numbers, width) in [
+        ("armature", armature, own.scene.nv()),
+        ("stiffness", stiffness, own.scene.nv()),
+        ("rest", rest, own.scene.nq()),
+    ] {
+        let of_states = if numbers.len() == width { &[][..] } else { batch };
+        fields.set_item(name, from_numbers(py, numbers, &[of_states, &[width]].concat())?)?;
     }
     Ok(fields)
 }

@@ -61,9 +61,9 @@ mod whole_check;
 pub use crate::collision::Solid;
 pub use crate::joints::JointKind;
 pub use crate::kinematics::Link;
-pub use crate::model::Model;
 #[doc(hidden)]
 pub use crate::model::{Body, Motion, Simplifications};
+pub use crate::model::{Model, StateModel};
 pub use actuator::Actuator;
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};

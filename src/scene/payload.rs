@@ -2,9 +2,12 @@
 
 use super::Scene;
 use super::description::Inertial;
-use crate::error::{Error, check_finite};
-use crate::spatial::Symmetric3;
-use nalgebra::Matrix3;
+use super::shared::Shared;
+use crate::dynamics::inertial_parameters::{inertia, parameters};
+use crate::error::{Error, check_finite, check_length};
+use crate::model::{Identity, StateModel};
+use crate::spatial::{BodyInertia, RigidShift, Symmetric3};
+use nalgebra::{Matrix3, Vector3};
 use std::collections::HashMap;
 
 impl Scene {
@@ -48,6 +51,115 @@ impl Scene {
         }
         source.build()
     }
+
+    /// Bodies and poses of the links that joints carry, in the order of the joints.
+    pub(crate) fn links_of_joints(&self) -> impl ExactSizeIterator<Item = (usize, RigidShift<f64>)> {
+        let tree = self.tree();
+        tree.joints.iter().map(|joint| {
+            let link = &tree.links[tree.link_index[&joint.child]];
+            // A joint carries its link.
+            (link.body.unwrap_or_default(), link.placement)
+        })
+    }
+
+    /// Inertial parameters (m, m c, I about the origin) of each link that a joint carries with the links fixed to it,
+    /// in its frame, (joints, 10); kg, kg m and kg m^2. The order of the ten is (m, m cx, m cy, m cz, Ixx, Ixy, Iyy,
+    /// Ixz, Iyz, Izz).
+    #[must_use]
+    pub fn inertial_parameters(&self) -> Vec<f64> {
+        let bodies = &self.tree().model.bodies;
+        let of = |(body, placement): (usize, RigidShift<f64>)| {
+            parameters(&bodies[body].inertia.to_parent(&placement.inverse()))
+        };
+        self.links_of_joints().flat_map(of).collect()
+    }
+
+    /// The scene with other inertial parameters, (joints, 10), in the order of [`Scene::inertial_parameters`]; links
+    /// that are fixed to others become massless.
+    ///
+    /// # Errors
+    ///
+    /// A wrong length, values that are not finite, a negative mass or moment of inertia, a moment of mass without a
+    /// mass, each naming the link; scenes whose bodies are not merged.
+    pub fn with_inertial_parameters(&self, parameters: &[f64]) -> Result<Self, Error> {
+        self.with_state_model(&StateModel { inertias: parameters, armature: &[] })
+    }
+
+    /// Checks inertial parameters of one state, (joints, 10), without a scene of them.
+    pub(crate) fn check_inertias(&self, inertias: &[f64]) -> Result<(), Error> {
+        let links = self.tree().joints.iter().zip(inertias.as_chunks::<10>().0);
+        links.map(|(joint, numbers)| about_center(&joint.child, numbers).map(|_| ())).collect()
+    }
+
+    /// The scene with the model of one state of a batch: one scene per state, in place of states in lanes.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths, values that are not finite, negative masses and armatures, mass moments without a mass; each
+    /// names the link or the joint. Armatures of a scene with mimic joints.
+    pub(crate) fn with_state_model(&self, state: &StateModel<'_>) -> Result<Self, Error> {
+        let mut changed = self.clone();
+        changed.identity = Identity::unique();
+        if !state.inertias.is_empty() {
+            let tree = self.tree();
+            self.model.simplifications.check_every_body_moves("inertias")?;
+            check_length("inertias", state.inertias.len(), 10 * tree.joints.len())?;
+            check_finite("inertias", state.inertias)?;
+            let mut source = self.source().clone();
+            for link in &tree.links {
+                // The links that are fixed to others are part of these.
+                if link.body.is_some()
+                    && let Some(description) = source.links.iter_mut().find(|of| of.name == link.name)
+                {
+                    description.inertial = None;
+                }
+            }
+            for (joint, numbers) in tree.joints.iter().zip(state.inertias.as_chunks::<10>().0) {
+                let inertial = about_center(&joint.child, numbers)?;
+                if let Some(description) = source.links.iter_mut().find(|of| of.name == joint.child) {
+                    description.inertial = Some(inertial);
+                }
+            }
+            changed = source.build()?;
+        }
+        if !state.armature.is_empty() {
+            check_length("armature", state.armature.len(), self.nv())?;
+            check_finite("armature", state.armature)?;
+            if self.coupling.is_some() {
+                let found = "armatures of states for a scene whose joints follow others (mimic)";
+                let expected = "none, or a scene for each: scene.with_properties(armature=...)";
+                return Err(Error::argument("armature", found, expected));
+            }
+            if let Some(row) = state.armature.iter().position(|&armature| armature < 0.0) {
+                let joint = self.joints.iter().find(|joint| joint.v.contains(&row));
+                let name = joint.map_or("", |joint| &joint.name);
+                let found = format!("{} for joint {name:?}", state.armature[row]);
+                return Err(Error::argument("armature", found, "values that are zero or positive"));
+            }
+            changed.model.system.noise.copy_from_slice(state.armature);
+            changed.model.identity = Identity::unique();
+            changed.shared = Shared::default();
+        }
+        Ok(changed)
+    }
+}
+
+/// Mass, center and central inertia from inertial parameters about the origin of a link.
+fn about_center(link: &str, numbers: &[f64; 10]) -> Result<Inertial, Error> {
+    let BodyInertia { mass, first_moment, rotational } = inertia(numbers);
+    let least = rotational.entries[0].min(rotational.entries[3]).min(rotational.entries[5]);
+    if mass < 0.0 || least < 0.0 {
+        let found = format!("mass {mass} and a moment of inertia of {least} for link {link:?}");
+        return Err(Error::argument("inertias", found, "masses and moments of inertia that are zero or positive"));
+    }
+    if mass == 0.0 && first_moment != Vector3::zeros() {
+        let found = format!("a mass moment without a mass for link {link:?}");
+        return Err(Error::argument("inertias", found, "m c = 0 for a link without mass"));
+    }
+    let center = if mass == 0.0 { first_moment } else { first_moment / mass };
+    let moment = Matrix3::identity() * center.dot(&first_moment) - center * first_moment.transpose();
+    let central = Symmetric3::from_upper(&(rotational.to_matrix() - moment));
+    Ok(Inertial { mass, center, central })
 }
 
 /// Checks the numbers of a body; `of` is the end of their names in messages.

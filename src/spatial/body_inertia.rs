@@ -4,7 +4,7 @@ use super::rigid_shift::RigidShift;
 use super::symmetric::{Symmetric3, Symmetric6};
 use super::vector::{angular, cross, cross_add, linear, skew, spatial, sum3};
 use crate::scalar::Real;
-use nalgebra::{Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// M(k) = [[I, m p~], [-m p~, m 1]] about the origin of the body frame (the lower right block in the paper is
 /// misprinted as 1).
@@ -153,6 +153,18 @@ impl<T: Real> BodyInertia<T> {
     #[inline(always)]
     pub(crate) fn first(&self) -> FirstMoment<T> {
         FirstMoment { mass: self.mass, moment: self.first_moment }
+    }
+
+    /// The inertia about the same origin in another frame; `rotation` rotates from this frame to that one.
+    #[inline(always)]
+    pub(crate) fn rotated(&self, rotation: &Matrix3<T>) -> Self {
+        Self {
+            mass: self.mass,
+            first_moment: Vector3::from(
+                [0, 1, 2].map(|i| sum3(rotation.row(i).transpose().into(), self.first_moment.into())),
+            ),
+            rotational: self.rotational.congruence(rotation),
+        }
     }
 
     /// phi M phi^T, the inertia about the parent origin, in the parent frame.

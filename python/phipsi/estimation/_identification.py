@@ -439,6 +439,38 @@ class Identification:
         measured, torques = self._measured_and_predicted((q, qd, qdd, tau))
         return np.asarray(measured - torques)
 
+    def sample(self, n: int, *, rng: np.random.Generator | int | None = None) -> dict[str, _Array]:
+        """Sample models from the uncertainty of the identification, which a physical robot can have.
+
+        Parameters
+        ----------
+        n : int
+            Number of models.
+        rng : numpy.random.Generator or int, optional
+            Generator or seed; None: unpredictable.
+
+        Returns
+        -------
+        models : dict of str to array
+            Keywords of Scene.simulate of `scene`, as ParameterCovariance.sample returns them.
+
+        Raises
+        ------
+        ArgumentError
+            As ParameterCovariance.sample.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> scene = phipsi.scenes.chain(2)
+        >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+        >>> tau = scene.inverse_dynamics(q, qd, qdd) + 0.2 * qd
+        >>> found = scene.identify(q, qd, qdd, tau, fit=["damping"], noise=0.01)
+        >>> {name: values.shape for name, values in found.sample(100, rng=0).items()}
+        {'inertias': (100, 2, 10), 'damping': (100, 2)}
+        """
+        return ParameterCovariance(self.scene, self).sample(n, rng=rng)
+
     def report(
         self,
         file: str | Path,

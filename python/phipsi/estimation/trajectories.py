@@ -130,6 +130,12 @@ def _check_linear(path: Trajectory) -> None:
             "accuracy",
             f"found {given['accuracy']:g} with covariance; expected None: the bands are those of fixed steps",
         )
+    if given.get("inertias") is not None or path.armature.ndim > 1 or path.stiffness.ndim > 1:
+        raise of_argument(
+            ArgumentError,
+            "covariance",
+            "found models that differ between states; expected one model: its covariance describes the others",
+        )
     if path.stops:
         raise of_argument(
             ArgumentError,

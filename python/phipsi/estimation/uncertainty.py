@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import has_followers, numbers
+from .._random import generator_of
 from ..errors import ArgumentError, NotFiniteError, ShapeError, of_argument
 from ._columns import OF_JOINTS, Columns, Extra, flattened
+from ._sampling import sample
 from ._values import each
 
 if TYPE_CHECKING:
@@ -81,6 +83,7 @@ class ParameterCovariance:
             whole._check_robot(scene)
             self.__dict__.update(whole.__dict__)
             return
+        self._scene = scene
         bodies = len(scene.body_names)
         self.blocks = np.zeros((bodies, 0, 10))
         self.extras = np.zeros((0, 0))
@@ -127,6 +130,48 @@ class ParameterCovariance:
             self._columns = np.zeros((len(body), len(self.blocks), 10))
             self._columns[np.arange(len(body)), body] = self.blocks[body, column]
         return self._columns
+
+    def sample(self, n: int, *, rng: np.random.Generator | int | None = None) -> dict[str, _Array]:
+        """Sample models that a physical robot can have, with the parameters of the scene as their mean.
+
+        Parameters
+        ----------
+        n : int
+            Number of models.
+        rng : numpy.random.Generator or int, optional
+            Generator or seed; None: unpredictable.
+
+        Returns
+        -------
+        models : dict of str to array
+            Keywords of Scene.simulate: "inertias", (n, bodies, 10), and those of "armature", "damping" and "friction"
+            that are uncertain, (n, nv). Scene.forward_dynamics and other functions of the dynamics take "inertias" and
+            "armature".
+
+        Raises
+        ------
+        ArgumentError
+            An uncertain inertia that is on the bound of what a rigid body can have, such as that of a point mass;
+            uncertain offsets of friction and motors.
+
+        Notes
+        -----
+        The samples have this covariance to first order. The pseudo-inertia of a body is multiplied by the exponential
+        of its relative change, which keeps it positive definite; a positive property of a joint likewise. A property
+        that is zero becomes the positive part of its change.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> from phipsi.estimation import ParameterCovariance
+        >>> scene = phipsi.scenes.chain(2)
+        >>> covariance = ParameterCovariance(scene, np.diag(([0.01] + [0.0] * 9) * 2))
+        >>> models = covariance.sample(1000, rng=0)
+        >>> path = scene.simulate([0.1, 0.2], np.zeros(2), dt=1e-3, steps=10, **models)
+        >>> path.q.shape
+        (1000, 11, 2)
+        """
+        return sample(self, self._scene, n, generator_of(rng))
 
     @classmethod
     def _of_root(cls, model: Columns, root: _Array) -> ParameterCovariance:

@@ -12,8 +12,9 @@
 //! `V_p`, `A_p` and `u_p` are those of the parent, transported to the joint.
 
 use super::outward::{ABOUT_Z, carried, needed_force, past_joint};
-use super::parameters::{self, Parameters};
+use super::parameters;
 use crate::dynamics::forces::Motion;
+use crate::dynamics::inertial_parameters::Parameters;
 use crate::dynamics::sweeps::SweepModel;
 use crate::dynamics::sweeps::body::SweepBody;
 use crate::dynamics::sweeps::joint::{self, Joint, with_axial};
@@ -123,7 +124,7 @@ fn base_to_tip<T: Real>(
             }
         }
         let own = [velocity, acceleration, co_state];
-        let inertia = body.inertia(o);
+        let inertia = sweeps.load(body).inertia();
         let vectors = [Vector6::from(own[0]), Vector6::from(own[1]), Vector6::from(own[2])];
         let [velocity, _, co_state] = &vectors;
         forces[place] = needed_force(body, &inertia, &[own[0], own[1]], state);

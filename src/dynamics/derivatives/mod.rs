@@ -45,6 +45,9 @@ mod products;
 mod regressor;
 mod tangent;
 
+pub use crate::dynamics::inertial_parameters::Parameters;
+#[doc(hidden)]
+pub use crate::dynamics::inertial_parameters::{inertia, parameters};
 pub(crate) use adjoint::CoStates;
 pub use adjoint::Constants;
 pub(crate) use columns::DerivativeColumns;
@@ -57,9 +60,7 @@ pub use hessian::{HessianScratch, forward_dynamics_hvp, inverse_dynamics_hvp};
 pub use inverse::{coriolis_matrix, inverse_dynamics_derivatives, mass_matrix_derivative};
 pub(crate) use inverse::{in_sweeps, with_transpose};
 pub(crate) use parameters::{ConstantParts, GradientParts, constants_of};
-pub use parameters::{Parameters, of_body, of_link};
-#[doc(hidden)]
-pub use parameters::{inertia, parameters};
+pub use parameters::{of_body, of_link};
 pub(crate) use product::Product;
 pub use products::{
     ProductScratch, forward_dynamics_jvp, forward_dynamics_vjp, inverse_dynamics_jvp, inverse_dynamics_vjp,

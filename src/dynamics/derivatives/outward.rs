@@ -35,7 +35,7 @@ pub(super) fn base_to_tip<T: Real>(
     for (place, body) in sweeps.swept().iter().enumerate() {
         let seen = carried((sweeps, scratch), (place, body), motions[body.places.parent_outward]);
         let own = past_joint(sweeps, body, &seen, state);
-        let inertia = body.inertia(o);
+        let inertia = sweeps.load(body).inertia();
         let velocity = Vector6::from(own[0]);
         let force = needed_force(body, &inertia, &own, state);
         if let Joint::Axial(_) = body.joint {

@@ -1,42 +1,15 @@
-//! The ten inertial parameters of a body, (m, m c, I) about an origin: their order, and the derivative of the body's
-//! force with respect to them.
+//! The derivative of the force of a body with respect to its ten inertial parameters.
 //!
-//! I is the rotational inertia about that origin. The order is (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz). The
-//! cotangent of an off-diagonal entry of I is the sum for both entries of the matrix.
+//! The cotangent of an off-diagonal entry of I is the sum for both entries of the matrix.
 //!
 //! The constants of a motion are laid out as armature (nv), gravity (3), wrenches (bodies x 6) and inertial parameters
 //! (bodies x 10).
 
+use crate::dynamics::inertial_parameters::{ENTRIES, Parameters, inertia, parameters, place};
 use crate::dynamics::sweeps::body::SweepBody;
 use crate::scalar::Real;
-use crate::spatial::{
-    BodyInertia, RigidShift, Symmetric3, angular, cross, cross_add, linear, minus, rotate_block, sum3,
-};
+use crate::spatial::{RigidShift, angular, cross, cross_add, linear, minus, rotate_block, sum3};
 use nalgebra::{Matrix3, Vector3, Vector6};
-
-/// (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), or the cotangents of these.
-pub type Parameters<T> = [T; 10];
-
-/// Row and column in I of the last six.
-const ENTRIES: [[usize; 2]; 6] = [[0, 0], [0, 1], [1, 1], [0, 2], [1, 2], [2, 2]];
-
-/// The index of an entry of I among the ten.
-fn place([i, j]: [usize; 2]) -> usize {
-    let (i, j) = (i.min(j), i.max(j));
-    4 + [[0, 1, 3], [1, 2, 4], [3, 4, 5]][i][j]
-}
-
-/// The parameters of an inertia.
-pub fn parameters<T: Real>(inertia: &BodyInertia<T>) -> Parameters<T> {
-    let (h, [xx, xy, xz, yy, yz, zz]) = (&inertia.first_moment, inertia.rotational.entries);
-    [inertia.mass, h[0], h[1], h[2], xx, xy, yy, xz, yz, zz]
-}
-
-/// The inertia from its ten parameters, or the change of the inertia from their changes.
-pub fn inertia<T: Real>(parameters: &Parameters<T>) -> BodyInertia<T> {
-    let [mass, x, y, z, xx, xy, yy, xz, yz, zz] = *parameters;
-    BodyInertia { mass, first_moment: Vector3::new(x, y, z), rotational: Symmetric3::new([xx, xy, xz, yy, yz, zz]) }
-}
 
 /// Y* u, the cotangents of a body's parameters: Y is the regressor, f = Y pi the force that the body needs at velocity
 /// V and acceleration A, gravity included, and u the cotangent of f.
@@ -57,21 +30,6 @@ pub(super) fn of_force<T: Real>([velocity, acceleration, co_state]: &[Vector6<T>
     };
     let [xx, xy, yy, xz, yz, zz] = ENTRIES.map(|[i, j]| product(i, j));
     [mass, moment[0], moment[1], moment[2], xx, xy, yy, xz, yz, zz]
-}
-
-/// Converts the parameters of a body, or their changes, from its frame in the model to its frame in the sweeps.
-#[inline(always)]
-pub(super) fn to_sweeps<T: Real>(body: &SweepBody<T::Parameter>, parameters: &Parameters<T>) -> Parameters<T> {
-    let like = parameters[0];
-    let o = like.constant(0.0);
-    let first = body.frame.apply(&Vector6::new(parameters[1], parameters[2], parameters[3], o, o, o));
-    let mut here = *parameters;
-    here[1..4].copy_from_slice(&first[..3]);
-    for (to, [i, j]) in here[4..].iter_mut().zip(ENTRIES) {
-        let (from, sign) = body.frame.entry(like, i, j);
-        *to = sign * parameters[place(from)];
-    }
-    here
 }
 
 /// Converts cotangents of parameters from the frame in the sweeps to the frame in the model.

@@ -4,8 +4,9 @@
 //! has one such motion per ancestor: O(N depth).
 
 use super::outward::{ABOUT_Z, carried, past_joint};
-use super::parameters::{self, Parameters};
+use super::parameters;
 use crate::dynamics::forces::Motion;
+use crate::dynamics::inertial_parameters::Parameters;
 use crate::dynamics::sweeps::SweepModel;
 use crate::dynamics::sweeps::joint::Joint;
 use crate::dynamics::sweeps::motion::carriers;

@@ -12,8 +12,8 @@
 
 use super::outward::{ABOUT_Z, carried, needed_force, past_axial, past_joint};
 use super::parameters::constants_of;
-use super::parameters::{Parameters, inertia, to_sweeps};
 use crate::dynamics::forces::Motion;
+use crate::dynamics::inertial_parameters::{Parameters, inertia, permuted};
 use crate::dynamics::sweeps::SweepModel;
 use crate::dynamics::sweeps::body::SweepBody;
 use crate::dynamics::sweeps::joint::{self, Joint, with_axial, with_rows};
@@ -167,14 +167,14 @@ pub(super) fn base_to_tip<T: Real>(
                 }
             }
         };
-        let inertia_of = body.inertia(o);
+        let inertia_of = sweeps.load(body).inertia();
         let [velocity, acceleration] = [Vector6::from(own[0]), Vector6::from(own[1])];
         let mut change = change_of(&inertia_of, &velocity, [&own[2], &own[3]]);
         if let Some(wrench) = along.wrenches.get(body.index) {
             change = but(&change, &body.frame.apply(wrench));
         }
         if let Some(parameters) = along.parameters.get(body.index) {
-            change = sum(&change, &inertia(&to_sweeps(body, parameters)).bias_force(&velocity, &acceleration));
+            change = sum(&change, &inertia(&permuted(&body.frame, parameters)).bias_force(&velocity, &acceleration));
         }
         if *judges {
             let terms = terms_of_change(&inertia_of, &velocity, [&own[2], &own[3]]);

@@ -4,6 +4,7 @@
 
 use super::body::SweepBody;
 use super::joint::{self, with_joint};
+use super::load::Load;
 use super::model::SweepModel;
 use super::motion::carriers;
 use super::rows::Measures;
@@ -79,7 +80,7 @@ pub(super) fn tip_to_base_where<T: Real, const SIDES: usize>(
             continue;
         }
         with_joint!(body, own.turn, (model, sweeps, shifts), transform, rows, {
-            inward.step::<SIDES>(body, (transform, rows), own, tested);
+            inward.step::<SIDES>((body, sweeps.load(body)), (transform, rows), own, tested);
         });
     }
     [inward.monitor, inward.near]
@@ -91,15 +92,15 @@ impl<T: Real> Inward<'_, T> {
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn step<const SIDES: usize>(
         &mut self,
-        body: &SweepBody<T::Parameter>,
+        (body, load): (&SweepBody<T::Parameter>, &Load<T>),
         (transform, rows): (&impl Transform<T>, &impl Measures<T>),
         own: &mut BodyState<T>,
         tested: &mut TestState<T>,
     ) {
         // P^- = M(k) + the sum over the children (3.6); D, g and P^+; phi P^+ phi* to the parent.
         let sum = &self.accumulated[body.places.inward];
-        let p_minus = body.with_noise(&sum.p);
-        let scale = sum.scale.sum(&body.scale_of_noise(p_minus[0]));
+        let p_minus = load.with_noise(&sum.p);
+        let scale = sum.scale.sum(&load.scale);
         let (gains, p_plus) = rows.measure(&p_minus, self.measured);
         if body.parent.is_some() {
             let traces = (p_minus[0] + p_minus[3] + p_minus[5], p_minus[15] + p_minus[18] + p_minus[20]);
@@ -117,7 +118,7 @@ impl<T: Real> Inward<'_, T> {
             rows.observe(self.measured, &scale, &mut self.near);
         }
         if SIDES == ESTIMATE {
-            self.estimate(body, (transform, rows), &rows.terms_left(&p_minus, &p_plus), tested);
+            self.estimate((body, load), (transform, rows), &rows.terms_left(&p_minus, &p_plus), tested);
         }
     }
 
@@ -149,13 +150,13 @@ impl<T: Real> Inward<'_, T> {
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn estimate(
         &mut self,
-        body: &SweepBody<T::Parameter>,
+        (body, load): (&SweepBody<T::Parameter>, &Load<T>),
         (transform, rows): (&impl Transform<T>, &impl Measures<T>),
         terms_left: &[T; 6],
         tested: &mut TestState<T>,
     ) {
         let TestAccumulated { terms, mut zeta } = self.test_accumulated[body.places.inward];
-        tested.terms = body.with_terms(&terms);
+        tested.terms = load.with_terms(&terms);
         rows.filter(self.measured, self.vector, &mut zeta, self.test_innovations);
         tested.zeta = squares(&zeta.into());
         if body.parent.is_some() {

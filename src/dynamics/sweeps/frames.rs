@@ -96,7 +96,7 @@ impl Framed {
 
 /// A signed permutation of axes, from the frame of a body in the model to the frame that the passes use.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::dynamics) struct AxisPermutation<N> {
+pub(crate) struct AxisPermutation<N> {
     /// Entry i in the passes is `sign[i]` times entry `from[i]` in the model.
     pub from: [u8; 3],
     pub sign: [N; 3],

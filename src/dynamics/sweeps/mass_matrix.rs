@@ -38,7 +38,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     let (mut sent, mut is_next) = (composites[0], false);
     for (place, (body, own)) in sweeps.swept().iter().zip(own).enumerate().rev() {
         let arrived = if is_next { sent } else { composites[body.places.inward] };
-        let composite = body.with_inertia(&arrived);
+        let composite = sweeps.load(body).with_inertia(&arrived);
         is_next = false;
         let carried = match body.joint {
             Joint::Axial(axis) => with_axial!(axis, own.turn, sweeps, body.offset, transform, {

@@ -23,6 +23,7 @@ mod frames;
 pub(crate) mod general;
 mod inverse_product;
 pub(super) mod joint;
+mod load;
 mod mass_matrix;
 pub(super) mod model;
 pub(super) mod motion;
@@ -41,11 +42,12 @@ pub(crate) use error_estimate::{ErrorTerms, factor_with_estimate, forward_dynami
 pub(crate) use filter::factor;
 #[cfg(feature = "python")]
 pub(crate) use filter::refactor;
+pub(crate) use frames::AxisPermutation;
 pub(crate) use inverse_product::InverseColumns;
 pub(crate) use inverse_product::multiplied_out;
 pub(crate) use mass_matrix::MassColumns;
 pub(crate) use mass_matrix::mass_matrix;
-pub(crate) use model::SweepModel;
+pub(crate) use model::{SweepModel, frames_of};
 pub(crate) use path_rows::{PathRows, WhitenedRows};
 pub(crate) use paths::{
     Forces, MOST_FORCES, Path, accelerations_along, frame_here, motions_along, origin_along, placement_along,

@@ -4,14 +4,13 @@ use super::body::{SweepBody, Turning, link_children};
 use super::frames::AxisPermutation;
 use super::frames::Framed;
 use super::joint::Joint;
+use super::load::Load;
 use super::slots::{Ordered, SlotCounts, interleaved, last_children};
-use super::spin::Load;
-use crate::filter::pivots::Scale;
 use crate::model::{Body, Model};
 use crate::scalar::Real;
-use crate::spatial::BodyRoot;
 use crate::spatial::transform::{ConstantRotation, ConstantSlide, Offset};
-use nalgebra::Matrix3;
+use crate::spatial::{BodyInertia, BodyRoot};
+use nalgebra::{Matrix3, Vector6};
 
 /// The largest number of joints inward of both of two joints, averaged over all pairs, for which M^-1 is the product of
 /// its factors: chains of up to 300. For deeper trees (6.1) takes fewer operations.
@@ -50,10 +49,17 @@ fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> 
     }
 }
 
+/// The rotation from the frame of each body in the model to its frame in the passes, a signed permutation.
+pub(crate) fn frames_of(model: &Model<f64>) -> Vec<Matrix3<f64>> {
+    Framed::of(model).from_model
+}
+
 /// The bodies of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SweepModel<T: Real> {
     pub(in crate::dynamics) bodies: Vec<SweepBody<T::Parameter>>,
+    /// Their inertias, in their own order.
+    loads: Vec<Load<T>>,
     /// The bodies in the order of the passes; empty if that is their own order.
     pub(in crate::dynamics) reordered: Vec<SweepBody<T::Parameter>>,
     /// The constant rotations of oblique axes, and those of prismatic joints.
@@ -77,6 +83,11 @@ pub(crate) struct SweepModel<T: Real> {
     pub(in crate::dynamics) longest_path: usize,
 }
 
+/// The inertias of the bodies in these frames.
+fn loads<T: Real>(framed: &Model<T>) -> Vec<Load<T>> {
+    framed.bodies.iter().map(|body| Load::of(&body.inertia, &body.inertia_terms)).collect()
+}
+
 /// The bodies that are not on revolute joints, and the rotations of those that are, by their places in the passes.
 fn by_kind<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<Body<T>>, Vec<Turning<T::Parameter>>) {
     let of_kind = |turns: bool| {
@@ -95,13 +106,8 @@ fn by_kind<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<Bod
     (shifting, turning)
 }
 
-/// The bodies in the frames that `framed` has, each with the general joint. `number` reads their constants.
-fn general_bodies<M: Real, T: Real>(
-    model: &Model<M>,
-    framed: &[Body<M>],
-    swept: &Ordered,
-    number: impl Fn(M) -> T::Parameter,
-) -> Vec<SweepBody<T::Parameter>> {
+/// The bodies, each with the general joint in the frame of the model.
+fn general_bodies<M: Real, T: Real>(model: &Model<M>, swept: &Ordered) -> Vec<SweepBody<T::Parameter>> {
     let stages = &model.system.stages;
     let parents: Vec<_> = stages.iter().map(|stage| stage.parent).collect();
     let end_rows = stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
@@ -109,30 +115,24 @@ fn general_bodies<M: Real, T: Real>(
     let last_child = last_children(&parents);
     let (zero, one) = (T::parameter(0.0), T::parameter(1.0));
     let none = Offset { entries: [zero; 3], square: zero };
-    let bodies = framed.iter().zip(stages).enumerate().map(|(k, (body, stage))| {
-        let scale = Scale::of_noise(&body.inertia_terms);
-        SweepBody {
-            joint: Joint::General(k),
-            sense: one,
-            frame: AxisPermutation::identity(one),
-            index: k,
-            parent: stage.parent,
-            row: stage.first_row,
-            offset: none,
-            offset_at_parent: none,
-            load: Load::of(&body.inertia, &number),
-            scale: [number(scale.angular), number(scale.linear)],
-            terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
-            is_definite: false,
-            hangs_on_definite: false,
-            places: swept.places[k],
-            is_leaf: last_child[k].is_none(),
-            first_axial: 0,
-            next_axial: 0,
-            carries_others: false,
-            depth: 0,
-            end_row: end_row[k],
-        }
+    let bodies = stages.iter().enumerate().map(|(k, stage)| SweepBody {
+        joint: Joint::General(k),
+        sense: one,
+        frame: AxisPermutation::identity(one),
+        index: k,
+        parent: stage.parent,
+        row: stage.first_row,
+        offset: none,
+        offset_at_parent: none,
+        is_definite: false,
+        hangs_on_definite: false,
+        places: swept.places[k],
+        is_leaf: last_child[k].is_none(),
+        first_axial: 0,
+        next_axial: 0,
+        carries_others: false,
+        depth: 0,
+        end_row: end_row[k],
     });
     bodies.collect()
 }
@@ -143,7 +143,7 @@ impl<T: Real> SweepModel<T> {
     pub fn general(model: &Model<T>) -> Self {
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
         let swept = Ordered::keeping_all(&parents);
-        let mut bodies = general_bodies::<T, T>(model, &model.bodies, &swept, Real::to_parameter);
+        let mut bodies = general_bodies::<T, T>(model, &swept);
         let (steps, longest_path) = measure_paths(model, &mut bodies);
         link_children(&mut bodies);
         let root = |root: &Option<BodyRoot<T>>| match root {
@@ -151,6 +151,7 @@ impl<T: Real> SweepModel<T> {
             None => BodyRoot::<f64>::zero().map(|_| T::parameter(f64::NAN)),
         };
         Self {
+            loads: loads(model),
             bodies,
             reordered: Vec::new(),
             constant_rotations: Vec::new(),
@@ -174,7 +175,7 @@ impl<T: Real> SweepModel<T> {
         let swept = Ordered::new(&parents, &order);
         let number = T::parameter;
         let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
-        let mut bodies = general_bodies::<f64, T>(model, &framed.bodies, &swept, number);
+        let mut bodies = general_bodies::<f64, T>(model, &swept);
         for (k, body) in bodies.iter_mut().enumerate() {
             let frame = &framed.from_model[k];
             body.joint = framed.joints[k];
@@ -192,6 +193,7 @@ impl<T: Real> SweepModel<T> {
             if order.is_sorted() { Vec::new() } else { order.iter().map(|&k| bodies[k].clone()).collect() };
         link_children(if reordered.is_empty() { &mut bodies } else { &mut reordered });
         Self {
+            loads: loads(&whole),
             bodies,
             constant_rotations: framed.constant_rotations.iter().map(|rotation| rotation.map(number)).collect(),
             slides: framed.slides.iter().map(|slide| slide.map(number)).collect(),
@@ -216,6 +218,24 @@ impl<T: Real> SweepModel<T> {
                 }
             }
         }
+    }
+
+    /// Sets the inertia of body `k`, in its frame in the passes, from numbers without terms that cancel.
+    #[inline(always)]
+    pub(crate) fn set_inertia(&mut self, k: usize, inertia: &BodyInertia<T>) {
+        let ([xx, _, _, yy, _, zz], m) = (inertia.rotational.entries, inertia.mass);
+        self.loads[k] = Load::of(inertia, &Vector6::new(xx, yy, zz, m, m, m));
+    }
+
+    /// Takes the inertias of another model.
+    pub(crate) fn copy_inertias(&mut self, from: &Self) {
+        self.loads.clone_from_slice(&from.loads);
+    }
+
+    /// The inertia of a body.
+    #[inline(always)]
+    pub(in crate::dynamics) fn load(&self, body: &SweepBody<T::Parameter>) -> &Load<T> {
+        &self.loads[body.index]
     }
 
     /// True if M^-1 is the product of its factors.

@@ -8,6 +8,7 @@
 
 use super::body::SweepBody;
 use super::joint::{self, Joint, with_axial, with_joint};
+use super::load::Load;
 use super::model::SweepModel;
 use super::rows::Measures;
 use super::scratch::{BodyState, Moving, SweepScratch};
@@ -101,7 +102,7 @@ pub(super) fn forces<T: Real, const ROOT: bool>(
     let state = Motion { qdd: state.qdd.map(|qdd| &qdd[..state.qd.len()]), ..state };
     let own = &mut own[..bodies.len()];
     for (place, body) in bodies.iter().enumerate() {
-        let root = if ROOT { Some(&sweeps.roots[place]) } else { None };
+        let (load, root) = (sweeps.load(body), if ROOT { Some(&sweeps.roots[place]) } else { None });
         let [w, dw, _] = motions[body.places.parent_outward];
         let rest = if ROOT {
             added[place] = [o; 6];
@@ -112,7 +113,7 @@ pub(super) fn forces<T: Real, const ROOT: bool>(
         if T::GENERAL_JOINTS {
             let (at, parent) = (body.index, motions[body.places.parent_outward]);
             let moving = shifted(&sweeps.shifting[at], body.row, &shifts[at], &parent, state, needed);
-            keep((bodies, place), (root, rest), moving, needed, (motions, own));
+            keep((bodies, load, place), (root, rest), moving, needed, (motions, own));
         } else {
             // Complete in each arm: code after the match would pass the motion through memory.
             match body.joint {
@@ -125,17 +126,17 @@ pub(super) fn forces<T: Real, const ROOT: bool>(
                             let [x, y, z, ..] = own[place].force;
                             turned(body, transform, [w, dw, [x, y, z]], joint, needed)
                         };
-                        keep((bodies, place), (root, rest), moving, needed, (motions, own));
+                        keep((bodies, load, place), (root, rest), moving, needed, (motions, own));
                     });
                 }
                 Joint::Free(at) => {
                     let moving = floating(body.row, &shifts[at], &base, state, needed);
-                    keep((bodies, place), (root, rest), moving, needed, (motions, own));
+                    keep((bodies, load, place), (root, rest), moving, needed, (motions, own));
                 }
                 Joint::Prismatic(at, _) | Joint::General(at) => {
                     let parent = motions[body.places.parent_outward];
                     let moving = shifted(&sweeps.shifting[at], body.row, &shifts[at], &parent, state, needed);
-                    keep((bodies, place), (root, rest), moving, needed, (motions, own));
+                    keep((bodies, load, place), (root, rest), moving, needed, (motions, own));
                 }
             }
         }
@@ -152,7 +153,7 @@ pub(super) fn forces<T: Real, const ROOT: bool>(
 /// revolute joints, in the frame of the body and in the place of their forces.
 #[inline(always)]
 fn keep<T: Real>(
-    (bodies, place): (&[SweepBody<T::Parameter>], usize),
+    (bodies, load, place): (&[SweepBody<T::Parameter>], &Load<T>, usize),
     (root, rest): (Option<&BodyRoot<T::Parameter>>, Option<&mut [T; 6]>),
     moving: Moving<T>,
     needed: Needed,
@@ -181,7 +182,7 @@ fn keep<T: Real>(
     own[place].force = match root {
         _ if !needed.acceleration => [a[0].constant(0.0); 6],
         Some(root) => coordinates_of(root, &spin, a),
-        None => force_of(&body.load, &spin, a),
+        None => force_of(load, &spin, a),
     };
 }
 

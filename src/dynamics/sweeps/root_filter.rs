@@ -39,7 +39,7 @@ impl<T: Real> Rooted<T> {
         for i in 0..6 {
             (self.y[i], self.t[i]) = (y[i], t[i]);
         }
-        self.scale = body.scale_of_noise(like);
+        self.scale = sweeps.load(body).scale;
         let Root6 { weights, rows } = &mut self.root;
         let m = like.splat(of_body.mass);
         (weights[0], weights[1], weights[2]) = (m, m, m);

@@ -5,6 +5,7 @@
 //! form the store holds the root of P^+(k).
 
 use super::body::SweepBody;
+use super::load::Load;
 use super::model::SweepModel;
 use crate::algorithm::Algorithm;
 use crate::filter::cancellation::weight;
@@ -231,7 +232,7 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
         + sweeps.constant_rotations.len() * size_of::<ConstantRotation<f64>>();
     let turns = bodies * size_of::<AxialRotation<f64>>();
     let root = if algorithm == Algorithm::ForwardDynamics(Form::SquareRoot) { size_of::<BodyRoot<f64>>() } else { 0 };
-    let constants = size_of::<SweepBody<f64>>() + root;
+    let constants = size_of::<SweepBody<f64>>() + size_of::<Load<f64>>() + root;
     let model = bodies * constants;
     let noise = nv * size_of::<f64>();
     let motions = sweeps.swept_slots.outward * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
@@ -308,7 +309,7 @@ impl<T: Real> SweepScratch<T> {
     /// D and g of the rows; in square-root form they are read from it.
     pub(in crate::dynamics) fn filtered_covariance(
         &self,
-        (system, body): (&System<T>, &SweepBody<T::Parameter>),
+        (system, body, load): (&System<T>, &SweepBody<T::Parameter>, &Load<T>),
         measured: &mut [Measured<T>],
         of_roots: bool,
         seen: impl FnMut(usize, &Symmetric6<T>),
@@ -318,8 +319,7 @@ impl<T: Real> SweepScratch<T> {
             let filtered = self.rooted[at].root.to_symmetric();
             return covariances_of_root(&system.stages[body.index], &filtered, measured, seen);
         }
-        let inertia = body.inertia(self.accumulated[at].p[0]);
-        self.accumulated[at].measured((system, body.index), &inertia, measured, seen)
+        self.accumulated[at].measured((system, body.index), &load.inertia(), measured, seen)
     }
 
     /// In square-root form P^+ of every body, on the inboard side of its joint.
@@ -328,12 +328,16 @@ impl<T: Real> SweepScratch<T> {
     }
 
     /// The bound on the terms of P^- of a body.
-    pub(in crate::dynamics) fn scale(&self, body: &SweepBody<T::Parameter>, of_roots: bool) -> Scale<T> {
+    pub(in crate::dynamics) fn scale(
+        &self,
+        (body, load): (&SweepBody<T::Parameter>, &Load<T>),
+        of_roots: bool,
+    ) -> Scale<T> {
         if of_roots {
             return self.rooted[body.places.inward].scale;
         }
         let arrived = &self.accumulated[body.places.inward];
-        arrived.scale.sum(&body.scale_of_noise(arrived.p[0]))
+        arrived.scale.sum(&load.scale)
     }
 
     /// The sums over the children of each body: P^- without its own inertia, and the bound on the terms.

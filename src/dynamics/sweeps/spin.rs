@@ -1,38 +1,14 @@
 //! The accelerations of the points of a body relative to its origin, and the force that this motion needs.
 
+use super::load::Load;
 use crate::dynamics::forces::Needed;
 use crate::scalar::Real;
+use crate::spatial::BodyRoot;
 use crate::spatial::transform::Offset;
-use crate::spatial::{BodyInertia, BodyRoot};
 
 /// Each value in every lane.
 macro_rules! splat {
     ($like:expr, $($number:expr),+) => { [$($like.splat($number)),+] };
-}
-
-/// The inertial constants of a body.
-#[derive(Debug, Clone, PartialEq)]
-pub(in crate::dynamics) struct Load<N> {
-    /// Mass, first moment, rotational inertia about the origin.
-    pub mass: N,
-    pub first_moment: [N; 3],
-    pub rotational: [N; 6],
-    /// `I_zz` - `I_yy`, `I_xx` - `I_zz`, `I_yy` - `I_xx`: the factors of w x I w.
-    pub differences: [N; 3],
-}
-
-impl<N> Load<N> {
-    /// The constants of a body with this inertia.
-    pub fn of<M: Real>(inertia: &BodyInertia<M>, number: impl Fn(M) -> N) -> Self {
-        let BodyInertia { mass, first_moment, rotational } = inertia;
-        let [xx, _, _, yy, _, zz] = rotational.entries;
-        Self {
-            mass: number(*mass),
-            first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
-            rotational: rotational.entries.map(&number),
-            differences: [zz - yy, xx - zz, yy - xx].map(&number),
-        }
-    }
 }
 
 /// The derivative of the acceleration with respect to the position in the body: U = dw~ + w~ w~.
@@ -67,8 +43,7 @@ impl<T: Real> Spin<T> {
 
     /// U k.
     #[inline(always)]
-    pub fn times(&self, k: [T::Parameter; 3]) -> [T; 3] {
-        let [x, y, z] = splat!(self.dw[0], k[0], k[1], k[2]);
+    pub fn times(&self, [x, y, z]: [T; 3]) -> [T; 3] {
         let ([yz, zx, xy], [zy, xz, yx]) = (self.after, self.before);
         let mut sums = [xy * y, yz * z, zx * x];
         if self.has_velocity {
@@ -111,11 +86,10 @@ impl<T: Real> Spin<T> {
 
     /// I dw + w x I w.
     #[inline(always)]
-    fn moment(&self, load: &Load<T::Parameter>) -> [T; 3] {
+    fn moment(&self, load: &Load<T>) -> [T; 3] {
         let ([u_yz, u_zx, u_xy], [u_zy, u_xz, u_yx]) = (self.after, self.before);
         let [dx, dy, dz] = self.dw;
         let [xx, xy, xz, yy, yz, zz] = load.rotational;
-        let [xx, xy, xz, yy, yz, zz] = splat!(dx, xx, xy, xz, yy, yz, zz);
         // I dw, and the terms of w x I w with products of inertia, except for differences of squares.
         let mut n = [
             u_yx.mul_add(xz, dx * xx).minus_product(u_zx, xy),
@@ -124,8 +98,7 @@ impl<T: Real> Spin<T> {
         ];
         if self.has_velocity {
             let [square_x, square_y, square_z] = self.squares;
-            let [x, y, z] = load.differences;
-            let [around_x, around_y, around_z] = splat!(dx, x, y, z);
+            let [around_x, around_y, around_z] = [zz - yy, xx - zz, yy - xx];
             n = [
                 self.products[0].mul_add(around_x, (square_y - square_z).mul_add(yz, n[0])),
                 self.products[1].mul_add(around_y, (square_z - square_x).mul_add(xz, n[1])),
@@ -138,11 +111,11 @@ impl<T: Real> Spin<T> {
 
 /// (I dw + w x I w + m p x a, m a + U m p).
 #[inline(always)]
-pub(in crate::dynamics) fn force_of<T: Real>(load: &Load<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
-    let (m, moment) = (a[0].splat(load.mass), spin.moment(load));
+pub(in crate::dynamics) fn force_of<T: Real>(load: &Load<T>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
+    let (m, moment) = (load.mass, spin.moment(load));
     let [x, y, z] = spin.times(load.first_moment);
     let force = [m.mul_add(a[0], x), m.mul_add(a[1], y), m.mul_add(a[2], z)];
-    let moment = minus_cross_number(a, load.first_moment, moment);
+    let moment = cross(load.first_moment, a, moment);
     [moment[0], moment[1], moment[2], force[0], force[1], force[2]]
 }
 
@@ -152,7 +125,7 @@ pub(in crate::dynamics) fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>
     let like = a[0];
     let o = like.constant(0.0);
     // The acceleration of the center of mass.
-    let [x, y, z] = spin.times(root.center.into());
+    let [x, y, z] = spin.times(splat!(like, root.center[0], root.center[1], root.center[2]));
     let at_center = [a[0] + x, a[1] + y, a[2] + z];
     let (mass, c, dw) = (like.splat(root.mass), &root.central, spin.dw);
     let turned = [
@@ -175,17 +148,6 @@ pub(in crate::dynamics) fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>
     y
 }
 
-/// c - a x k, k in every lane.
-#[inline(always)]
-pub(super) fn minus_cross_number<T: Real>(a: [T; 3], k: [T::Parameter; 3], c: [T; 3]) -> [T; 3] {
-    let (x, y, z) = (a[0].splat(k[0]), a[0].splat(k[1]), a[0].splat(k[2]));
-    [
-        a[2].mul_add(y, c[0].minus_product(a[1], z)),
-        a[0].mul_add(z, c[1].minus_product(a[2], x)),
-        a[1].mul_add(x, c[2].minus_product(a[0], y)),
-    ]
-}
-
 /// a x b + c.
 #[inline(always)]
 pub(super) fn cross<T: Real>(a: [T; 3], b: [T; 3], c: [T; 3]) -> [T; 3] {
@@ -199,6 +161,7 @@ pub(super) fn cross<T: Real>(a: [T; 3], b: [T; 3], c: [T; 3]) -> [T; 3] {
 #[cfg(test)]
 mod tests {
     use super::Spin;
+    use super::load::Load;
     use crate::dynamics::forces::Needed;
     use crate::spatial::transform::Offset;
     use nalgebra::Vector3;

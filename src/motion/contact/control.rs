@@ -117,6 +117,7 @@ impl Divided<'_> {
         Job {
             scene: self.scene,
             settings: &self.settings,
+            models: None,
             steps: self.n..self.n + 1,
             states: States::Listed(&self.state),
             begun: std::slice::from_ref(&self.n),

@@ -62,6 +62,7 @@ impl Part {
         Job {
             scene: job.scene,
             settings,
+            models: None,
             steps: n..n + 1,
             states: States::Listed(&self.states),
             begun: &self.begun,

@@ -1,0 +1,87 @@
+"""Populations of models: samples of the parameters of a scene that a physical robot can have."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._arguments import whole
+from ..errors import ArgumentError, of_argument
+
+if TYPE_CHECKING:
+    from .._core import Scene
+    from .uncertainty import ParameterCovariance
+
+__all__ = ["sample"]
+
+_Array = NDArray[np.float64]
+
+#: Row and column in the pseudo-inertia of (xx, xy, yy, xz, yz, zz).
+ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+#: A smaller eigenvalue relative to the largest is a rounding error of zero.
+LEAST = 1e-12
+
+
+def sample(covariance: ParameterCovariance, scene: Scene, number: int, rng: np.random.Generator) -> dict[str, _Array]:
+    """Keywords of Scene.simulate with `number` models of these mean and covariance."""
+    number = whole("n", number, 1)
+    columns = covariance.columns
+    errors = rng.normal(size=(number, len(columns)))
+    models = {"inertias": _inertias(scene, np.tensordot(errors, columns, 1))}
+    of_joints = np.tensordot(errors, covariance._joints(scene.nv), 1)
+    for at, name in enumerate(("armature", "damping", "friction", "offset")):
+        change, mean = of_joints[..., at], getattr(scene, name, np.zeros(scene.nv))
+        if not change.any():
+            continue
+        if name == "offset":
+            text = "found uncertain offsets of friction; expected armature, damping and friction of joints, or the covariance"
+            raise of_argument(ArgumentError, "parameters", f"{text} of the bodies alone (Identification.covariance)")
+        positive = np.where(mean > 0.0, mean, 1.0)
+        models[name] = np.where(mean > 0.0, mean * np.exp(change / positive), np.maximum(mean + change, 0.0))
+    return models
+
+
+def _inertias(scene: Scene, change: _Array) -> _Array:
+    """Inertial parameters, (number, bodies, 10): P^(1/2) exp(P^(-1/2) dP P^(-1/2)) P^(1/2) of the pseudo-inertias P of the
+    bodies and their changes dP, which is positive definite and P + dP to first order.
+    """
+    mean = np.array(scene.inertial_parameters)
+    found = np.repeat(mean[None], len(change), axis=0)
+    for body, name in enumerate(scene.body_names):
+        moved = change[:, body]
+        if not moved.any():
+            continue
+        values, vectors = np.linalg.eigh(_pseudo(mean[body]))
+        if not values[0] > LEAST * values[-1]:
+            text = f"found an uncertain inertia of {name!r} on the bound of what a rigid body can have"
+            raise of_argument(ArgumentError, "parameters", f"{text}; expected one inside of it, or no covariance for it")
+        root = (vectors * np.sqrt(values)) @ vectors.T
+        inverse = (vectors / np.sqrt(values)) @ vectors.T
+        exponents, axes = np.linalg.eigh(inverse @ _pseudo(moved) @ inverse)
+        found[:, body] = _parameters(root @ (axes * np.exp(exponents)[:, None, :]) @ np.swapaxes(axes, -1, -2) @ root)
+    return found
+
+
+def _pseudo(parameters: _Array) -> _Array:
+    """Pseudo-inertia, (..., 4, 4): [[S, m c], [m c, m]] with S = tr(I) / 2 - I, the second moment of the mass."""
+    found = np.zeros((*parameters.shape[:-1], 4, 4))
+    for at, (i, j) in enumerate(ENTRIES):
+        found[..., i, j] = found[..., j, i] = -parameters[..., 4 + at]
+    half = 0.5 * (parameters[..., 4] + parameters[..., 6] + parameters[..., 9])
+    for i in range(3):
+        found[..., i, i] += half
+        found[..., i, 3] = found[..., 3, i] = parameters[..., 1 + i]
+    found[..., 3, 3] = parameters[..., 0]
+    return found
+
+
+def _parameters(pseudo: _Array) -> _Array:
+    """The ten parameters of a pseudo-inertia."""
+    found = np.zeros((*pseudo.shape[:-2], 10))
+    found[..., 0], found[..., 1:4] = pseudo[..., 3, 3], pseudo[..., :3, 3]
+    trace = np.trace(pseudo[..., :3, :3], axis1=-2, axis2=-1)
+    for at, (i, j) in enumerate(ENTRIES):
+        found[..., 4 + at] = (trace if i == j else 0.0) - pseudo[..., i, j]
+    return found

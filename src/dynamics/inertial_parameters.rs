@@ -1,0 +1,48 @@
+//! The ten inertial parameters of a body, (m, m c, I) about an origin, and their order.
+//!
+//! I is the rotational inertia about that origin. The order is (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz).
+
+use super::sweeps::AxisPermutation;
+use crate::scalar::Real;
+use crate::spatial::{BodyInertia, Symmetric3};
+use nalgebra::{Vector3, Vector6};
+
+/// (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), or the cotangents of these.
+pub type Parameters<T> = [T; 10];
+
+/// Row and column in I of the last six.
+pub(crate) const ENTRIES: [[usize; 2]; 6] = [[0, 0], [0, 1], [1, 1], [0, 2], [1, 2], [2, 2]];
+
+/// The index of an entry of I among the ten.
+pub(crate) fn place([i, j]: [usize; 2]) -> usize {
+    let (i, j) = (i.min(j), i.max(j));
+    4 + [[0, 1, 3], [1, 2, 4], [3, 4, 5]][i][j]
+}
+
+/// The parameters of an inertia.
+pub fn parameters<T: Real>(inertia: &BodyInertia<T>) -> Parameters<T> {
+    let (h, [xx, xy, xz, yy, yz, zz]) = (&inertia.first_moment, inertia.rotational.entries);
+    [inertia.mass, h[0], h[1], h[2], xx, xy, yy, xz, yz, zz]
+}
+
+/// The inertia from its ten parameters, or the change of the inertia from their changes.
+#[inline(always)]
+pub fn inertia<T: Real>(parameters: &Parameters<T>) -> BodyInertia<T> {
+    let [mass, x, y, z, xx, xy, yy, xz, yz, zz] = *parameters;
+    BodyInertia { mass, first_moment: Vector3::new(x, y, z), rotational: Symmetric3::new([xx, xy, xz, yy, yz, zz]) }
+}
+
+/// Converts the parameters of a body, or their changes, to a frame with permuted axes.
+#[inline(always)]
+pub(crate) fn permuted<T: Real>(frame: &AxisPermutation<T::Parameter>, parameters: &Parameters<T>) -> Parameters<T> {
+    let like = parameters[0];
+    let o = like.constant(0.0);
+    let first = frame.apply(&Vector6::new(parameters[1], parameters[2], parameters[3], o, o, o));
+    let mut here = *parameters;
+    here[1..4].copy_from_slice(&first[..3]);
+    for (to, [i, j]) in here[4..].iter_mut().zip(ENTRIES) {
+        let (from, sign) = frame.entry(like, i, j);
+        *to = sign * parameters[place(from)];
+    }
+    here
+}

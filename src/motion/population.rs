@@ -1,0 +1,118 @@
+//! A model per state: the scenes and the settings of the states of a rollout whose models differ.
+//!
+//! The settings of the rollout have the largest number of every property, so that a term which acts in some state is
+//! part of every step. Trees load the numbers of each state into lanes; a step that needs the set-valued law, and every
+//! step of other scenes, is that of the state's own scene.
+
+use super::choice::settings_of_state;
+use super::properties::Properties;
+use super::scratch::Scratch;
+use super::step_settings::StepSettings;
+use super::stepper::Stepper;
+use crate::batch::instruction_set::Vectorized;
+use crate::batch::own_model::{InertiaPlaces, OwnInertias};
+use crate::error::Error;
+use crate::model::StateModel;
+use crate::scene::Scene;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The models of all states.
+#[derive(Debug)]
+pub(super) struct Population {
+    members: Vec<Member>,
+    /// Present for trees with other inertias that lanes load.
+    pub places: Option<InertiaPlaces>,
+    /// True if the steps load the numbers into lanes.
+    pub in_lanes: bool,
+}
+
+/// The model of one state.
+#[derive(Debug)]
+pub(super) struct Member {
+    pub settings: StepSettings,
+    /// (joints, 10); empty for those of the scene.
+    inertias: Vec<f64>,
+    /// Its scene, made at first use.
+    scene: Mutex<Option<Arc<Scene>>>,
+    /// The scratch of steps that are not in lanes.
+    pub stepper: Mutex<Option<Stepper>>,
+}
+
+impl Population {
+    /// The models of `states` states of a scene, whose settings are those of all states together.
+    pub fn new(scene: &Scene, all: &StepSettings, properties: &Properties, states: usize) -> Self {
+        let member = |state: usize| {
+            let mut own = properties.of_state((scene.tree().nv(), scene.tree().joints().len()), state);
+            let inertias = std::mem::take(&mut own.inertias);
+            let settings = settings_of_state(scene.tree(), all, own);
+            Member { settings, inertias, scene: Mutex::new(None), stepper: Mutex::new(None) }
+        };
+        let in_lanes = all.is_vectorized() && !all.connected && !scene.tree().touches();
+        let places = (in_lanes && !properties.inertias.is_empty()).then(|| InertiaPlaces::new(scene));
+        Self { members: (0..states).map(member).collect(), places, in_lanes }
+    }
+
+    /// The model of a state.
+    pub fn of(&self, state: usize) -> &Member {
+        &self.members[state]
+    }
+
+    /// Checks the inertias of every state, and makes the scenes of those that need them.
+    pub fn check(&self, scene: &Scene) -> Result<(), Error> {
+        for (state, member) in self.members.iter().enumerate() {
+            crate::interrupt::check_at(state, 256)?;
+            let checked = match self.in_lanes {
+                true => scene.check_inertias(&member.inertias),
+                false => member.scene(scene).map(|_| ()),
+            };
+            checked.map_err(|error| if self.members.len() > 1 { error.in_state(state) } else { error })?;
+        }
+        Ok(())
+    }
+}
+
+impl Member {
+    /// The scene of this state, for whose scene `scene` is.
+    pub fn scene(&self, scene: &Scene) -> Result<Arc<Scene>, Error> {
+        let mut own = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(own) = &*own {
+            return Ok(Arc::clone(own));
+        }
+        let made = scene.with_state_model(&StateModel { inertias: &self.inertias, armature: &[] })?;
+        Ok(Arc::clone(own.insert(Arc::new(made))))
+    }
+}
+
+impl<T: Vectorized> Scratch<T> {
+    /// Loads the models of the states of a job, the state of each lane by `at`.
+    #[inline(always)]
+    pub fn take_models(
+        &mut self,
+        (population, own_inertias): (&Population, &mut Option<Box<OwnInertias<T>>>),
+        settings: &StepSettings,
+        count: usize,
+        at: impl Fn(usize) -> usize,
+    ) {
+        if let Some(places) = &population.places {
+            let inertias = own_inertias.get_or_insert_with(|| Box::new(OwnInertias::new(places)));
+            // Rollouts check them.
+            let _ = inertias.load(&mut self.constants, |lane| &population.of(at(lane.min(count - 1))).inertias);
+        }
+        for lane in 0..T::LANES {
+            let Properties { armature, damping, stiffness, friction, .. } =
+                &population.of(at(lane.min(count - 1))).settings.properties;
+            for (row, of) in self.rows.iter_mut().enumerate() {
+                of.armature.lanes_mut()[lane] = armature[row];
+                of.damping.lanes_mut()[lane] = damping[row];
+                of.stiffness.lanes_mut()[lane] = stiffness[row];
+                of.friction.lanes_mut()[lane] = friction[row];
+            }
+        }
+        if settings.properties.friction_speed == 0.0 {
+            for mode in &mut self.modes {
+                mode.friction = self.rows[mode.row].friction;
+            }
+        }
+        self.drive_all(settings, settings.scheme.implicit_step());
+    }
+}

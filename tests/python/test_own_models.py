@@ -1,0 +1,325 @@
+"""A model per state: inertias and armature that differ between the states of a batch, against one scene per state."""
+
+import numpy as np
+import pytest
+
+import phipsi
+import tolerances
+
+from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError
+
+BATCH = 9
+
+
+def joints_of_all_kinds():
+    builder = phipsi.SceneBuilder()
+    builder.link("base")
+    kinds = [
+        ("revolute", (0, 0, 1)),
+        ("prismatic", (0.6, 0, 0.8)),
+        ("revolute", (0.48, 0.6, 0.64)),
+        ("planar", (1, 0, 0)),
+        ("spherical", None),
+        ("continuous", (0, 1, 0)),
+    ]
+    rng = np.random.default_rng(5)
+    for i, (kind, axis) in enumerate(kinds):
+        com = rng.normal(size=3) * 0.1
+        builder.link(f"l{i}", mass=1.0 + i, com=com, inertia=np.diag([0.1, 0.12, 0.15]) * (1 + i))
+        parent = "base" if i == 0 else f"l{(i - 1) // 2}"
+        more = {} if axis is None else {"axis": axis}
+        builder.joint(f"j{i}", kind, parent, f"l{i}", xyz=rng.normal(size=3) * 0.4, rpy=rng.normal(size=3), **more)
+    builder.link("tool", mass=0.5, com=(0.1, 0.0, 0.2), inertia=np.eye(3) * 0.01)
+    builder.joint("weld", "fixed", "l5", "tool", xyz=(0.1, 0.2, 0.0), rpy=(0.3, 0.2, 0.1))
+    return builder.build(gravity=(0.3, -0.2, -9.81))
+
+
+SCENES = {
+    "chain": lambda: phipsi.scenes.chain(7),
+    "arm": lambda: phipsi.load(phipsi.BUNDLED_ARM),
+    "floating": lambda: phipsi.load(phipsi.BUNDLED_ARM, floating_base=True),
+    "all kinds": joints_of_all_kinds,
+}
+
+
+def population(scene, count, seed=0):
+    """Physical inertias and armatures that differ between states: masses, centers and moments scaled and moved."""
+    rng = np.random.default_rng(seed)
+    inertias = np.repeat(np.array(scene.inertial_parameters)[None], count, axis=0)
+    for state in inertias:
+        for body in state:
+            mass, moment, tensor = body[0] * rng.uniform(0.5, 2.0), body[1:4], np.zeros((3, 3))
+            tensor[np.tril_indices(3)] = body[4:]
+            tensor = tensor + np.tril(tensor, -1).T
+            if not body[0]:
+                continue
+            com = moment / body[0]
+            central = tensor - body[0] * (com @ com * np.eye(3) - np.outer(com, com))
+            com = com + rng.normal(size=3) * 0.02
+            tensor = central * rng.uniform(0.5, 2.0) + mass * (com @ com * np.eye(3) - np.outer(com, com))
+            body[0], body[1:4], body[4:] = mass, mass * com, tensor[np.tril_indices(3)]
+    return inertias, rng.uniform(0.0, 0.3, (count, scene.nv))
+
+
+def one_scene(scene, inertias):
+    """The scene with these inertias by its builder; links fixed to the links of body_names become massless."""
+    changes = {name: (0.0, (0, 0, 0), np.zeros((3, 3))) for name in scene.link_names}
+    for name, (mass, *moment, xx, xy, yy, xz, yz, zz) in zip(scene.body_names, inertias, strict=True):
+        tensor, com = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), np.array(moment) / (mass or 1.0)
+        changes[name] = (mass, com, tensor - mass * (com @ com * np.eye(3) - np.outer(com, com)))
+    return scene.with_inertias(changes)
+
+
+def states(scene, count, seed=1):
+    rng = np.random.default_rng(seed)
+    q = scene.integrate(scene.neutral(), rng.normal(size=(count, scene.nv)))
+    return q, *rng.normal(size=(2, count, scene.nv))
+
+
+def dense(scene, q, qd, inertias, armature):
+    """The mass matrix and the bias by the regressor, which is linear in the parameters."""
+    nv, still = scene.nv, np.zeros(scene.nv)
+
+    def torque(qd, qdd):
+        return np.tensordot(scene.regressor(q, qd, qdd), inertias, 2)
+
+    weight = torque(still, still)
+    columns = np.stack([torque(still, unit) - weight for unit in np.eye(nv)], axis=1)
+    return columns + np.diag(armature), torque(qd, still)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_torques_accelerations_and_mass_matrices_are_those_of_the_regressor(name):
+    scene = SCENES[name]()
+    inertias, armature = population(scene, BATCH)
+    q, qd, tau = states(scene, BATCH)
+    own = {"inertias": inertias, "armature": armature}
+    mass, inverse = scene.mass_matrix(q, **own), scene.mass_matrix_inverse(q, **own)
+    qdd, bias = scene.forward_dynamics(q, qd, tau, **own), scene.bias_torque(q, qd, **own)
+    torque = scene.inverse_dynamics(q, qd, tau, **own)
+    for i in range(BATCH):
+        M, h = dense(scene, q[i], qd[i], inertias[i], armature[i])
+        scale, condition = tolerances.size(M), np.linalg.cond(M)
+        tolerances.assert_near(mass[i], M, tolerances.recursion(scene.nv, scale))
+        tolerances.assert_near(bias[i], h, tolerances.recursion(scene.nv, tolerances.size(h, scale)))
+        tolerances.assert_near(torque[i], M @ tau[i] + h, tolerances.recursion(scene.nv, tolerances.size(h, M @ tau[i])))
+        tolerances.assert_near(inverse[i] @ M, np.eye(scene.nv), tolerances.inverse(condition, 10.0))
+        expected = np.linalg.solve(M, tau[i] - h)
+        tolerances.assert_near(qdd[i], expected, tolerances.inverse(condition, 10 * tolerances.size(expected)))
+    assert np.abs(qdd - scene.forward_dynamics(q, qd, tau)).max() > 0.1
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "method",
+    [
+        "forward_dynamics",
+        "inverse_dynamics",
+        "mass_matrix",
+        "mass_matrix_inverse",
+        "bias_torque",
+        "gravity_torque",
+        "forward_dynamics_derivatives",
+        "inverse_dynamics_derivatives",
+        "coriolis_matrix",
+        "mass_matrix_derivative",
+        "linearize",
+        "forward_dynamics_jvp",
+        "forward_dynamics_vjp",
+        "inverse_dynamics_jvp",
+        "inverse_dynamics_vjp",
+    ],
+)
+def test_every_function_of_a_batch_of_models_is_that_of_one_scene_per_model(name, method):
+    scene = SCENES[name]()
+    inertias, armature = population(scene, BATCH)
+    q, qd, u = states(scene, BATCH)
+    more = np.random.default_rng(3).normal(size=(3, BATCH, scene.nv))
+    arguments = {
+        "mass_matrix": [q],
+        "mass_matrix_inverse": [q],
+        "gravity_torque": [q],
+        "bias_torque": [q, qd],
+        "coriolis_matrix": [q, qd],
+        "mass_matrix_derivative": [q, qd],
+    }.get(method, [q, qd, u] + ([*more] if "jvp" in method else [more[0]] if "vjp" in method else []))
+    found = getattr(scene, method)(*arguments, inertias=inertias)
+    for i in range(BATCH):
+        expected = getattr(one_scene(scene, inertias[i]), method)(*[argument[i] for argument in arguments])
+        pairs = [(found[i], expected)] if isinstance(found, np.ndarray) else [(a[i], b) for a, b in zip(found, expected, strict=False) if a is not None]
+        for one, other in pairs:
+            tolerances.assert_near(one, other, 1e-9 * tolerances.size(other, 1.0))
+
+
+def test_one_armature_for_all_states_and_one_inertia_for_all_states_broadcast():
+    scene = phipsi.scenes.chain(5)
+    inertias, armature = population(scene, BATCH)
+    q, qd, tau = states(scene, BATCH)
+    found = scene.forward_dynamics(q, qd, tau, armature=0.2)
+    expected = scene.with_properties(armature=0.2).forward_dynamics(q, qd, tau)
+    tolerances.assert_near(found, expected, tolerances.recursion(50, tolerances.size(expected)))
+    found = scene.forward_dynamics(q, qd, tau, inertias=inertias[0])
+    expected = one_scene(scene, inertias[0]).forward_dynamics(q, qd, tau)
+    tolerances.assert_near(found, expected, 1e-9 * tolerances.size(expected))
+    many = scene.forward_dynamics(q[0], qd[0], tau[0], inertias=inertias, armature=armature)
+    assert many.shape == (BATCH, 5) and np.ptp(many, axis=0).min() > 1e-3
+    again = scene.forward_dynamics(q, qd, tau)
+    tolerances.assert_same_bits(again, phipsi.scenes.chain(5).forward_dynamics(q, qd, tau))
+
+
+def test_armature_of_some_states_only_counts_in_these():
+    scene = phipsi.scenes.chain(4)
+    q, qd, tau = states(scene, BATCH)
+    armature = np.zeros((BATCH, 4))
+    armature[::3, 1] = 0.5
+    found, bare = scene.forward_dynamics(q, qd, tau, armature=armature), scene.forward_dynamics(q, qd, tau)
+    heavy = scene.with_properties(armature={"j1": 0.5}).forward_dynamics(q, qd, tau)
+    expected = np.where(armature[:, 1:2] > 0.0, heavy, bare)
+    tolerances.assert_near(found, expected, tolerances.recursion(50, tolerances.size(expected)))
+
+
+def test_states_with_the_inertias_of_the_scene_have_the_results_of_the_scene():
+    for make in SCENES.values():
+        scene = make()
+        q, qd, tau = states(scene, BATCH)
+        own = {"inertias": scene.inertial_parameters}
+        found, expected = scene.forward_dynamics(q, qd, tau, **own), scene.forward_dynamics(q, qd, tau)
+        tolerances.assert_near(found, expected, 1e-10 * tolerances.size(expected))
+        same = scene.with_inertial_parameters(scene.inertial_parameters)
+        tolerances.assert_near(same.inertial_parameters, scene.inertial_parameters, tolerances.product(10, 1.0))
+        assert same.total_mass == pytest.approx(scene.inertial_parameters[:, 0].sum(), rel=1e-12)
+
+
+def test_constrained_dynamics_with_models_and_square_root_form():
+    loop = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    inertias, armature = population(loop, BATCH)
+    q, qd, tau = states(loop, BATCH)
+    closed = loop.project(q, qd)
+    found = loop.constrained_dynamics(closed.q, closed.qd, tau, inertias=inertias, armature=armature)
+    for i in range(BATCH):
+        own = one_scene(loop, inertias[i]).with_properties(armature=armature[i])
+        expected = own.constrained_dynamics(closed.q[i], closed.qd[i], tau[i])
+        tolerances.assert_near(found.qdd[i], expected.qdd, 1e-9 * tolerances.size(expected.qdd))
+        tolerances.assert_near(found.forces["gear"][i], expected.forces["gear"], 1e-9 * tolerances.size(expected.forces["gear"]))
+    tree = phipsi.scenes.chain(3)
+    by_roots = tree.forward_dynamics(q, qd, tau, form="square-root", inertias=inertias, armature=armature)
+    by_covariances = tree.forward_dynamics(q, qd, tau, form="covariance", inertias=inertias, armature=armature)
+    tolerances.assert_near(by_roots, by_covariances, 1e-9 * tolerances.size(by_roots))
+
+
+def arm_with(**properties):
+    return phipsi.scenes.chain(4).with_properties(**properties)
+
+
+PATHS = {
+    "free": lambda: arm_with(),
+    "damped springs": lambda: arm_with(damping=0.3, stiffness=4.0),
+    "friction": lambda: arm_with(friction=0.2, damping=0.1),
+    "stops": lambda: phipsi.load(phipsi.BUNDLED_ARM),
+    "loop": lambda: phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build(),
+    "ground": lambda: phipsi.scenes.chain(3).to_builder().contact("tip", "link2", friction=0.5, xyz=(0, 0, 0.3), offset=-0.6).build(),
+}
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_a_simulated_population_is_one_simulation_per_model(name):
+    scene = PATHS[name]()
+    count, rng = 5, np.random.default_rng(7)
+    inertias, armature = population(scene, count)
+    q, qd, tau = states(scene, count)
+    q, qd = 0.2 * q, 0.5 * qd
+    if name == "loop":
+        q, qd = scene.project(q, qd)[:2]
+    own = {
+        "inertias": inertias,
+        "armature": armature,
+        "damping": scene.damping * rng.uniform(0.5, 2.0, (count, scene.nv)),
+        "stiffness": scene.stiffness * rng.uniform(0.5, 2.0, (count, scene.nv)),
+        "friction": scene.friction * rng.uniform(0.0, 2.0, (count, scene.nv)),
+    }
+    run = {"dt": 2e-3, "steps": 100, "method": "auto" if name == "ground" else "rosenbrock-2"}
+    path = scene.simulate(q, qd, tau=tau, **run, **own)
+    mover = scene.simulator(q, qd, **{k: v for k, v in run.items() if k != "steps"}, **own)
+    mover.step(tau, steps=100)
+    tolerances.assert_same_bits(mover.q, path.q[:, -1])
+    audit = path.energy_audit()
+    for i in range(count):
+        member = one_scene(scene, inertias[i])
+        alone = {key: value[i] for key, value in own.items() if key != "inertias"}
+        one = member.simulate(q[i], qd[i], tau=tau[i], **run, **alone)
+        tolerances.assert_near(path.q[i], one.q, 1e-7)
+        tolerances.assert_near(path.energy().total[i] - path.energy().total[i, 0], one.energy().total - one.energy().total[0], 1e-6)
+        assert audit.remainder[i] == pytest.approx(one.energy_audit().remainder, abs=1e-6)
+    assert np.ptp(path.q[:, -1] - path.q[:, 0], axis=0).max() > 0.05
+
+
+@pytest.mark.parametrize("name", ["free", "friction", "loop"])
+def test_gradients_of_a_simulated_population_are_those_of_each_model(name):
+    scene, count = PATHS[name](), 3
+    inertias, armature = population(scene, count)
+    q, qd, tau = states(scene, count)
+    q, qd = 0.2 * q, 0.5 * qd
+    if name == "loop":
+        q, qd = scene.project(q, qd)[:2]
+    run = {"dt": 2e-3, "steps": 30, "method": "rosenbrock-2"}
+    path = scene.simulate(q, qd, tau=tau, inertias=inertias, armature=armature, **run)
+    weight = np.zeros_like(path.q)
+    weight[:, -1] = 1.0
+    found = path.vjp(weight, parameters=True)
+    for i in range(count):
+        one = one_scene(scene, inertias[i]).simulate(q[i], qd[i], tau=tau[i], armature=armature[i], **run).vjp(weight[i], parameters=True)
+        for field in ("q", "qd", "tau", "armature", "parameters"):
+            expected = getattr(one, field)
+            tolerances.assert_near(getattr(found, field)[i], expected, 1e-6 * tolerances.size(expected))
+    assert np.abs(found.parameters).max() > 1e-4
+
+
+def test_a_population_in_a_file_and_a_pickle():
+    import pickle
+
+    scene = phipsi.scenes.chain(3)
+    inertias, armature = population(scene, 4)
+    q, qd, _ = states(scene, 4)
+    path = scene.simulate(q, qd, dt=1e-3, steps=20, inertias=inertias, armature=armature)
+    mover = scene.simulator(q, qd, dt=1e-3, inertias=inertias, armature=armature)
+    mover.step(steps=10)
+    again = pickle.loads(pickle.dumps(mover))
+    again.step(steps=10)
+    mover.step(steps=10)
+    tolerances.assert_same_bits(again.q, mover.q)
+    tolerances.assert_near(path.error_estimate(), np.zeros((4, 21)), 1e-3)
+    with pytest.raises(ArgumentError, match="models that differ"):
+        scene.simulate(q, qd, dt=1e-3, steps=5, inertias=inertias, covariance=np.zeros((3, 10, 10)))
+
+
+def test_what_is_wrong_names_the_link_and_the_joint():
+    scene = phipsi.scenes.chain(3)
+    q, qd, tau = states(scene, 2)
+    inertias = np.repeat(np.array(scene.inertial_parameters)[None], 2, axis=0)
+    bad = inertias.copy()
+    bad[1, 2, 0] = -1.0
+    with pytest.raises(ArgumentError, match="link2"):
+        scene.forward_dynamics(q, qd, tau, inertias=bad)
+    with pytest.raises(ArgumentError, match="link2"):
+        scene.simulate(q, qd, dt=1e-3, steps=1, inertias=bad)
+    bad[1, 2, 0] = np.nan
+    with pytest.raises(NotFiniteError, match="inertias"):
+        scene.mass_matrix(q, inertias=bad)
+    with pytest.raises(ShapeError, match="inertias"):
+        scene.mass_matrix(q, inertias=inertias[:, :2])
+    with pytest.raises(ArgumentError, match="j1"):
+        scene.mass_matrix(q, armature=[0.1, -0.1, 0.1])
+    with pytest.raises(ShapeError, match="armature"):
+        scene.mass_matrix(q, armature=np.zeros((2, 4)))
+    with pytest.raises(ArgumentError, match="link2"):
+        scene.with_inertial_parameters(np.where(np.isnan(bad[1]), -1.0, bad[1]))
+    with pytest.warns(BadStateWarning):
+        found = scene.forward_dynamics(q, qd, tau, inertias=bad, errors="nan")
+    assert np.isnan(found[1]).all() and np.isfinite(found[0]).all()
+
+
+def test_mimic_joints_with_models_are_refused():
+    scene = phipsi.SceneBuilder().link("a").link("b", 1.0).link("c", 1.0).joint("one", "revolute", "a", "b", axis=(1, 0, 0))
+    scene = scene.joint("two", "revolute", "b", "c", axis=(1, 0, 0), xyz=(0, 0, 1), mimic="one").build(mimic="couple")
+    with pytest.raises(ArgumentError, match="mimic"):
+        scene.forward_dynamics([0.1], [0.0], [0.0], inertias=scene.inertial_parameters)
