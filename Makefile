@@ -23,6 +23,7 @@
 #   make inverse-kinematics   inverse kinematics, compared with pink, mink and dynibo, in .venv-ik: writes docs/measured/inverse-kinematics-times.md (ten minutes)
 #   make loops-and-contacts  steps of closed loops compared with the tree, of a standing robot with MuJoCo: writes docs/measured/loops-and-contacts.md (a minute)
 #   make jax-calls      one call from a jitted program of JAX, through Python and as an operation of XLA: writes docs/measured/jax-calls.md
+#   make populations   a model for each state: writes docs/measured/populations.md (a minute)
 #   make servos         steps of servos at their limits, environments, and random servos: writes docs/measured/servos.md (two minutes)
 #   make closed-loops   forward dynamics with connections, compared with Pinocchio: writes docs/measured/closed-loops-times.md (a minute)
 #   make contact-suites   after make test: contacts in SimBenchmark and ContactBench, compared with MuJoCo: writes docs/measured/contact-suites.md (ten minutes)
@@ -54,7 +55,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts servos jax-calls contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts servos populations jax-calls contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
 
 # A separate environment; the packages of the system are not changed.
 $(BIN)/python:
@@ -248,6 +249,9 @@ loops-and-contacts: $(VENV)/test
 
 jax-calls: $(VENV)-jax/there
 	$(VENV)-jax/bin/python benches/jax_calls.py --markdown docs/measured/jax-calls.md
+
+populations: $(VENV)/test
+	$(BIN)/python benches/populations.py --markdown docs/measured/populations.md
 
 servos: $(VENV)/test
 	$(BIN)/python benches/servos.py --markdown docs/measured/servos.md

@@ -410,7 +410,13 @@ class Scene:
 
     @property
     def inertial_parameters(self) -> _Array:
-        """x"""
+        """Inertial parameters of the bodies, (bodies, 10), read-only: mass, mass moments and moments of inertia.
+
+        Row b belongs to the link body_names[b] with the links fixed to it. The parameters are (m, m cx, m cy, m cz,
+        Ixx, Ixy, Iyy, Ixz, Iyz, Izz) in the frame of the link, moments of inertia about its origin, as in regressor
+        and Identification.parameters; kg, kg m and kg m^2. forward_dynamics and other methods take one such array
+        per state as `inertias`.
+        """
 
     @property
     def armature(self) -> _Array:
@@ -640,6 +646,11 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
@@ -788,7 +799,7 @@ class Scene:
             Step, s.
         steps : int
             Number of steps.
-        tau, tau_steps, method, record_every, pd, armature, damping, stiffness, rest, friction, friction_speed
+        tau, tau_steps, method, record_every, pd, inertias, armature, damping, stiffness, rest, friction, friction_speed
             As given to simulate; tau is an array.
         form, tolerance
             As given to simulate.
@@ -901,8 +912,12 @@ class Scene:
             Steps between two rows.
         pd : PD, optional
             Control law PD(kp, kd, target, target_rate, effort), evaluated within the step.
-        armature : float or (nv,) array_like, optional
-            Armature instead of that of the scene, kg m^2 or kg.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of inertial_parameters: a
+            model per state.
+        armature : float or (..., nv) array_like, optional
+            Armature instead of that of the scene, kg m^2 or kg. As damping, stiffness and friction, for all states or
+            (..., nv) for each.
         damping : float or (nv,) array_like, optional
             Viscous damping instead of that of the scene, N m s/rad or N s/m.
         stiffness : float or (nv,) array_like, optional
@@ -1041,7 +1056,7 @@ class Scene:
             Joint velocities at the start, rad/s or m/s; zero by default.
         dt : float
             Step, s.
-        method, pd, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
+        method, pd, inertias, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
             As in simulate, for all steps.
         compliance, limits, restitution, accuracy, smoothing, effort
             As in simulate, for all steps. The targets of pd can be changed by step.
@@ -1147,6 +1162,11 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
@@ -1213,6 +1233,11 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
@@ -1269,6 +1294,11 @@ class Scene:
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
@@ -1322,6 +1352,11 @@ class Scene:
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
@@ -1389,6 +1424,11 @@ class Scene:
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         dtype : {"float64", "float32"} or numpy dtype, optional
@@ -1975,6 +2015,11 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         out : (..., 3, nv, nv) ndarray, optional
             C-contiguous float64 array; the results are views of it. Large batches take half the time into a reused one.
         errors : {"raise", "nan"}, default "raise"
@@ -2041,6 +2086,11 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         out : (..., 3, nv, nv) ndarray, optional
             C-contiguous float64 array; the results are views of it. Large batches take half the time into a reused one.
         errors : {"raise", "nan"}, default "raise"
@@ -2111,6 +2161,11 @@ class Scene:
         springs_and_damping : bool, default True
             If true, the springs and the viscous damping of the joints act in addition to tau, as in simulate. False:
             the linearization of forward_dynamics.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2192,6 +2247,11 @@ class Scene:
             Changes of the armature.
         dgravity : (..., 3) array_like, optional
             Change of gravity in the base frame.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2249,6 +2309,11 @@ class Scene:
             the link, N m and N.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters, armature and gravity too.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2323,6 +2388,11 @@ class Scene:
             Changes of the armature.
         dgravity : (..., 3) array_like, optional
             Change of gravity in the base frame.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2389,6 +2459,11 @@ class Scene:
             the link, N m and N.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters, armature and gravity too.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2570,6 +2645,11 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         errors : {"raise", "nan"}, default "raise"
@@ -2618,6 +2698,11 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         out : ndarray, optional
             C-contiguous array of the shape and dtype of the result, without overlap with the arguments. It is returned.
         errors : {"raise", "nan"}, default "raise"
@@ -3137,6 +3222,11 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3964,7 +4054,35 @@ class Scene:
         """
 
     def with_inertial_parameters(self, parameters: ArrayLike, /) -> Scene:
-        """x"""
+        """Create a scene with other inertial parameters of all bodies, such as those of one member of a population.
+
+        Parameters
+        ----------
+        parameters : (bodies, 10) array_like
+            In the order of inertial_parameters. Each link of body_names has the inertia of all links fixed to it, which
+            become massless.
+
+        Returns
+        -------
+        scene : Scene
+            The new scene.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            A negative mass or moment of inertia, or an invalid array. The message names the link.
+
+        Warns
+        -----
+        InertiaWarning
+            An inertia that no rigid body can have.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> scene.with_inertial_parameters(2.0 * scene.inertial_parameters).total_mass
+        6.0
+        """
 
     def with_inertias(self, links: Mapping[str, tuple[float, ArrayLike, ArrayLike | None]]) -> Scene:
         """Create a scene in which links have other inertias, for instance identified or randomized ones.

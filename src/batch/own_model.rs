@@ -2,11 +2,11 @@
 
 use super::instruction_set::{Vectorized, within_target};
 use crate::algorithm::Arguments;
-use crate::dynamics::inertial_parameters::{inertia, permuted};
 use crate::dynamics::sweeps::{AxisPermutation, SweepModel, frames_of};
 use crate::model::Model;
 use crate::scalar::{MOST_LANES, lanes_but};
 use crate::scene::Scene;
+use crate::spatial::inertial_parameters::inertia;
 use nalgebra::Matrix3;
 
 /// Noise in place of zero in a row that has noise in other lanes. It does not change the digits of a pivot, and its
@@ -68,7 +68,7 @@ impl<T: Vectorized> OwnInertias<T> {
             let [mass, _, _, _, xx, _, yy, _, _, zz] = *parameters;
             least = least.worst(mass).worst(xx).worst(yy).worst(zz);
             let inertia = match turn {
-                Turn::Permuted(frame) => inertia(&permuted(frame, parameters)),
+                Turn::Permuted(frame) => inertia(&frame.parameters(parameters)),
                 Turn::Turned(rotation) => inertia(parameters).rotated(rotation),
             };
             sweeps.set_inertia(*body, &inertia);

@@ -49,7 +49,6 @@ pub(crate) mod estimate;
 pub(crate) mod fixed_rows;
 pub(crate) mod forces;
 pub(crate) mod forward;
-pub(crate) mod inertial_parameters;
 pub(crate) mod inverse;
 pub(crate) mod mass_inverse;
 pub(crate) mod mass_matrix;

@@ -8,7 +8,6 @@ use super::choice::settings_of_state;
 use super::properties::Properties;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
-use super::stepper::Stepper;
 use crate::batch::instruction_set::Vectorized;
 use crate::batch::own_model::{InertiaPlaces, OwnInertias};
 use crate::error::Error;
@@ -34,8 +33,6 @@ pub(super) struct Member {
     inertias: Vec<f64>,
     /// Its scene, made at first use.
     scene: Mutex<Option<Arc<Scene>>>,
-    /// The scratch of steps that are not in lanes.
-    pub stepper: Mutex<Option<Stepper>>,
 }
 
 impl Population {
@@ -45,7 +42,7 @@ impl Population {
             let mut own = properties.of_state((scene.tree().nv(), scene.tree().joints().len()), state);
             let inertias = std::mem::take(&mut own.inertias);
             let settings = settings_of_state(scene.tree(), all, own);
-            Member { settings, inertias, scene: Mutex::new(None), stepper: Mutex::new(None) }
+            Member { settings, inertias, scene: Mutex::new(None) }
         };
         let in_lanes = all.is_vectorized() && !all.connected && !scene.tree().touches();
         let places = (in_lanes && !properties.inertias.is_empty()).then(|| InertiaPlaces::new(scene));

@@ -48,6 +48,8 @@ pub struct Rollout<S> {
     pub(super) settings: StepSettings,
     /// The models of the states, and the properties as given, if the states differ in them.
     pub(super) population: Option<Arc<Population>>,
+    /// The scratch of each state whose steps are those of its own scene.
+    steppers: Arc<Vec<Mutex<Option<Stepper>>>>,
     properties: Option<Properties>,
     /// As given in the settings.
     method: Method,
@@ -166,8 +168,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         step_settings.push(wrenches);
         let population = if has_models {
             if step_settings.smoothing.is_some() {
-                let found = "models that differ between states";
-                return Err(Error::argument("smoothing", found, "smoothing=0, or one model for all states"));
+                let found = "smoothed contacts with models that differ between states";
+                return Err(Error::argument("smoothing", found, "the exact law, or one model for all states"));
             }
             let population = Population::new(scene.borrow(), &step_settings, &settings.properties, states);
             population.check(scene.borrow())?;
@@ -181,6 +183,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let mut rollout = Self {
             scene,
             settings: step_settings,
+            steppers: Arc::new((0..if population.is_some() { states } else { 0 }).map(|_| Mutex::new(None)).collect()),
             population,
             properties: has_models.then_some(settings.properties),
             method,
@@ -461,7 +464,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let cost = self.cost().saturating_mul(steps);
         let slice = (SLICE / self.cost().max(1)).max(1);
         self.touches.begin(every, last);
-        let Self { scene, settings, form, arm, current, begun, pool, impacts, touches, population, .. } = self;
+        let Self { scene, settings, form, arm, current, begun, pool, impacts, touches, population, steppers, .. } =
+            self;
         let (impacts, touches, population) = (&*impacts, &*touches, population.as_deref());
         let whole: &Scene = (*scene).borrow();
         let scene = whole.tree();
@@ -504,8 +508,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
                         divisions: None,
                     };
                     let made = match member {
-                        Some(member) => {
-                            let mut own = member.stepper.lock().unwrap_or_else(PoisonError::into_inner);
+                        Some(_) => {
+                            let mut own = steppers[from].lock().unwrap_or_else(PoisonError::into_inner);
                             own.get_or_insert_with(make).run(job)
                         }
                         None => stepper.run(job),

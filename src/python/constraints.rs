@@ -8,7 +8,6 @@ use super::evaluate::Keywords;
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::Output;
-use super::own_models::Models;
 use super::scene::{PyScene, slice};
 use super::wrenches::Wrench;
 use crate::algorithm::Algorithm;
@@ -333,7 +332,7 @@ impl PyScene {
         inputs.push(self.compliance(compliance)?);
         let width = self.scene.width(algorithm);
         let cost = Cost { arithmetic: self.cost_through_connections() * self.size(), results: width };
-        let (wrenches, models) = (Wrench::read(&self.scene, keywords.wrenches)?, Models::read(self, keywords)?);
+        let (wrenches, models) = (Wrench::read(&self.scene, keywords.wrenches)?, keywords.models(&self.scene)?);
         let call = BatchCall::of_models(self, inputs, wrenches, models, cost)?;
         let call = call.with(self.errors(keywords.errors, algorithm.form())?).accepting(keywords.tolerance);
         let mut output = call.output::<f64>(py, &[width], None, Output::unwritten)?;

@@ -19,6 +19,7 @@ use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scalar::MOST_LANES;
+use crate::scene::Scene;
 use pyo3::prelude::*;
 
 /// The keywords of the methods of `Scene`, and the link of those that have one; those that a method does not take have
@@ -53,7 +54,12 @@ pub(super) struct Keywords<'a, 'py> {
     pub dgravity: Option<&'a Object<'py>>,
 }
 
-impl Keywords<'_, '_> {
+impl<'py> Keywords<'_, 'py> {
+    /// The models of the states.
+    pub fn models(&self, scene: &Scene) -> PyResult<Models<'py>> {
+        Models::read(scene, self.inertias, self.armature)
+    }
+
     /// True if the states have their own models.
     pub fn has_models(&self) -> bool {
         self.inertias.is_some() || self.armature.is_some()
@@ -118,7 +124,7 @@ impl PyScene {
         let inputs = self.inputs(names.zip(values))?;
         let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
         let form = algorithm.form();
-        let call = BatchCall::of_models(self, inputs, wrenches, Models::read(self, keywords)?, cost)?;
+        let call = BatchCall::of_models(self, inputs, wrenches, keywords.models(&self.scene)?, cost)?;
         let call = call.with(self.errors(keywords.errors, form)?);
         let call = call.accepting(keywords.tolerance);
         let accuracy = match form {

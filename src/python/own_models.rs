@@ -3,12 +3,12 @@
 use super::axis::Axis;
 use super::control::everyone;
 use super::description::body_names;
-use super::evaluate::Keywords;
 use super::input::Input;
-use super::scene::PyScene;
+use super::object::Object;
 use crate::batch::Broadcast;
 use crate::model::StateModel;
 use crate::motion::Properties;
+use crate::scene::Scene;
 use pyo3::prelude::*;
 
 /// Inertias and armature of the states of a call; None: those of the scene.
@@ -20,10 +20,9 @@ pub(super) struct Models<'py> {
 
 impl<'py> Models<'py> {
     /// Reads `inertias`, (..., bodies, 10), and `armature`, (..., nv).
-    pub fn read(scene: &PyScene, keywords: &Keywords<'_, 'py>) -> PyResult<Self> {
-        let scene = &scene.scene;
-        let inertias = keywords.inertias.map(|given| Input::table("inertias", given, body_names(scene).len(), 10));
-        let armature = keywords.armature.map(|given| Input::spread("armature", given, Axis::Rates(scene)));
+    pub fn read(scene: &Scene, inertias: Option<&Object<'py>>, armature: Option<&Object<'py>>) -> PyResult<Self> {
+        let inertias = inertias.map(|given| Input::table("inertias", given, body_names(scene).len(), 10));
+        let armature = armature.map(|given| Input::spread("armature", given, Axis::Rates(scene)));
         Ok(Self { inertias: inertias.transpose()?, armature: armature.transpose()? })
     }
 

@@ -9,7 +9,6 @@ use super::evaluate::Keywords;
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::{Output, three_parts};
-use super::own_models::Models;
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Arguments, Products};
@@ -196,7 +195,7 @@ impl PyScene {
         let mut inputs = self.inputs(names.zip(given.iter().copied()))?;
         inputs.extend(others);
         let cost = Cost { arithmetic: body * self.size(), results: which.entry().results.len() * self.scene.nv() };
-        let models = Models::read(self, keywords)?;
+        let models = keywords.models(&self.scene)?;
         let call = BatchCall::of_models(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, models, cost)?;
         Ok(call.with(errors).accepting(keywords.tolerance))
     }

@@ -335,8 +335,8 @@ impl PyScene {
     ///
     /// Row b belongs to the link body_names[b] with the links fixed to it. The parameters are (m, m cx, m cy, m cz,
     /// Ixx, Ixy, Iyy, Ixz, Iyz, Izz) in the frame of the link, moments of inertia about its origin, as in regressor
-    /// and Identification.parameters; kg, kg m and kg m^2. forward_dynamics and other methods take one such array per state
-    /// as `inertias`.
+    /// and Identification.parameters; kg, kg m and kg m^2. forward_dynamics and other methods take one such array
+    /// per state as `inertias`.
     #[getter]
     fn inertial_parameters<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let numbers = self.scene.inertial_parameters();

@@ -3,9 +3,9 @@
 use super::Scene;
 use super::description::Inertial;
 use super::shared::Shared;
-use crate::dynamics::inertial_parameters::{inertia, parameters};
 use crate::error::{Error, check_finite, check_length};
 use crate::model::{Identity, StateModel};
+use crate::spatial::inertial_parameters::{inertia, parameters};
 use crate::spatial::{BodyInertia, RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::HashMap;

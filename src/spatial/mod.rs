@@ -17,6 +17,7 @@
 
 mod body_inertia;
 mod inertia_root;
+pub(crate) mod inertial_parameters;
 mod rigid_shift;
 mod root;
 mod symmetric;

@@ -39,12 +39,12 @@ def sample(covariance: ParameterCovariance, scene: Scene, number: int, rng: np.r
             text = "found uncertain offsets of friction; expected armature, damping and friction of joints, or the covariance"
             raise of_argument(ArgumentError, "parameters", f"{text} of the bodies alone (Identification.covariance)")
         positive = np.where(mean > 0.0, mean, 1.0)
-        models[name] = np.where(mean > 0.0, mean * np.exp(change / positive), np.maximum(mean + change, 0.0))
+        models[name] = np.where(mean > 0.0, mean * _factor(change / positive), np.maximum(mean + change, 0.0))
     return models
 
 
 def _inertias(scene: Scene, change: _Array) -> _Array:
-    """Inertial parameters, (number, bodies, 10): P^(1/2) exp(P^(-1/2) dP P^(-1/2)) P^(1/2) of the pseudo-inertias P of the
+    """Inertial parameters, (number, bodies, 10): P^(1/2) f(P^(-1/2) dP P^(-1/2)) P^(1/2) of the pseudo-inertias P of the
     bodies and their changes dP, which is positive definite and P + dP to first order.
     """
     mean = np.array(scene.inertial_parameters)
@@ -59,9 +59,14 @@ def _inertias(scene: Scene, change: _Array) -> _Array:
             raise of_argument(ArgumentError, "parameters", f"{text}; expected one inside of it, or no covariance for it")
         root = (vectors * np.sqrt(values)) @ vectors.T
         inverse = (vectors / np.sqrt(values)) @ vectors.T
-        exponents, axes = np.linalg.eigh(inverse @ _pseudo(moved) @ inverse)
-        found[:, body] = _parameters(root @ (axes * np.exp(exponents)[:, None, :]) @ np.swapaxes(axes, -1, -2) @ root)
+        relative, axes = np.linalg.eigh(inverse @ _pseudo(moved) @ inverse)
+        found[:, body] = _parameters(root @ (axes * _factor(relative)[:, None, :]) @ np.swapaxes(axes, -1, -2) @ root)
     return found
+
+
+def _factor(change: _Array) -> _Array:
+    """The positive factor of a relative change: 1 + change, or 1 / (1 - change) where it is negative."""
+    return np.where(change >= 0.0, 1.0 + change, 1.0 / (1.0 - np.minimum(change, 0.0)))
 
 
 def _pseudo(parameters: _Array) -> _Array:

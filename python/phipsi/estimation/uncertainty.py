@@ -81,7 +81,7 @@ class ParameterCovariance:
         whole = getattr(parameters, "parameter_covariance", parameters)
         if isinstance(whole, ParameterCovariance):
             whole._check_robot(scene)
-            self.__dict__.update(whole.__dict__)
+            self.__dict__.update(whole.__dict__, _scene=scene)
             return
         self._scene = scene
         bodies = len(scene.body_names)
@@ -156,9 +156,9 @@ class ParameterCovariance:
 
         Notes
         -----
-        The samples have this covariance to first order. The pseudo-inertia of a body is multiplied by the exponential
-        of its relative change, which keeps it positive definite; a positive property of a joint likewise. A property
-        that is zero becomes the positive part of its change.
+        The samples have this covariance to first order. A relative change e of the pseudo-inertia of a body becomes
+        1 + e where e is positive, else 1 / (1 - e), so that no sample leaves what a rigid body can have; a positive
+        property of a joint likewise. A property that is zero becomes the positive part of its change.
 
         Examples
         --------

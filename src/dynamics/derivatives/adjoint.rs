@@ -14,7 +14,6 @@
 use super::outward::{ABOUT_Z, carried, needed_force, past_joint};
 use super::parameters;
 use crate::dynamics::forces::Motion;
-use crate::dynamics::inertial_parameters::Parameters;
 use crate::dynamics::sweeps::SweepModel;
 use crate::dynamics::sweeps::body::SweepBody;
 use crate::dynamics::sweeps::joint::{self, Joint, with_axial};
@@ -23,6 +22,7 @@ use crate::filter::Rows;
 use crate::kinematics::joint_motion;
 use crate::model::{Body, Model, Motion as JointMotion};
 use crate::scalar::{Real, larger};
+use crate::spatial::inertial_parameters::Parameters;
 use crate::spatial::transform::Transform;
 use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, linear, scaled, scaled_add, sum};
 use nalgebra::{Vector3, Vector6};

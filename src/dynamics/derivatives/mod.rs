@@ -45,9 +45,9 @@ mod products;
 mod regressor;
 mod tangent;
 
-pub use crate::dynamics::inertial_parameters::Parameters;
+pub use crate::spatial::inertial_parameters::Parameters;
 #[doc(hidden)]
-pub use crate::dynamics::inertial_parameters::{inertia, parameters};
+pub use crate::spatial::inertial_parameters::{inertia, parameters};
 pub(crate) use adjoint::CoStates;
 pub use adjoint::Constants;
 pub(crate) use columns::DerivativeColumns;

@@ -5,9 +5,9 @@
 //! The constants of a motion are laid out as armature (nv), gravity (3), wrenches (bodies x 6) and inertial parameters
 //! (bodies x 10).
 
-use crate::dynamics::inertial_parameters::{ENTRIES, Parameters, inertia, parameters, place};
 use crate::dynamics::sweeps::body::SweepBody;
 use crate::scalar::Real;
+use crate::spatial::inertial_parameters::{ENTRIES, Parameters, inertia, parameters, place};
 use crate::spatial::{RigidShift, angular, cross, cross_add, linear, minus, rotate_block, sum3};
 use nalgebra::{Matrix3, Vector3, Vector6};
 

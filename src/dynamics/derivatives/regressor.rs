@@ -6,7 +6,6 @@
 use super::outward::{ABOUT_Z, carried, past_joint};
 use super::parameters;
 use crate::dynamics::forces::Motion;
-use crate::dynamics::inertial_parameters::Parameters;
 use crate::dynamics::sweeps::SweepModel;
 use crate::dynamics::sweeps::joint::Joint;
 use crate::dynamics::sweeps::motion::carriers;
@@ -14,6 +13,7 @@ use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::kinematics::joint_motion;
 use crate::model::Model;
 use crate::scalar::Real;
+use crate::spatial::inertial_parameters::Parameters;
 use nalgebra::Vector6;
 use std::ops::Range;
 

@@ -13,7 +13,6 @@
 use super::outward::{ABOUT_Z, carried, needed_force, past_axial, past_joint};
 use super::parameters::constants_of;
 use crate::dynamics::forces::Motion;
-use crate::dynamics::inertial_parameters::{Parameters, inertia, permuted};
 use crate::dynamics::sweeps::SweepModel;
 use crate::dynamics::sweeps::body::SweepBody;
 use crate::dynamics::sweeps::joint::{self, Joint, with_axial, with_rows};
@@ -23,6 +22,7 @@ use crate::filter::riccati::Measured;
 use crate::kinematics::joint_motion;
 use crate::model::{Body, Model, Motion as JointMotion};
 use crate::scalar::{Real, largest_of};
+use crate::spatial::inertial_parameters::{Parameters, inertia};
 use crate::spatial::transform::Transform;
 use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, cross_motion, linear, spatial, sum};
 use nalgebra::{Vector3, Vector6};
@@ -174,7 +174,7 @@ pub(super) fn base_to_tip<T: Real>(
             change = but(&change, &body.frame.apply(wrench));
         }
         if let Some(parameters) = along.parameters.get(body.index) {
-            change = sum(&change, &inertia(&permuted(&body.frame, parameters)).bias_force(&velocity, &acceleration));
+            change = sum(&change, &inertia(&body.frame.parameters(parameters)).bias_force(&velocity, &acceleration));
         }
         if *judges {
             let terms = terms_of_change(&inertia_of, &velocity, [&own[2], &own[3]]);

@@ -13,6 +13,7 @@ use super::joint::{Joint, JointAxis};
 use crate::filter::Rows;
 use crate::model::{Body, Model, Motion};
 use crate::scalar::Real;
+use crate::spatial::inertial_parameters::{ENTRIES, Parameters, place};
 use crate::spatial::transform::{AboutAxis, ConstantRotation, ConstantSlide};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
@@ -136,6 +137,21 @@ impl<N: Copy> AxisPermutation<N> {
             there[usize::from(self.from[i % 3]) + i / 3 * 3] = value * value.splat(self.sign[i % 3]);
         }
         there
+    }
+
+    /// Converts inertial parameters, or their changes, from the frame of the model.
+    #[inline(always)]
+    pub fn parameters<T: Real<Parameter = N>>(&self, parameters: &Parameters<T>) -> Parameters<T> {
+        let like = parameters[0];
+        let o = like.constant(0.0);
+        let first = self.apply(&Vector6::new(parameters[1], parameters[2], parameters[3], o, o, o));
+        let mut here = *parameters;
+        here[1..4].copy_from_slice(&first[..3]);
+        for (to, [i, j]) in here[4..].iter_mut().zip(ENTRIES) {
+            let (from, sign) = self.entry(like, i, j);
+            *to = sign * parameters[place(from)];
+        }
+        here
     }
 
     /// The place and the sign in the model of entry (i, j) of a symmetric matrix.

@@ -2,10 +2,9 @@
 //!
 //! I is the rotational inertia about that origin. The order is (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz).
 
-use super::sweeps::AxisPermutation;
+use super::{BodyInertia, Symmetric3};
 use crate::scalar::Real;
-use crate::spatial::{BodyInertia, Symmetric3};
-use nalgebra::{Vector3, Vector6};
+use nalgebra::Vector3;
 
 /// (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), or the cotangents of these.
 pub type Parameters<T> = [T; 10];
@@ -30,19 +29,4 @@ pub fn parameters<T: Real>(inertia: &BodyInertia<T>) -> Parameters<T> {
 pub fn inertia<T: Real>(parameters: &Parameters<T>) -> BodyInertia<T> {
     let [mass, x, y, z, xx, xy, yy, xz, yz, zz] = *parameters;
     BodyInertia { mass, first_moment: Vector3::new(x, y, z), rotational: Symmetric3::new([xx, xy, xz, yy, yz, zz]) }
-}
-
-/// Converts the parameters of a body, or their changes, to a frame with permuted axes.
-#[inline(always)]
-pub(crate) fn permuted<T: Real>(frame: &AxisPermutation<T::Parameter>, parameters: &Parameters<T>) -> Parameters<T> {
-    let like = parameters[0];
-    let o = like.constant(0.0);
-    let first = frame.apply(&Vector6::new(parameters[1], parameters[2], parameters[3], o, o, o));
-    let mut here = *parameters;
-    here[1..4].copy_from_slice(&first[..3]);
-    for (to, [i, j]) in here[4..].iter_mut().zip(ENTRIES) {
-        let (from, sign) = frame.entry(like, i, j);
-        *to = sign * parameters[place(from)];
-    }
-    here
 }
