@@ -77,7 +77,7 @@ def main() -> None:
         lines.append(row(name, scene))
         print(lines[-1], flush=True)
     how = [
-        f"Written by `make populations` (benches/populations.py): time of {STATES} states with {STATES} models (inertias and armature) over that of {STATES} states with one model, on one thread, minima of {TURNS} interleaved timings; instructions `{phipsi.instruction_set()}`; load of the machine during the last 1, 5 and 15 minutes: {', '.join(f'{load:.1f}' for load in os.getloadavg())}.",
+        f"Written by `make populations` (benches/populations.py): time of {STATES} states with {STATES} models (inertias and armature) over that of {STATES} states with one model, on one thread, minima of {TURNS} interleaved timings; load of the machine during the last 1, 5 and 15 minutes: {', '.join(f'{load:.1f}' for load in os.getloadavg())}.",
         f"**Simulation**: {STEPS} steps without stops and dry friction, the start of the run included. **A scene per state**: forward dynamics of one state in its own scene, over the time per state of the batch with one model; scenes that exist already.",
     ]
     write(options.markdown, "Models that differ between states, measured", how, lines, "scenes with connections or contacts, whose simulations compute one state after another, and the square-root form, which computes each state in a scene of its own.")

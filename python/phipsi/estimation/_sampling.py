@@ -65,8 +65,9 @@ def _inertias(scene: Scene, change: _Array) -> _Array:
 
 
 def _factor(change: _Array) -> _Array:
-    """The positive factor of a relative change: 1 + change, or 1 / (1 - change) where it is negative."""
-    return np.where(change >= 0.0, 1.0 + change, 1.0 / (1.0 - np.minimum(change, 0.0)))
+    """The positive factor of a relative change: change + sqrt(1 + change^2), without cancellation."""
+    most = np.abs(change) + np.sqrt(1.0 + change**2)
+    return np.where(change >= 0.0, most, 1.0 / most)
 
 
 def _pseudo(parameters: _Array) -> _Array:

@@ -157,8 +157,8 @@ class ParameterCovariance:
         Notes
         -----
         The samples have this covariance to first order. A relative change e of the pseudo-inertia of a body becomes
-        1 + e where e is positive, else 1 / (1 - e), so that no sample leaves what a rigid body can have; a positive
-        property of a joint likewise. A property that is zero becomes the positive part of its change.
+        the factor e + sqrt(1 + e^2), which is positive, so that no sample leaves what a rigid body can have; a
+        positive property of a joint likewise. A property that is zero becomes the positive part of its change.
 
         Examples
         --------
