@@ -4053,6 +4053,36 @@ class Scene:
         3.5
         """
 
+    def subtree(self, link: str, *, floating_base: bool = False) -> Scene:
+        """Create the scene of the part of the robot that a link carries, with this link as its root.
+
+        Parameters
+        ----------
+        link : str
+            Name of the link.
+        floating_base : bool, default False
+            If true, the base moves freely.
+
+        Returns
+        -------
+        scene : Scene
+            The new scene.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown link; a connection or a mimic joint between this part and the rest.
+
+        Notes
+        -----
+        Contacts, colliders, actuators and the start of these links and joints come with it.
+
+        Examples
+        --------
+        >>> phipsi.scenes.chain(5).subtree("link1").joint_names
+        ('j2', 'j3', 'j4')
+        """
+
     def with_inertial_parameters(self, parameters: ArrayLike, /) -> Scene:
         """Create a scene with other inertial parameters of all bodies, such as those of one member of a population.
 
@@ -5947,6 +5977,56 @@ class SceneBuilder:
         >>> cam = phipsi.scenes.chain(3).to_builder().couple("cam", "j2", "j0", polynomial=(0.1, 0.0, 2.0)).build()
         >>> cam.constraint_jacobian([0.5, 0.0, 0.6])
         array([[-2.,  0.,  1.]])
+        """
+
+    def attach(
+        self,
+        scene: Scene,
+        link: str,
+        *,
+        prefix: str = "",
+        xyz: ArrayLike = (0, 0, 0),
+        rpy: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+        name: str | None = None,
+    ) -> SceneBuilder:
+        """Attach another robot to a link by a fixed joint, such as a gripper to an arm.
+
+        Parameters
+        ----------
+        scene : Scene
+            The other robot. A floating base of it becomes fixed.
+        link : str
+            Name of the link of this builder that carries its root link.
+        prefix : str, default ""
+            Begin of all its names here, for names that both robots have.
+        xyz, rpy, rotation
+            Pose of its root link in the frame of the link, as in joint().
+        name : str, optional
+            Name of the fixed joint. None: that of its root link with the prefix, followed by "_mount".
+
+        Returns
+        -------
+        builder : SceneBuilder
+            The same builder.
+
+        Raises
+        ------
+        ArgumentError, ShapeError
+            An unknown link, names that both robots have, or an invalid pose.
+
+        Notes
+        -----
+        Its joints, connections, contacts, colliders, actuators, start and keyframes come with it, but colliders of its
+        base, such as a ground, do not. Gravity and the other settings are those of this builder. The shapes of an MJCF
+        file are not drawn.
+
+        Examples
+        --------
+        >>> arm, gripper = phipsi.scenes.chain(3), phipsi.scenes.chain(2)
+        >>> builder = arm.to_builder().attach(gripper, "link2", prefix="finger_", xyz=(0, 0, 0.3))
+        >>> builder.build().joint_names
+        ('j0', 'j1', 'j2', 'finger_j0', 'finger_j1')
         """
 
     def build(

@@ -11,6 +11,7 @@ Each shape is centered at `xyz` in the link frame and rotated by `rpy`. Sizes ar
 
 from __future__ import annotations
 
+import contextlib
 import os
 import warnings
 from collections.abc import Sequence
@@ -21,8 +22,10 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._files import find
 from ._install import command
 from ._pose import from_rpy
+from ._xacro import expanded_again
 from .errors import ArgumentError, InertiaWarning
 
 if TYPE_CHECKING:
@@ -456,6 +459,33 @@ def texts_of(scene: Scene) -> list[tuple[Path | None, str]]:
 def has_text(scene: Scene) -> bool:
     """Whether the scene has the text that it was read from."""
     return any(not text.startswith(FROM_CODE) for text in scene._shapes)
+
+
+def prefixed(scene: Scene, prefix: str) -> list[str]:
+    """URDF texts with the shapes of a scene, whose links have a prefix and whose mesh files are absolute paths."""
+    given = texts_of(scene)
+    file = scene.file
+    if file is not None and file.is_file() and not has_text(scene):
+        text = file.read_text(encoding="utf-8", errors="replace")
+        if (expanded := expanded_again(file, text)) is not None:
+            given.append((file, expanded))
+    found = []
+    for source, text in given:
+        robot = ElementTree.fromstring(text)
+        if robot.tag == "mujoco":
+            continue
+        for part in [part for part in robot if part.tag not in ("link", "material")]:
+            robot.remove(part)
+        for link in robot.iter("link"):
+            link.set("name", prefix + link.get("name", ""))
+            for part in [part for part in link if part.tag != "visual"]:
+                link.remove(part)
+        for mesh in robot.iter("mesh"):
+            with contextlib.suppress(FileNotFoundError):
+                mesh.set("filename", str(find(mesh.get("filename", ""), source or Path("urdf").absolute())))
+        robot.attrib = {"name": ""}
+        found.append(ElementTree.tostring(robot, encoding="unicode"))
+    return found
 
 
 #: Begin of the texts of to_urdf.

@@ -252,6 +252,54 @@ impl PySceneBuilder {
         Ok(slf)
     }
 
+    /// Attach another robot to a link by a fixed joint, such as a gripper to an arm.
+    #[doc = section!(Parameters)]
+    /// scene : Scene
+    ///     The other robot. A floating base of it becomes fixed.
+    /// link : str
+    ///     Name of the link of this builder that carries its root link.
+    /// prefix : str, default ""
+    ///     Begin of all its names here, for names that both robots have.
+    /// xyz, rpy, rotation
+    ///     Pose of its root link in the frame of the link, as in joint().
+    /// name : str, optional
+    ///     Name of the fixed joint. None: that of its root link with the prefix, followed by "_mount".
+    #[doc = returns!(builder)]
+    #[doc = section!(Raises)]
+    /// ArgumentError, ShapeError
+    ///     An unknown link, names that both robots have, or an invalid pose.
+    #[doc = section!(Notes)]
+    /// Its joints, connections, contacts, colliders, actuators, start and keyframes come with it, but colliders of its
+    /// base, such as a ground, do not. Gravity and the other settings are those of this builder. The shapes of an MJCF
+    /// file are not drawn.
+    #[doc = section!(Examples)]
+    /// >>> arm, gripper = phipsi.scenes.chain(3), phipsi.scenes.chain(2)
+    /// >>> builder = arm.to_builder().attach(gripper, "link2", prefix="finger_", xyz=(0, 0, 0.3))
+    /// >>> builder.build().joint_names
+    /// ('j0', 'j1', 'j2', 'finger_j0', 'finger_j1')
+    #[pyo3(signature = (scene, link, *, prefix="", xyz=None, rpy=None, rotation=None, name=None, **unknown),
+           text_signature = "($self, scene, link, *, prefix='', xyz=(0, 0, 0), rpy=None, rotation=None, name=None)")]
+    fn attach<'py>(
+        mut slf: PyRefMut<'py, Self>,
+        scene: &Bound<'py, PyScene>,
+        link: &str,
+        prefix: &str,
+        xyz: Option<&Object<'py>>,
+        rpy: Option<&Object<'py>>,
+        rotation: Option<&Object<'py>>,
+        name: Option<&str>,
+        unknown: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<PyRefMut<'py, Self>> {
+        let py = slf.py();
+        refuse_unknown(py, "SceneBuilder.attach", unknown)?;
+        let origin = frame_of(&|argument: &str| argument.to_owned(), xyz, rpy, rotation)?;
+        let drawn: Vec<String> = imported!(py, "phipsi.shapes", "prefixed")?.call1((scene, prefix))?.extract()?;
+        let other = scene.get().scene.source();
+        let attached = slf.builder.clone().attach(other, (link, name), prefix, origin)?;
+        slf.builder = attached.with_shapes(drawn);
+        Ok(slf)
+    }
+
     /// Check all parts and create the Scene. The builder can be used again.
     #[doc = section!(Parameters)]
     /// floating_base : bool, optional

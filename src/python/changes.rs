@@ -112,6 +112,26 @@ impl PyScene {
         self.changed(py, self.scene.with_payload(link, &payload)?)
     }
 
+    /// Create the scene of the part of the robot that a link carries, with this link as its root.
+    #[doc = section!(Parameters)]
+    /// link : str
+    ///     Name of the link.
+    /// floating_base : bool, default False
+    ///     If true, the base moves freely.
+    #[doc = returns!(scene)]
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     An unknown link; a connection or a mimic joint between this part and the rest.
+    #[doc = section!(Notes)]
+    /// Contacts, colliders, actuators and the start of these links and joints come with it.
+    #[doc = section!(Examples)]
+    /// >>> phipsi.scenes.chain(5).subtree("link1").joint_names
+    /// ('j2', 'j3', 'j4')
+    #[pyo3(signature = (link, *, floating_base=false))]
+    fn subtree(&self, py: Python<'_>, link: &str, floating_base: bool) -> PyResult<Self> {
+        self.changed(py, self.scene.subtree(link, floating_base)?)
+    }
+
     /// Create a scene with other inertial parameters of all bodies, such as those of one member of a population.
     #[doc = section!(Parameters)]
     /// parameters : (bodies, 10) array_like

@@ -31,6 +31,7 @@
 
 mod actuator;
 mod assembly;
+mod attach;
 mod builder;
 mod checks;
 mod collider;

@@ -161,7 +161,6 @@ pub(super) fn cross<T: Real>(a: [T; 3], b: [T; 3], c: [T; 3]) -> [T; 3] {
 #[cfg(test)]
 mod tests {
     use super::Spin;
-    use super::load::Load;
     use crate::dynamics::forces::Needed;
     use crate::spatial::transform::Offset;
     use nalgebra::Vector3;
