@@ -1,6 +1,7 @@
 """Writes the pictures of README.md and of docs/examples.md with `scene.show(to=...)`: docs/robot.webp, docs/robots.webp, docs/pictures/.
 
-Usage: python docs/picture.py [NAME ...]. Needs phipsi[view], matplotlib, scipy and xacro. Without names, all pictures are written.
+Usage: python docs/picture.py [NAME ...]. Needs phipsi[view], matplotlib, scipy, xacro and
+example-robot-data. Without names, all pictures are written.
 """
 
 import re
@@ -19,13 +20,13 @@ ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 #: Of the pictures of examples.
 SIZE = (480, 360)
-#: Panels of docs/robots.webp, with the number of its frames.
-FIRST, FRAMES, PANEL = ("quadruped", "gripper", "humanoid"), 30, (300, 225)
+#: Panels of docs/robots.webp, all in motion the whole time, and their size.
+FIRST, PANEL = ("go2", "panda", "talos"), (300, 225)
 
 
 def of_example(name: str, folder: Path) -> Path:
     """Animation of an example."""
-    found = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))
+    found = runpy.run_path(str(ROOT / "python" / "phipsi" / "examples" / f"{name}.py"))
     scene: Any = found["scene"]
     if "path" in found:
         scene.show(found["path"], to=folder / f"{name}.webp")
@@ -61,11 +62,11 @@ def main(names: list[str]) -> None:
         if not names or "robots" in names:
             panels = [frames(PICTURES / f"{name}.webp", PANEL)[0] for name in FIRST]
             strip = []
-            for at in range(FRAMES):
+            for at in range(max(map(len, panels))):
                 strip.append(Image.new("RGB", (len(FIRST) * PANEL[0], PANEL[1]), "white"))
                 for i, panel in enumerate(panels):
-                    strip[-1].paste(panel[min(at, len(panel) - 1)], (i * PANEL[0], 0))
-            save([*strip, *[strip[-1]] * 10], ROOT / "docs" / "robots.webp", 50)
+                    strip[-1].paste(panel[at % len(panel)], (i * PANEL[0], 0))
+            save(strip, ROOT / "docs" / "robots.webp", 50)
         if not names or "robot" in names:
             (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
             found: dict[str, Any] = {}

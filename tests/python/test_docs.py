@@ -111,7 +111,7 @@ def test_the_index_of_methods_is_complete() -> None:
 def test_the_page_of_examples_shows_all_of_them() -> None:
     page = (DOCS / "examples.md").read_text(encoding="utf-8")
     assert set(re.findall(r"pictures/(\w+)\.webp", page)) == set(SHORT) == {path.stem for path in (DOCS / "pictures").iterdir()}
-    assert set(re.findall(r"examples/(\w+)\.py", page)) >= {path.stem for path in (ROOT / "examples").glob("*.py")}
+    assert set(re.findall(r"examples/(\w+)\.py", page)) >= {path.stem for path in (ROOT / "python" / "phipsi" / "examples").glob("[!_]*.py")}
 
 
 def test_readme_has_the_figures_of_the_generated_pages() -> None:
