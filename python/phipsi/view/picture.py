@@ -4,6 +4,7 @@ browser and no graphics processor are needed.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +13,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
+from rich.console import Console
+from rich.progress import track
 
 from .._core import Scene
 from .._forces import Forces
@@ -86,12 +89,19 @@ def write(scene: Scene, motion: Any, shapes: Sequence[Shape], file: Path) -> Non
     if moves:
         count = min(max(int((times[-1] - times[0]) * RATE), 1) + 1, MOST)
         rows = np.clip(np.searchsorted(times, np.linspace(times[0], times[-1], count)), 0, len(times) - 1)
-    first, *rest = frames(scene, motion, shapes, rows, MOVING if moves else SIZE)
+    first, *rest = _shown(frames(scene, motion, shapes, rows, MOVING if moves else SIZE), len(rows), file)
     if moves:
         each = max(round(1000.0 * float(times[-1] - times[0]) / len(rows)), 1)
         first.save(file, save_all=True, append_images=rest, duration=each, loop=0, quality=75, method=4)
     else:
         first.save(file)
+
+
+def _shown(pictures: Iterator[Image.Image], count: int, file: Path) -> Iterator[Image.Image]:
+    """The pictures, with a bar of the progress on a terminal if there are several."""
+    if count == 1 or not sys.stderr.isatty():
+        return pictures
+    return iter(track(pictures, f"drawing {file.name}", count, console=Console(stderr=True), transient=True))
 
 
 def frames(scene: Scene, motion: Any, shapes: Sequence[Shape], rows: Iterable[int], size: tuple[int, int] = SIZE) -> Iterator[Image.Image]:
