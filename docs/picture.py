@@ -80,9 +80,9 @@ def of_page(name: str, folder: Path) -> None:
     os.chdir(folder)
     try:
         exec(compile("\n".join(code), name, "exec"), found)
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         # Pictures of pages whose package only some machines have are drawn without it.
-        print(f"{name}: without {error.name}")
+        print(f"{name}: {error}")
     exec(compile("\n".join(picture), name, "exec"), found)
     os.chdir(here)
     target = ROOT / "docs" / "how-to" / "pictures" / drawn.name
@@ -138,5 +138,6 @@ def swapped(animation: tuple[list[Image.Image], int], file: Path) -> tuple[list[
 
 if __name__ == "__main__":
     matplotlib.use("agg")
+    matplotlib.rcParams |= {"savefig.bbox": "tight", "savefig.dpi": 110, "axes.spines.top": False, "axes.spines.right": False}
     print(phipsi.__file__)
     main(sys.argv[1:])
