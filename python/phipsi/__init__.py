@@ -25,6 +25,7 @@ base to tip; the mass matrix is the covariance of the measurements.
 
 from . import errors, estimation, scenes, shapes, tasks
 from ._actuators import Actuator, Actuators
+from ._compare import Comparison, Difference, compare
 from ._compile import Compiled, compile
 from ._core import (
     BUNDLED_ARM,
@@ -88,11 +89,13 @@ __all__ = [
     "BUNDLED_ARM",
     "Compiled",
     "CompiledForCuda",
+    "Comparison",
     "ConstrainedDynamics",
     "ConstrainedInverseDynamics",
     "ContactGradients",
     "ContactMotion",
     "ContactState",
+    "Difference",
     "Distances",
     "Energy",
     "EnergyAudit",
@@ -128,6 +131,7 @@ __all__ = [
     "Trajectory",
     "Violation",
     "__version__",
+    "compare",
     "errors",
     "estimation",
     "get_num_threads",
