@@ -240,8 +240,8 @@ def _at_states(first: Scene, second: Scene, common: list[str], states: int, seed
             rows = first.v_index(name)
             off = np.abs(one[:, rows] - two[:, rows]).reshape(states, -1)
             if not off.max() <= tolerance * scale:
-                at = np.unravel_index(np.argmax(off), off.shape)
-                a, b = (values[:, rows].reshape(states, -1)[at] for values in (one, two))
+                largest = int(np.argmax(off))
+                a, b = (values[:, rows].reshape(-1)[largest] for values in (one, two))
                 dynamics.append(Difference(f'joint "{name}"', quantity, float(a), float(b), float(off.max() / max(abs(a), abs(b)))))
     return poses, dynamics
 

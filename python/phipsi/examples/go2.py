@@ -24,7 +24,7 @@ for foot, shift in (("FL", 0.0), ("RR", 0.0), ("FR", 0.5), ("RL", 0.5)):
     up = RADIUS + LIFT * np.where(swings, np.sin(2 * np.pi * part) ** 2, 0.0)
     gait.append(tasks.Position(f"{foot}_foot", np.stack([x + forward, np.full(STEPS, y), up], axis=-1)))
 cycle = scene.inverse_kinematics(gait, stance, follow=True)
-assert cycle.reached.all()
+assert np.all(cycle.reached)
 
 kp, kd = (np.array([0.0] * 6 + [gain] * 12) for gain in (150.0, 4.0))  # the trunk has no motor
 targets = np.tile(cycle.q, (PERIODS, 1))

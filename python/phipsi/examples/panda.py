@@ -46,7 +46,7 @@ weight = scene.gravity_torque(targets)
 weight[:, scene.v_index("block")] = 0.0
 path = scene.simulate(targets[0], np.zeros(scene.nv), dt=DT, steps=len(t), pd=phipsi.PD(kp, kp / 15, start), targets=targets, tau_steps=weight)
 
-ends = path.q[[0, np.searchsorted(path.t, 2.0), -1], block][:, :3]
+ends = path.q[:, block][np.array([0, np.searchsorted(path.t, 2.0), len(t)]), :3]
 print(f"the block at the start {ends[0].round(3)}, in the hand {ends[1].round(3)}, at the end {ends[2].round(3)} m")
 assert ends[1, 2] > 0.2 and np.allclose(ends[2], [*place[:2], SIDE / 2], atol=0.01)
 

@@ -29,7 +29,7 @@ pelvis = scene.placement(q, "base_link")
 pelvis[:, 2, 3] -= DEPTH * (1.0 - np.cos(phase)) / 2
 legs = [tasks.Pose("base_link", pelvis), *(tasks.Pose(sole, scene.placement(q[0], sole)) for sole in soles)]
 cycle = scene.inverse_kinematics(legs, q, starts=1)
-assert cycle.reached.all()
+assert np.all(cycle.reached)
 
 kp = np.where(np.arange(scene.nv) < 6, 0.0, 5000.0)  # the pelvis has no motor
 targets = np.tile(cycle.q, (PERIODS, 1))
