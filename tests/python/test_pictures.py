@@ -14,7 +14,7 @@ from phipsi.errors import ArgumentError
 from phipsi.shapes import Box, Capsule, Cylinder, HalfSpace, HeightField, Hull, Sphere
 
 pytest.importorskip("viser")
-from phipsi.view import picture  # noqa: E402
+from phipsi.view import picture, player  # noqa: E402
 from phipsi.view.player import Motion, _in_notebook  # noqa: E402
 from phipsi.view.shapes import extent, shapes_of, travel  # noqa: E402
 from PIL import Image  # noqa: E402
@@ -247,3 +247,15 @@ def test_the_camera_of_a_narrow_page_is_farther_away(tmp_path: Path) -> None:
     assert list(aspects) == sorted(aspects) and np.all(np.diff(away) <= 1e-9) and away[0] > 2.0 * away[-1]
     # Before the scripts of the viewer, which read the position.
     assert page.index("initialCameraPosition") < page.index("__VISER_EMBED_DATA__")
+
+
+def test_the_camera_of_a_page_follows_too() -> None:
+    """The page moves its world back, so that the robot stays in front of the camera."""
+    scene, rows = cube(), np.linspace(0.0, 2.0, 40)[:, None]
+    for q, follows in ((rows, True), (0.2 * rows, False)):
+        stage = player._Stage(scene, shapes_of(scene, None), 0, Motion(scene, q, np.linspace(0.0, 1.0, 40)))
+        assert "<html" in stage.html(motion := Motion(scene, q, np.linspace(0.0, 1.0, 40)), "title")
+        last = travel(scene, motion.frames()[1])[-1]
+        assert np.allclose(stage.parents[0].position, -last, atol=1e-6) and bool(last.any()) == follows
+        assert np.allclose(np.array(stage.center.position) + last, scene.center_of_mass(q[-1]), atol=1e-6)
+        stage.close()
