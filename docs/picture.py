@@ -1,8 +1,10 @@
-"""Writes the pictures of README.md and of docs/examples.md with `scene.show(to=...)`: docs/robot.webp, docs/robots.webp, docs/pictures/.
+"""Writes the pictures of README.md, docs/examples.md and docs/how-to/: docs/robot.webp, docs/robots.webp, docs/pictures/, docs/how-to/pictures/.
 
-Usage: python docs/picture.py [NAME ...]. Needs phipsi[view], matplotlib, scipy and xacro. Without names, all pictures are written.
+Usage: python docs/picture.py [NAME ...]. Needs phipsi[view], matplotlib, scipy, xacro and
+example-robot-data. Without names, all pictures are written. A name of a how-to page begins with how-to/, such as how-to/lqr.
 """
 
+import os
 import re
 import runpy
 import sys
@@ -11,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 from PIL import Image
 
 import phipsi
@@ -19,13 +22,15 @@ ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 #: Of the pictures of examples.
 SIZE = (480, 360)
-#: Panels of docs/robots.webp, with the number of its frames.
-FIRST, FRAMES, PANEL = ("quadruped", "gripper", "humanoid"), 30, (300, 225)
+#: Of the pictures of how-to pages, and their largest size, bytes.
+PAGE, LARGEST = (400, 300), 59_000
+#: Panels of docs/robots.webp, all in motion the whole time, and their size.
+FIRST, PANEL = ("go2", "panda", "talos"), (300, 225)
 
 
 def of_example(name: str, folder: Path) -> Path:
     """Animation of an example."""
-    found = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))
+    found = runpy.run_path(str(ROOT / "python" / "phipsi" / "examples" / f"{name}.py"))
     scene: Any = found["scene"]
     if "path" in found:
         scene.show(found["path"], to=folder / f"{name}.webp")
@@ -45,10 +50,58 @@ def frames(file: Path, size: tuple[int, int]) -> tuple[list[Image.Image], int]:
     return found, 50
 
 
-def save(pictures: list[Image.Image], file: Path, each: int) -> None:
+def cropped(pictures: list[Image.Image]) -> list[Image.Image]:
+    """The part in which a robot moves, as wide as a panel."""
+    still = np.asarray(pictures[0], float)[:, :1]
+    changed = np.any([np.abs(np.asarray(one, float) - still).max(axis=-1) > 60 for one in pictures], axis=0)
+    (low_y, low_x), (high_y, high_x) = (f(np.argwhere(changed), axis=0) for f in (np.min, np.max))
+    width, height = pictures[0].size
+    part = min(max((high_x - low_x) / width, (high_y - low_y) / height) * 1.12, 1.0)
+    left = np.clip((low_x + high_x) / 2 - part * width / 2, 0, width * (1 - part))
+    top = np.clip((low_y + high_y) / 2 - part * height / 2, 0, height * (1 - part))
+    return [one.resize(PANEL, Image.Resampling.LANCZOS, (left, top, left + part * width, top + part * height)) for one in pictures]
+
+
+def save(pictures: list[Image.Image], file: Path, each: int, quality: int = 60) -> None:
     first, *rest = pictures
-    first.save(file, save_all=True, append_images=rest, duration=each, loop=0, quality=60, method=6)
+    first.save(file, save_all=True, append_images=rest, duration=each, loop=0, quality=quality, method=6)
     print(f"written: {file}, {file.stat().st_size} bytes")
+
+
+def of_page(name: str, folder: Path) -> None:
+    """The picture that the code of a how-to page and its comment `picture` draw."""
+    sys.path.insert(0, str(ROOT / "tests" / "python"))
+    from page_script import parts
+
+    code, picture, _ = parts((ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8").splitlines())
+    drawn = folder / f"{Path(name).name}.webp"
+    found: dict[str, Any] = {"__name__": "picture", "PICTURE": str(drawn)}
+    here = Path.cwd()
+    os.chdir(folder)
+    try:
+        exec(compile("\n".join(code), name, "exec"), found)
+    except ImportError as error:
+        # Pictures of pages whose package only some machines have are drawn without it.
+        print(f"{name}: {error}")
+    exec(compile("\n".join(picture), name, "exec"), found)
+    os.chdir(here)
+    target = ROOT / "docs" / "how-to" / "pictures" / drawn.name
+    target.parent.mkdir(exist_ok=True)
+    with Image.open(drawn) as opened:
+        shown = [opened.convert("RGB")]
+        moves = getattr(opened, "n_frames", 1) > 1
+    each = 50
+    if moves:
+        shown, each = frames(drawn, PAGE)
+    elif shown[0].size == (800, 600):
+        shown[0].thumbnail(PAGE)
+    for quality in (75, 60, 45, 30, 20):
+        save(shown, target, each, quality)
+        if target.stat().st_size <= LARGEST:
+            return
+        if moves:
+            shown, each = shown[::2], 2 * each
+    raise SystemExit(f"{target}: found {target.stat().st_size} bytes; expected at most {LARGEST}: a shorter motion")
 
 
 def main(names: list[str]) -> None:
@@ -56,16 +109,20 @@ def main(names: list[str]) -> None:
     shown = re.findall(r"pictures/(\w+)\.webp", (ROOT / "docs" / "examples.md").read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as folder:
         for name in names or dict.fromkeys(shown):
-            if name not in ("robot", "robots"):
+            if name not in ("robot", "robots") and not name.startswith("how-to/"):
                 save(*swapped(frames(of_example(name, Path(folder)), SIZE), PICTURES / f"{name}.webp"))
+        for page in sorted((ROOT / "docs" / "how-to").glob("*.md")):
+            name = f"how-to/{page.stem}"
+            if name in names or (not names and "<!-- picture" in page.read_text(encoding="utf-8")):
+                of_page(name, Path(folder))
         if not names or "robots" in names:
-            panels = [frames(PICTURES / f"{name}.webp", PANEL)[0] for name in FIRST]
+            panels = [cropped(frames(PICTURES / f"{name}.webp", SIZE)[0]) for name in FIRST]
             strip = []
-            for at in range(FRAMES):
+            for at in range(max(map(len, panels))):
                 strip.append(Image.new("RGB", (len(FIRST) * PANEL[0], PANEL[1]), "white"))
                 for i, panel in enumerate(panels):
-                    strip[-1].paste(panel[min(at, len(panel) - 1)], (i * PANEL[0], 0))
-            save([*strip, *[strip[-1]] * 10], ROOT / "docs" / "robots.webp", 50)
+                    strip[-1].paste(panel[at % len(panel)], (i * PANEL[0], 0))
+            save(strip, ROOT / "docs" / "robots.webp", 50, 40)
         if not names or "robot" in names:
             (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
             found: dict[str, Any] = {}
@@ -81,5 +138,6 @@ def swapped(animation: tuple[list[Image.Image], int], file: Path) -> tuple[list[
 
 if __name__ == "__main__":
     matplotlib.use("agg")
+    matplotlib.rcParams |= {"savefig.bbox": "tight", "savefig.dpi": 110, "axes.spines.top": False, "axes.spines.right": False}
     print(phipsi.__file__)
     main(sys.argv[1:])

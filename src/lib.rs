@@ -283,11 +283,6 @@ pub use workspace::{Tally, Workspace};
 
 pub(crate) use dynamics::workspace;
 
-/// Runs the Rust examples of the README as tests.
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;
-
 /// Runs the Rust examples of docs/rust.md as tests.
 #[cfg(doctest)]
 #[doc = include_str!("../docs/rust.md")]

@@ -12,7 +12,7 @@ One process, interleaved, in an order that rotates with every pass. Four parts:
     two threads, into new or given arrays, whichever is faster.
     one       one core, UR5: one state, one torque and one step per call from Python, as in a controller:
     simulator.step(tau) compared with mj_step.
-    MPPI      examples/mppi.py unchanged, on all cores: states per second, including all other work.
+    MPPI      python/phipsi/examples/mppi.py unchanged, on all cores: states per second, including all other work.
 
 Contacts and all constraints are disabled. Before the timing, one step of every integrator must agree to 1e-9 between
 the libraries, or with the step from its definition by dense algebra if the two treat springs differently; the same
@@ -375,14 +375,14 @@ def one_by_one(model: Problem, found: dict[str, float]) -> Iterator[Contestant]:
 
 def mppi(runs: int, cycles: int) -> dict[str, Any]:
     """States per second, as printed by the example, with the default number of threads."""
-    command = [sys.executable, "examples/mppi.py", "--cycles", str(cycles)]
+    command = [sys.executable, "python/phipsi/examples/mppi.py", "--cycles", str(cycles)]
     environment = {name: value for name, value in os.environ.items() if name != "RAYON_NUM_THREADS"}
     rates = []
     for _ in range(runs):
         done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
         rate = re.search(r"(\d+) thousand states per second", done.stdout)
         if done.returncode or not rate:
-            fail(f"examples/mppi.py: {done.stderr.strip() or 'found no rate in its output'}")
+            fail(f"python/phipsi/examples/mppi.py: {done.stderr.strip() or 'found no rate in its output'}")
         rates.append(1e3 * float(rate[1]))
     return {"command": " ".join(["python", *command[1:]]), "states_a_second": asdict(Spread.of(rates)), "aim": AIM_MPPI}
 
@@ -450,7 +450,7 @@ def print_table(report: dict[str, Any]) -> None:
         f"\nns per state and step: median (minimum to maximum) of {report['passes']} passes; ratios within a pass, and of the best."
     )
     rate = report["mppi"]["states_a_second"]
-    print(f"examples/mppi.py: {plain(rate, 0)} states per second, aim {AIM_MPPI:g}")
+    print(f"python/phipsi/examples/mppi.py: {plain(rate, 0)} states per second, aim {AIM_MPPI:g}")
     print(f"agreement: one step, and all rows of rollouts, within {max(report['agreement'].values()):.1e}")
 
 

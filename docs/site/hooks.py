@@ -1,6 +1,6 @@
 """Hooks of MkDocs: pages of the repository outside docs/ become pages of the site, and notebooks too.
 
-A page links to `../examples/balance.py` or `../benches/README.md` as the files lie in the repository, so that the links work wherever the
+A page links to `../python/phipsi/examples/balance.py` or `../benches/README.md` as the files lie in the repository, so that the links work wherever the
 repository is read. Here those files are pages, and links to them are turned to these.
 """
 
@@ -27,7 +27,7 @@ TEXTS = {
     "benches/peers/README.md": "project/peers.md",
     "README.md": "project/readme.md",
 }
-EXAMPLES = {f"examples/{path.name}": f"examples/{path.stem}.md" for path in sorted((ROOT / "examples").glob("*.py"))}
+EXAMPLES = {f"python/phipsi/examples/{path.name}": f"examples/{path.stem}.md" for path in sorted((ROOT / "python/phipsi/examples").glob("[!_]*.py"))}
 NOTEBOOKS = {f"docs/notebooks/{path.name}": f"notebooks/{path.stem}.md" for path in sorted((ROOT / "docs/notebooks").glob("*.ipynb"))}
 PAGES = {**TEXTS, **EXAMPLES, **NOTEBOOKS}
 LINK = re.compile(r"(?<=\]\()([^)\s#]+)(?=[)#])")
@@ -80,7 +80,7 @@ def _example(path: Path) -> str:
     """A page of an example: what its docstring begins with, and the file."""
     text = path.read_text(encoding="utf-8")
     title, _, rest = text.removeprefix('"""').partition("\n")
-    return f"# {path.name}\n\n{title}\n\n`examples/{path.name}`, as it stands:\n\n````python\n{text}````\n"
+    return f"# {path.name}\n\n{title}\n\n```sh\npython -m phipsi.examples {path.stem}\n```\n\n````python\n{text}````\n"
 
 
 def _notebook(path: Path) -> str:

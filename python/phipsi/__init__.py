@@ -1,8 +1,8 @@
-"""Articulated-body dynamics as Kalman filtering.
+"""Robot dynamics from a URDF, MJCF or code: accelerations, torques, mass matrix, derivatives, simulation with contacts,
+inverse kinematics, identification.
 
-Joint torques are measurements, body inertias are process noise covariances, and spatial forces are states.
-Forward dynamics is a filter from tip to base followed by a smoother from base to tip; the mass matrix is the
-covariance of the measurements.
+`phipsi.load` reads a robot as a `Scene`, whose methods take one state or a batch of states. `help(phipsi.Scene)` lists
+the methods, and `python -m phipsi.examples` lists robots in motion.
 
 >>> import phipsi
 >>> scene = (
@@ -17,10 +17,15 @@ array([-1.484])
 
 Units are SI units and radians. Spatial vectors are angular first. Leading axes of arrays are batch axes, which
 broadcast.
+
+The algorithms are those of Kalman filtering: joint torques are measurements, forces between bodies are the state, and
+body inertias are process noise covariances. Forward dynamics is a filter from tip to base followed by a smoother from
+base to tip; the mass matrix is the covariance of the measurements.
 """
 
 from . import errors, estimation, scenes, shapes, tasks
 from ._actuators import Actuator, Actuators
+from ._compare import Comparison, Difference, compare
 from ._compile import Compiled, compile
 from ._core import (
     BUNDLED_ARM,
@@ -84,11 +89,13 @@ __all__ = [
     "BUNDLED_ARM",
     "Compiled",
     "CompiledForCuda",
+    "Comparison",
     "ConstrainedDynamics",
     "ConstrainedInverseDynamics",
     "ContactGradients",
     "ContactMotion",
     "ContactState",
+    "Difference",
     "Distances",
     "Energy",
     "EnergyAudit",
@@ -124,6 +131,7 @@ __all__ = [
     "Trajectory",
     "Violation",
     "__version__",
+    "compare",
     "errors",
     "estimation",
     "get_num_threads",

@@ -420,7 +420,7 @@ class Scene:
 
     @property
     def armature(self) -> _Array:
-        """Armature of each degree of freedom, (nv,), kg m^2 or kg, read-only: the variance of the measurement noise."""
+        """Inertia of rotors and gears that each degree of freedom adds to M, (nv,), kg m^2 or kg, read-only."""
 
     @property
     def damping(self) -> _Array:
@@ -624,7 +624,7 @@ class Scene:
         errors: _Errors = "raise",
         return_info: Literal[False] = False,
     ) -> _Array:
-        """Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a filter and a smoother.
+        """Joint accelerations from joint torques and wrenches on links, in O(N): qdd of M qdd + bias = tau + J^T w.
 
         Parameters
         ----------
@@ -1014,10 +1014,10 @@ class Scene:
 
         Examples
         --------
-        >>> scene = phipsi.scenes.chain(3)
-        >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=1000, record_every=100)
-        >>> path.q.shape, path.integrator
-        ((11, 3), 'rk4')
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # falls from its neutral configuration
+        >>> path = scene.simulate(scene.neutral(), np.zeros(6), dt=1e-3, steps=1000, record_every=100)
+        >>> path.q.shape, path.integrator, path.q[-1, 1:3].round(2)
+        ((11, 6), 'rk4', array([0.79, 0.35]))
         """
 
     def simulator(
@@ -1079,10 +1079,10 @@ class Scene:
 
         Examples
         --------
-        >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
-        >>> simulator.step(steps=10)
-        >>> simulator.steps
-        10
+        >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], [1.0, 0.0, 0.0], dt=1e-3)
+        >>> simulator.step(steps=100)
+        >>> simulator.q.round(3)
+        array([0.4, 0.2, 0.1])
         """
     def ode(
         self,
@@ -1130,9 +1130,9 @@ class Scene:
         Examples
         --------
         >>> ode = phipsi.scenes.chain(3).ode()
-        >>> path = ode.solve([0.3, 0.2, 0.1], np.zeros(3), (0.0, 0.5))
-        >>> round(float(path.t[-1]), 3)
-        0.5
+        >>> path = ode.solve([0.3, 0.2, 0.1], [1.0, 0.0, 0.0], (0.0, 0.5))
+        >>> path.q[-1].round(3)
+        array([0.8, 0.2, 0.1])
         """
 
     @overload
@@ -1191,11 +1191,9 @@ class Scene:
 
         Examples
         --------
-        >>> scene = phipsi.scenes.chain(3)
-        >>> still = np.zeros(3)
-        >>> tau = scene.inverse_dynamics([0.3, 0.2, 0.1], still, still)
-        >>> np.allclose(tau, scene.gravity_torque([0.3, 0.2, 0.1]))
-        True
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> scene.inverse_dynamics(scene.neutral(), np.zeros(6), np.full(6, 0.5)).round(1)
+        array([  2. , -33.5,   0.9,   0.1,   0.1,   0.1])
         """
 
     @overload
@@ -1225,7 +1223,7 @@ class Scene:
         dtype: _Float64 = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Bias torque H phi b: joint torques for zero joint accelerations (Coriolis, centrifugal and gravity), in O(N).
+        """Joint torques for zero joint accelerations (Coriolis, centrifugal and gravity), in O(N): the bias torque.
 
         Parameters
         ----------
@@ -1346,7 +1344,7 @@ class Scene:
         dtype: _Float64 = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Joint-space mass matrix M(q) including armature: the covariance of the joint torques (eq. 5.1).
+        """Joint-space mass matrix M(q) of tau = M qdd + bias, including armature (5.1).
 
         Parameters
         ----------
@@ -2744,7 +2742,7 @@ class Scene:
         tolerance: float | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Operational-space inverse inertia J M^-1 J^T of links, in O(N): the covariance of the co-states (5.6, 5.7).
+        """Accelerations of links per wrench on links, J M^-1 J^T, in O(N): operational-space inverse inertia (5.6).
 
         Parameters
         ----------
@@ -4450,7 +4448,7 @@ class Scene:
         friction_speed: float = 0.01,
         errors: _Errors = "raise",
     ) -> _Array:
-        """Variances of the joint torques of inverse dynamics for uncertain parameters, in O(N): H phi C phi* H* + t.
+        """Variances of the joint torques of inverse dynamics for uncertain parameters, in O(N).
 
         C is the covariance of the force that a body's parameter errors are, Y Sigma Y*. Torques are linear in the
         parameters: nothing is approximate. With connections or joints that follow others, by dense matrices, O(N^2).
@@ -4564,7 +4562,7 @@ class Scene:
         initial: ArrayLike = (0.1, 0.1),
         history: int = 1000,
     ) -> Observer:
-        """Error-state Kalman filter of joint motion, external wrenches and sensor biases.
+        """Create an observer of joint motion, external wrenches and sensor biases from any sensors: a Kalman filter.
 
         Connections are measurements without noise: the estimate satisfies them, and so does its error, to first order.
         Contacts of the scene are ignored, because their forces are external ones: estimate them as wrenches, or give
@@ -4852,7 +4850,7 @@ class Scene:
         method: Literal["sequential", "batch"] = "sequential",
         errors: _Errors = "raise",
     ) -> _EstimateWithCovariance:
-        """Conditional means of forces, accelerations and torques, given joint torques with noise (2.1, 2.7), in O(N).
+        """Forces, accelerations and torques from noisy measurements of joint torques, in O(N) (2.1, 2.7).
 
         Parameters
         ----------
@@ -4928,7 +4926,7 @@ class Scene:
     ) -> Estimate: ...
 
     def factor(self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None) -> Factor:
-        """Factorization M = (1 + K) D (1 + K*) at q in one sweep (3.1, 3.6), and its operators phi, Psi, K, L, D, P.
+        """Factorize the mass matrix at q, to solve and multiply with it, and for the operators of the paper (3.1, 3.6).
 
         Parameters
         ----------
@@ -4962,7 +4960,7 @@ class Scene:
     def random_model(
         self, q: ArrayLike, qd: ArrayLike | None = None, *, acceleration_variance: float = 1.0
     ) -> RandomModel:
-        """Create the spatially random model at q (1.1 to 1.6), to sample forces on bodies and joint torques.
+        """Create a model with random forces on bodies at q, to sample joint torques (1.1 to 1.6).
 
         Parameters
         ----------
@@ -6164,7 +6162,7 @@ class Simulator:
 
     Examples
     --------
-    >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
+    >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], [1.0, 0.0, 0.0], dt=1e-3)
     >>> for step in range(10):
     ...     simulator.step(tau=-0.1 * simulator.qd)
     >>> np.allclose(simulator.t, 0.01)
@@ -6322,7 +6320,7 @@ class Simulator:
 
 @final
 class RandomModel:
-    """Spatially random model at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
+    """Random forces on the bodies at one configuration, and the joint torques that they cause (1.1 to 1.6).
 
     Create it with Scene.random_model. s is the acceleration variance, (rad/s^2)^2 of 1 kg m^2; v has the variance s
     times the armature.
@@ -6420,7 +6418,7 @@ class RandomModel:
         confidence: float = 0.95,
         replicates: int = 8,
     ) -> MassEstimate:
-        """Mass matrix as the covariance of sampled joint torques T (eq. 5.1), with confidence intervals.
+        """Estimate the mass matrix from sampled joint torques, with confidence intervals (5.1).
 
         Parameters
         ----------

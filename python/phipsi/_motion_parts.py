@@ -262,7 +262,7 @@ class ShapeContacts(NamedTuple):
     state: NDArray[np.int_]
     """Index of the state in the batch, (k,); 0 for one state."""
     row: NDArray[np.int_]
-    """Index of the row; forces are those of the step that ends there, (k,)."""
+    """Index of the row; the forces act in the step that ends there, (k,)."""
     pair: NDArray[np.int_]
     """Indices of the two colliders in `names`, the smaller one first, (k, 2)."""
     point: _Array

@@ -205,7 +205,7 @@ class Energy(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """Conditional means, and optionally covariances, of forces, accelerations and torques given measured joint torques
+    """Forces, accelerations and torques, and optionally their covariances, estimated from measured joint torques
     y.
 
     Blocks of six are (moment, force) in body frames, one per degree of freedom as in phipsi.Factor: reshaped to
@@ -479,7 +479,7 @@ class Samples(NamedTuple):
 
 
 class MassEstimate(NamedTuple):
-    """Estimate of the mass matrix as the covariance of sampled torques (5.1).
+    """Mass matrix estimated from sampled joint torques, whose covariance it is (5.1).
 
     For sigma points, all fields except mass_matrix and samples are None.
 

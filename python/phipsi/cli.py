@@ -20,7 +20,7 @@ def main() -> None:
         print(f"phipsi: found no {', '.join(missing)}; install with: pip install {' '.join(missing)}", file=sys.stderr)
         raise SystemExit(2)
     try:
-        from .report import codegen, completion, identify, ik, info, simulate, view_robot  # noqa: F401  # the imports register the commands
+        from .report import codegen, compare, completion, identify, ik, info, simulate, view_robot  # noqa: F401  # the imports register the commands
         from .report.commands import group
     except KeyboardInterrupt:
         print("phipsi: interrupted.", file=sys.stderr)

@@ -305,10 +305,10 @@ class ModelWarning(UserWarning):
 
 
 class DivergenceWarning(UserWarning):
-    """An observer whose innovations are larger than it states: a model, a noise or a sensor is another than it was given."""
+    """Readings differ from the predictions of an observer by more than it states: check its model, noise and sensors."""
 
     sensor: str = ""
-    """Name of the sensor whose innovations are the furthest off."""
+    """Name of the sensor whose readings differ most from their predictions."""
     state: tuple[int, ...] = ()
     """Index of the robot in the batch, () for one."""
 

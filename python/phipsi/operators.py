@@ -62,7 +62,7 @@ class Factor:
         return self._raw.batch
 
     def solve(self, tau: ArrayLike) -> Array:
-        """Compute M^-1 tau by filter and smoother (4.1), without bias torque.
+        """Joint accelerations M^-1 tau without bias torque, in O(N), by filter and smoother (4.1).
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class Factor:
         return self._raw.apply("M_inv", False, tau)
 
     def mul(self, a: ArrayLike) -> Array:
-        """Compute M a by sweeps (2.8).
+        """Product of the mass matrix and a, in O(N) (2.8).
 
         Parameters
         ----------

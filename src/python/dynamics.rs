@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 const DENSE_LIMIT: usize = 4000;
 
 methods! {
-    /// Joint accelerations from joint torques, in O(N): M qdd + bias = tau + J^T w, by a filter and a smoother.
+    /// Joint accelerations from joint torques and wrenches on links, in O(N): qdd of M qdd + bias = tau + J^T w.
     #[doc = parameters!(q qd tau)]
     /// form : {"auto", "covariance", "square-root"}, default "auto"
     ///     Form of the covariance P in the filter. "covariance" (eq. 3.6) is the fastest; "square-root" is accurate at
@@ -66,15 +66,13 @@ methods! {
     /// tau = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10). Damping, friction and springs act in
     /// simulations only.
     #[doc = section!(Examples)]
-    /// >>> scene = phipsi.scenes.chain(3)
-    /// >>> still = np.zeros(3)
-    /// >>> tau = scene.inverse_dynamics([0.3, 0.2, 0.1], still, still)
-    /// >>> np.allclose(tau, scene.gravity_torque([0.3, 0.2, 0.1]))
-    /// True
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+    /// >>> scene.inverse_dynamics(scene.neutral(), np.zeros(6), np.full(6, 0.5)).round(1)
+    /// array([  2. , -33.5,   0.9,   0.1,   0.1,   0.1])
     fn inverse_dynamics(q, qd, qdd; wrenches, inertias, armature, out, dtype,
         errors) => evaluate(|_| Algorithm::InverseDynamics);
 
-    /// Bias torque H phi b: joint torques for zero joint accelerations (Coriolis, centrifugal and gravity), in O(N).
+    /// Joint torques for zero joint accelerations (Coriolis, centrifugal and gravity), in O(N): the bias torque.
     #[doc = parameters!(q qd models out dtype errors)]
     #[doc = section!(Returns)]
     /// tau : (..., nv) ndarray
@@ -103,7 +101,7 @@ methods! {
         scene.evaluate(py, |_| Algorithm::BiasTorque, [q, &rest], keywords)
     }
 
-    /// Joint-space mass matrix M(q) including armature: the covariance of the joint torques (eq. 5.1).
+    /// Joint-space mass matrix M(q) of tau = M qdd + bias, including armature (5.1).
     #[doc = parameters!(q models out dtype errors)]
     #[doc = section!(Returns)]
     /// M : (..., nv, nv) ndarray

@@ -34,7 +34,7 @@ const WITH_COVARIANCE: usize = MEANS + 1 + 1 + 36 + 36;
 
 #[pymethods]
 impl PyScene {
-    /// Conditional means of forces, accelerations and torques, given joint torques with noise (2.1, 2.7), in O(N).
+    /// Forces, accelerations and torques from noisy measurements of joint torques, in O(N) (2.1, 2.7).
     #[doc = parameters!(q qd)]
     /// tau : (..., nv) array_like
     ///     Measured joint torques, N m or N. Entries that a masked array masks are not measured.

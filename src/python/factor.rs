@@ -165,7 +165,7 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// Factorization M = (1 + K) D (1 + K*) at q in one sweep (3.1, 3.6), and its operators phi, Psi, K, L, D, P.
+    /// Factorize the mass matrix at q, to solve and multiply with it, and for the operators of the paper (3.1, 3.6).
     #[doc = parameters!(q form tolerance)]
     #[doc = section!(Returns)]
     /// factor : Factor

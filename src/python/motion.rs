@@ -164,10 +164,10 @@ impl PyScene {
     /// O(N) per stage. docs/motion.md has the equations, the methods and their orders, friction, stops, contacts,
     /// connections, error control and the energy audit.
     #[doc = section!(Examples)]
-    /// >>> scene = phipsi.scenes.chain(3)
-    /// >>> path = scene.simulate([0.3, 0.2, 0.1], np.zeros(3), dt=1e-3, steps=1000, record_every=100)
-    /// >>> path.q.shape, path.integrator
-    /// ((11, 3), 'rk4')
+    /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)  # falls from its neutral configuration
+    /// >>> path = scene.simulate(scene.neutral(), np.zeros(6), dt=1e-3, steps=1000, record_every=100)
+    /// >>> path.q.shape, path.integrator, path.q[-1, 1:3].round(2)
+    /// ((11, 6), 'rk4', array([0.79, 0.35]))
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, record_every=None, progress=None,
                         duration=None, covariance=None, control=None, activation=None, **given),
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
@@ -316,9 +316,9 @@ impl PyScene {
     #[doc = entries!(arguments)]
     #[doc = section!(Examples)]
     /// >>> ode = phipsi.scenes.chain(3).ode()
-    /// >>> path = ode.solve([0.3, 0.2, 0.1], np.zeros(3), (0.0, 0.5))
-    /// >>> round(float(path.t[-1]), 3)
-    /// 0.5
+    /// >>> path = ode.solve([0.3, 0.2, 0.1], [1.0, 0.0, 0.0], (0.0, 0.5))
+    /// >>> path.q[-1].round(3)
+    /// array([0.8, 0.2, 0.1])
     #[pyo3(signature = (**given),
            text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, \
                              friction_speed=0.01)")]

@@ -27,7 +27,7 @@ mod cost {
 }
 
 methods! {
-    /// Operational-space inverse inertia J M^-1 J^T of links, in O(N): the covariance of the co-states (5.6, 5.7).
+    /// Accelerations of links per wrench on links, J M^-1 J^T, in O(N): operational-space inverse inertia (5.6).
     #[doc = parameters!(q)]
     /// links : str or sequence of str
     ///     Link name or m link names; links on the base and repeated names are allowed.

@@ -324,7 +324,7 @@ impl PyScene {
         self.scene.nq()
     }
 
-    /// Armature of each degree of freedom, (nv,), kg m^2 or kg, read-only: the variance of the measurement noise.
+    /// Inertia of rotors and gears that each degree of freedom adds to M, (nv,), kg m^2 or kg, read-only.
     #[getter]
     fn armature<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let armature = self.properties_of_scene(&Properties::of(&self.scene)).armature;

@@ -64,7 +64,7 @@ const RATES: Part = |moving, state| moving.state(state).1;
 /// During a call, other calls on the same simulator raise ArgumentError. Copies and pickles are independent
 /// simulators at the same state.
 #[doc = section!(Examples)]
-/// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
+/// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], [1.0, 0.0, 0.0], dt=1e-3)
 /// >>> for step in range(10):
 /// ...     simulator.step(tau=-0.1 * simulator.qd)
 /// >>> np.allclose(simulator.t, 0.01)
@@ -104,10 +104,10 @@ impl PyScene {
     ///     step(tau) costs one forward dynamics per stage and some tenths of a microsecond.
     #[doc = raises!(memory arguments)]
     #[doc = section!(Examples)]
-    /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], dt=1e-3)
-    /// >>> simulator.step(steps=10)
-    /// >>> simulator.steps
-    /// 10
+    /// >>> simulator = phipsi.scenes.chain(3).simulator([0.3, 0.2, 0.1], [1.0, 0.0, 0.0], dt=1e-3)
+    /// >>> simulator.step(steps=100)
+    /// >>> simulator.q.round(3)
+    /// array([0.4, 0.2, 0.1])
     #[pyo3(signature = (q, qd=None, *, dt, control=None, activation=None, **given),
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, inertias=None, armature=None, \
                              damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \

@@ -17,7 +17,7 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use std::ops::Range;
 
-/// Spatially random model at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
+/// Random forces on the bodies at one configuration, and the joint torques that they cause (1.1 to 1.6).
 ///
 /// Create it with Scene.random_model. s is the acceleration variance, (rad/s^2)^2 of 1 kg m^2; v has the variance s
 /// times the armature.
@@ -49,7 +49,7 @@ pub(super) fn rebuild_random_model(
 
 #[pymethods]
 impl PyScene {
-    /// Create the spatially random model at q (1.1 to 1.6), to sample forces on bodies and joint torques.
+    /// Create a model with random forces on bodies at q, to sample joint torques (1.1 to 1.6).
     #[doc = section!(Parameters)]
     /// q : (nq,) array_like
     ///     Joint positions, rad or m.
@@ -165,7 +165,7 @@ impl PyRandomModel {
         Ok(torque.finish())
     }
 
-    /// Mass matrix as the covariance of sampled joint torques T (eq. 5.1), with confidence intervals.
+    /// Estimate the mass matrix from sampled joint torques, with confidence intervals (5.1).
     #[doc = section!(Parameters)]
     /// samples : int, optional
     ///     Number of samples; for "sobol" replicates times a power of two, for "sigma-points" none.

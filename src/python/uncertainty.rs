@@ -96,7 +96,7 @@ methods_in_python! {
     #[pyo3(text_signature = "($self, q, qd, tau, *, parameters=None, joints=None, torque=None, links=None, wrenches=None, friction_speed=0.01, errors='raise')")]
     fn forward_dynamics_variance(q, qd, tau) = "phipsi.estimation.uncertainty", "forward_dynamics_variance";
 
-    /// Variances of the joint torques of inverse dynamics for uncertain parameters, in O(N): H phi C phi* H* + t.
+    /// Variances of the joint torques of inverse dynamics for uncertain parameters, in O(N).
     ///
     /// C is the covariance of the force that a body's parameter errors are, Y Sigma Y*. Torques are linear in the
     /// parameters: nothing is approximate. With connections or joints that follow others, by dense matrices, O(N^2).
@@ -180,7 +180,7 @@ methods_in_python! {
     #[pyo3(text_signature = "($self, dt, *, torque_noise, bandwidth, false_alarms_per_hour=1.0, parameters=None, load=None, velocity_noise=0.0, correlation_time=0.0, stiction=0.0, rest_speed=0.01)")]
     fn momentum_observer(dt) = "phipsi.estimation.momentum", "MomentumObserver";
 
-    /// Error-state Kalman filter of joint motion, external wrenches and sensor biases.
+    /// Create an observer of joint motion, external wrenches and sensor biases from any sensors: a Kalman filter.
     ///
     /// Connections are measurements without noise: the estimate satisfies them, and so does its error, to first order.
     /// Contacts of the scene are ignored, because their forces are external ones: estimate them as wrenches, or give

@@ -73,7 +73,8 @@ def public() -> set[str]:
 def _summary(name: str) -> str:
     """First sentence of the docstring."""
     paragraph = " ".join((getattr(phipsi.Scene, name).__doc__ or "").split("\n\n")[0].split())
-    return re.split(r"(?<=\.) ", paragraph)[0].replace("|", r"\|")
+    # The period of an abbreviation, such as in (eq. 5.1), ends no sentence.
+    return re.split(r"(?<!\beq\.)(?<!\be\.g\.)(?<=\.) ", paragraph)[0].replace("|", r"\|")
 
 
 if __name__ == "__main__":

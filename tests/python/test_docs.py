@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -17,6 +14,7 @@ import phipsi.mujoco
 import phipsi.pinocchio
 from method_page import TASKS, public
 from method_page import page as methods
+from page_script import differences, run, same, script, written
 from test_example_scripts import SHORT
 
 ROOT = Path(__file__).parents[2]
@@ -26,17 +24,8 @@ PAGES = sorted([*(path for folder in (".", "benches", "benches/peers") for path 
 OPTIONAL = ("cupy", "distributed", "gymnasium", "jax", "matplotlib", "mujoco", "pinocchio", "pydrake", "scipy", "torch", "viser")
 
 
-def script(page: Path) -> str:
-    """The Python blocks of a page in sequence, with the line numbers of the page."""
-    lines, inside = [], False
-    for line in page.read_text(encoding="utf-8").splitlines():
-        begins = not inside and line == "```python"
-        inside = begins or (inside and not line.startswith("```"))
-        lines.append(line if inside and not begins else "")
-    return "\n".join(lines)
-
-
-SCRIPTS = {str(page.relative_to(ROOT)): text for page in DOCS.rglob("*.md") if (text := script(page)).strip()}
+SCRIPTS = {str(page.relative_to(ROOT)): text for page in DOCS.rglob("*.md") if (text := script(page.read_text(encoding="utf-8")))}
+HOW_TO = sorted((DOCS / "how-to").glob("*.md"))
 
 
 def missing(text: str) -> list[str]:
@@ -60,24 +49,37 @@ def test_python_blocks_run(page: str, tmp_path: Path) -> None:
     text = SCRIPTS[page]
     if absent := missing(text):
         pytest.skip(f"{page} needs {', '.join(absent)}")
-    file = tmp_path / f"{Path(page).stem.replace('-', '_')}_page.py"
-    file.write_text(text, encoding="utf-8")
-    # Warnings of Dask in its own threads are ignored.
-    strict = [] if "distributed" in text else ["-W", "error"]
-    # Idle BLAS threads would take processor time from other threads.
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, *strict, str(file)]
-    run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False)
-    assert run.returncode == 0, f"{page}, whose lines these are:\n{run.stdout[-2000:]}{run.stderr[-4000:]}"
+    done = run(text, tmp_path, Path(page).stem)
+    assert done.returncode == 0, f"{page}, whose lines these are:\n{done.stdout[-2000:]}{done.stderr[-4000:]}"
+    # On the pages of tasks, a reader sees all output.
+    wrong = differences((ROOT / page).read_text(encoding="utf-8"), done.stdout, every="how-to" in page)
+    assert not wrong, f"python tests/python/page_script.py {page}\n" + "\n".join(wrong)
 
 
-def test_a_page_whose_code_is_wrong_is_found(tmp_path: Path) -> None:
-    page = tmp_path / "wrong.md"
-    page.write_text("# Title\n\n```python\nx = 1\n```\n\ntext\n\n```sh\nls\n```\n\n```python\nassert x == 2\n```\n", encoding="utf-8")
+@pytest.mark.parametrize("page", HOW_TO, ids=lambda page: page.stem)
+def test_a_task_has_a_picture_and_shows_output_instead_of_assertions(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    (shown,) = re.findall(r"!\[[^\]]{10,}\]\((pictures/[\w-]+\.webp|\.\./robots\.webp)\)", text)
+    assert page.stem == "index" or (shown == f"pictures/{page.stem}.webp" and 1000 < (page.parent / shown).stat().st_size < 60_000)
+    visible = re.sub(r"^<!-- (?:checks|picture)\n.*?^-->$", "", text, flags=re.DOTALL | re.MULTILINE)
+    assert not re.findall(r"^ *assert .*", visible, flags=re.MULTILINE)
+    assert page.stem == "index" or "```text" in visible
+
+
+def test_a_page_whose_code_or_output_is_wrong_is_found(tmp_path: Path) -> None:
+    page = "# Title\n\n```python\nx = 1\nprint(x, 2.50)\n```\n\n```text\n1 2.5\n```\n\n```sh\nls\n```\n\n<!-- checks\nassert x == 2\n-->\n"
     text = script(page)
-    assert text.splitlines()[3] == "x = 1" and text.splitlines()[13] == "assert x == 2" and "ls" not in text
-    with pytest.raises(AssertionError):
-        exec(compile(text, "wrong.md", "exec"), {})
+    assert text.splitlines()[3] == "x = 1" and text.splitlines()[16] == "assert x == 2" and "ls" not in text
+    done = run(text, tmp_path, "wrong")
+    assert "AssertionError" in done.stderr and not differences(page, done.stdout, True)
+    assert "the page shows\n1 2.9\nfound\n1 2.5" in differences(page.replace("1 2.5\n", "1 2.9\n"), done.stdout, True)[0]
+    assert "does not show" in differences(page.replace("```text", "```txt"), done.stdout, True)[0]
+    assert written(page.replace("1 2.5\n", "0 2.9\n"), done.stdout) == page
+
+
+def test_numbers_of_output_agree_within_a_tolerance() -> None:
+    assert same("a 1.00 b  [-0. 2]", "a 1.01 b [0. 2]", 0.0) and same("100.0", "101.0", 0.01)
+    assert not same("1.00", "1.03", 0.01) and not same("3", "4", 0.1) and not same("a 1", "b 1", 1.0) and not same("1 2", "1", 1.0)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -111,7 +113,7 @@ def test_the_index_of_methods_is_complete() -> None:
 def test_the_page_of_examples_shows_all_of_them() -> None:
     page = (DOCS / "examples.md").read_text(encoding="utf-8")
     assert set(re.findall(r"pictures/(\w+)\.webp", page)) == set(SHORT) == {path.stem for path in (DOCS / "pictures").iterdir()}
-    assert set(re.findall(r"examples/(\w+)\.py", page)) >= {path.stem for path in (ROOT / "examples").glob("*.py")}
+    assert set(re.findall(r"examples/(\w+)\.py", page)) >= {path.stem for path in (ROOT / "python" / "phipsi" / "examples").glob("[!_]*.py")}
 
 
 def test_readme_has_the_figures_of_the_generated_pages() -> None:
@@ -125,3 +127,10 @@ def test_readme_has_the_figures_of_the_generated_pages() -> None:
     assert package == readme.packaged(text), "PACKAGE.md is not README.md's: python benches/readme.py"
     assert all(link.startswith("http") for link in re.findall(r"\]\(([^)]*)\)", package))
     assert "pip install" in package and "make report" not in package and "<!--" not in package
+
+
+@pytest.mark.parametrize("word", ["LQR", "grasp", "video", "GIF", "keyframe", "SolidWorks"])
+def test_words_that_people_search_lead_to_a_page_of_a_task(word: str) -> None:
+    """The search of the site finds whole words of the text of a page."""
+    found = [page for page in (*HOW_TO, DOCS / "view.md") if re.search(rf"\b{word}s?\b", re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL))]
+    assert found

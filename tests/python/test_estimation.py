@@ -400,7 +400,7 @@ def test_against_sixty_digits(seed: int) -> None:
 
 
 def test_the_page_shows_what_the_example_prints(capsys: pytest.CaptureFixture[str]) -> None:
-    runpy.run_path(str(ROOT / "examples" / "torque_fusion.py"))
+    runpy.run_path(str(ROOT / "python" / "phipsi" / "examples" / "torque_fusion.py"))
     printed = capsys.readouterr().out
     assert len(printed.splitlines()) == 15
     assert printed in (ROOT / "docs" / "estimation.md").read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from tolerances import assert_same_bits
 
-PAPER = Path(__file__).parents[2] / "examples" / "paper.py"
+PAPER = Path(__file__).parents[2] / "python" / "phipsi" / "examples" / "paper.py"
 LAST = {"0": 2, "1": 7, "2": 11, "3": 14, "4": 11, "5": 7, "6": 4}
 """The last equation of each section of the paper; 0 is its introduction."""
 

@@ -63,7 +63,7 @@ def with_shape(kind: str) -> str:
 
 
 def test_shapes_of_a_xacro_with_arguments(xacro_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Shapes are those of the arguments that it was read with, also in another process."""
+    """Shapes follow the arguments of load, also in another process."""
     xacro_file.write_text(with_shape("visual"))
     scenes = {mass: phipsi.load(xacro_file, xacro_arguments={"mass": mass}) for mass in ("3", "4")}
     monkeypatch.setattr("phipsi._xacro._arguments", {})

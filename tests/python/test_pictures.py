@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,9 @@ from phipsi.errors import ArgumentError
 from phipsi.shapes import Box, Capsule, Cylinder, HalfSpace, HeightField, Hull, Sphere
 
 pytest.importorskip("viser")
-from phipsi.view import picture  # noqa: E402
+from phipsi.view import picture, player  # noqa: E402
 from phipsi.view.player import Motion, _in_notebook  # noqa: E402
-from phipsi.view.shapes import extent, shapes_of  # noqa: E402
+from phipsi.view.shapes import extent, shapes_of, travel  # noqa: E402
 from PIL import Image  # noqa: E402
 
 
@@ -102,6 +103,27 @@ def test_a_large_floor_does_not_make_a_robot_small() -> None:
     q = arm.neutral()[None]
     sizes = [np.ptp(extent(scene, shapes_of(scene, None), q).points, axis=0).max() for scene in (arm, with_floor)]
     assert sizes[1] < 6.0 * sizes[0]
+
+
+def test_the_camera_follows_a_robot_that_moves_far() -> None:
+    scene, rows = cube(), np.linspace(0.0, 2.0, 40)[:, None]
+    shift = travel(scene, rows)
+    assert np.allclose(shift[20], [0, rows[20, 0], 0], atol=1e-12) and np.all(np.diff(shift[:, 1]) >= 0.0)
+    assert not travel(scene, 0.2 * rows).any()
+    shapes = shapes_of(scene, None)
+    near, far = (np.ptp(extent(scene, shapes, rows, by).points, axis=0).max() for by in (shift, 0.0 * shift))
+    assert near < 0.8 * far
+    # The cube stays in the middle of the picture, and the tiles of the ground move.
+    motion = Motion(scene, rows, np.linspace(0.0, 1.0, 40))
+    first, last = (np.asarray(one, float) for one in picture.frames(scene, motion, shapes, [8, 24], (80, 60)))
+    red = [np.argwhere(one[..., 0] > 1.5 * one[..., 1]).mean(axis=0) for one in (first, last)]
+    assert np.allclose(*red, atol=3.0) and np.abs(first - last).max() > 5.0
+
+
+def test_progress_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert list(picture._shown(iter("ab"), 2, Path("x.webp"))) == ["a", "b"] and not capsys.readouterr().err  # type: ignore[arg-type]
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert list(picture._shown(iter("ab"), 2, Path("x.webp"))) == ["a", "b"]  # type: ignore[arg-type]
 
 
 def test_every_vertex_is_within_the_frame() -> None:
@@ -225,3 +247,15 @@ def test_the_camera_of_a_narrow_page_is_farther_away(tmp_path: Path) -> None:
     assert list(aspects) == sorted(aspects) and np.all(np.diff(away) <= 1e-9) and away[0] > 2.0 * away[-1]
     # Before the scripts of the viewer, which read the position.
     assert page.index("initialCameraPosition") < page.index("__VISER_EMBED_DATA__")
+
+
+def test_the_camera_of_a_page_follows_too() -> None:
+    """The page moves its world back, so that the robot stays in front of the camera."""
+    scene, rows = cube(), np.linspace(0.0, 2.0, 40)[:, None]
+    for q, follows in ((rows, True), (0.2 * rows, False)):
+        stage = player._Stage(scene, shapes_of(scene, None), 0, Motion(scene, q, np.linspace(0.0, 1.0, 40)))
+        assert "<html" in stage.html(motion := Motion(scene, q, np.linspace(0.0, 1.0, 40)), "title")
+        last = travel(scene, motion.frames()[1])[-1]
+        assert np.allclose(stage.parents[0].position, -last, atol=1e-6) and bool(last.any()) == follows
+        assert np.allclose(np.array(stage.center.position) + last, scene.center_of_mass(q[-1]), atol=1e-6)
+        stage.close()

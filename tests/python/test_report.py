@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import re
@@ -16,10 +17,11 @@ import pytest
 from click.testing import CliRunner
 from phipsi import _core
 from phipsi._core import BUNDLED_ARM, METHODS, ROUTES
-from phipsi.report import auto_cost, commands, draw, kinds, pipeline, plotting, robot, sections, states, text
+from phipsi.report import auto_cost, commands, draw, interactive, kinds, pipeline, plotting, robot, sections, states, terminal, text
 from phipsi.report.progress import Silent
 from phipsi.report.sections import calls, emergence, residuals
 from phipsi.report.structure import tree_of
+from rich.console import Console
 from tolerances import SIGMAS, assert_near, product
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
@@ -566,3 +568,24 @@ def test_numbers_as_text() -> None:
     assert text.count(100_000) == "100\u202f000"
     assert text.plural(1, "body", "bodies") == "1 body"
     assert text.symbols("M^-1 (6.1) times torque") == "M⁻¹ (6.1) × torque"
+
+
+def test_minus_signs_of_tables_are_typographic() -> None:
+    assert text.signed("-1.5 ± 2e-05") == "−1.5 ± 2e−05" and text.signed("(-1, -.2)") == "(−1, −.2)"
+    assert text.signed("joint-1 a-b 3-4") == "joint-1 a-b 3-4"
+
+
+def test_a_table_that_is_too_wide_continues_in_a_second_one() -> None:
+    console = Console(width=30, record=True, file=io.StringIO())
+    terminal.table(console, "", ("link", "first", "second", "third"), [("link1", "1.234567", "[b]2.34567[/]", "3.456789")])
+    shown = console.export_text().splitlines()
+    assert [line.split() for line in shown] == [["link", "first", "second"], ["link1", "1.234567", "2.34567"], ["link", "third"], ["link1", "3.456789"]]
+
+
+def test_colors_of_plots_and_pages_have_dark_ones() -> None:
+    own = {*plotting.COLORS, plotting.INK, plotting.SOFT, plotting.FAINT} - {"#56b4e9", "#e69f00"}
+    assert own <= set(interactive.DARK)
+    style = (Path(pipeline.__file__).parent / "templates" / "style.css").read_text(encoding="utf-8")
+    light, _, dark = style.partition("@media screen and (prefers-color-scheme: dark)")
+    assert set(re.findall(r"(--[a-z]+):", light)) == set(re.findall(r"(--[a-z]+):", dark.partition("html {")[0]))
+    assert not re.findall(r"(?:color|background): #", dark.partition("}\n}")[2].replace("--", ""))

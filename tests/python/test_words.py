@@ -48,6 +48,12 @@ WORDS = {
     r"goes (on|round|along|through)|comes? out|comes? (of|back)": "continues, results, returns",
     r"where there (is|are) (one|none|any|no|some)": "if there is one",
     r"(ours|theirs) (go|goes|come|comes)": "name the subject",
+    r"(is|are) (that|those) of the \w+ (that|which)": "name the quantity",
+    r"is one (process|number|row) instead of": "say what follows for the user",
+    r"leaves a ball": "exceeds the threshold",
+    r"(holds?|valid)( on average)? over robots": "say what the data determine",
+    r"works without any feature": "list what the features add",
+    r"(a|the) search first ignores": "say the reason first",
 }
 
 #: Beginnings of comments and docstrings without a subject.
@@ -151,6 +157,43 @@ def room(file: Path) -> str:
     """The name of a file in ALLOWED: its folder in src/, or its path."""
     parts = file.relative_to(ROOT).parts
     return "/".join(parts[:2]) if parts[0] == "src" else "/".join(parts)
+
+
+#: Words of the theory, which the first sentence of a function does not need: it says what a user gets.
+THEORY = re.compile(
+    r"covariance of the (joint torques|co-states|measurements?)|(measurement|process) noise|whose innovations|white innovations|co-states?|\bH phi\b|\bphi\*|"
+    r"by (a|the) filter( and| or|\b)|\bKalman gain|conditional means?|spatially random|Painlev",
+    re.IGNORECASE,
+)
+#: Classes whose members are the matrices of the paper.
+OF_THE_PAPER = ("Factor", "Operator")
+
+
+def summaries() -> Iterator[tuple[str, str]]:
+    """First paragraphs of the public functions, methods, properties and classes, by name."""
+    for file in (ROOT / "python" / "phipsi").rglob("*.py*"):
+        is_private = "estimation" in file.parts and file.name.startswith("_") and file.name != "__init__.py"
+        if file.suffix not in (".py", ".pyi") or "examples" in file.parts or file.name == "operators.py" or is_private:
+            continue
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        yield f"{file.name}", (ast.get_docstring(tree) or "").partition("\n\n")[0]
+        for owner in [tree, *(node for node in tree.body if isinstance(node, ast.ClassDef) and not node.name.startswith("_"))]:
+            for node in owner.body:
+                if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
+                    name = node.name if owner is tree else f"{owner.name}.{node.name}"
+                    yield f"{file.name}: {name}", (ast.get_docstring(node) or "").partition("\n\n")[0]
+
+
+def test_first_sentences_need_no_theory() -> None:
+    found = [f"{name}: {text}" for name, text in summaries() if THEORY.search(text) and not name.endswith(OF_THE_PAPER)]
+    assert not found, "\n".join(found)
+    assert THEORY.search("read-only: the variance of the measurement noise") and not THEORY.search("Covariance of the parameters, estimated")
+
+
+def test_pages_of_tasks_begin_with_the_task() -> None:
+    for page in sorted((ROOT / "docs" / "how-to").glob("*.md")):
+        first = page.read_text(encoding="utf-8").partition("\n## ")[0]
+        assert not THEORY.search(first), page.name
 
 
 @pytest.mark.parametrize("place", PLACES)

@@ -18,7 +18,7 @@ GAINS = (1e2, 1e3, 1e4, 1e6)
 LAWS = ("hold", "sine", "floating")
 LAW_STEPS = (1e-4, 1e-3, 4e-3)
 #: MuJoCo's integrators with PD laws.
-PEERS = ("Euler", "implicitfast")
+PEERS = ("Euler", "implicitfast", "discrete")
 #: Duration of a run with a PD law, and duration of each target, s.
 LAW_TIME, HELD = 0.3, 4e-3
 #: Amplitude, rad, and angular frequency, rad/s, of the sine.

@@ -13,6 +13,8 @@ from .common import SPEED, Array
 INTEGRATORS = {
     "Euler": mujoco.mjtIntegrator.mjINT_EULER,
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    # (M + h D + h^2 K) v' = M v + h f, with damping and stiffness of joints and actuators.
+    "discrete": mujoco.mjtIntegrator.mjINT_DISCRETE,
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,
 }
 #: Options of MuJoCo's compiler, tried in this order: the unchanged file, then with modified inertias that MuJoCo

@@ -166,8 +166,8 @@ class Identification:
         Notes
         -----
         The part of the variance that comes from the data has Student's distribution with blocks - 1 degrees of freedom
-        (Welch and Satterthwaite). If `share` is below 0.9, the interval is the interval of the prior: it is valid on
-        average over robots that are built like the model, not for each robot.
+        (Welch and Satterthwaite). If `share` is below 0.9, the data say little about the parameter, and the interval
+        is mostly the assumption about how far robots differ from their models.
 
         Examples
         --------

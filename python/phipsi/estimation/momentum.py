@@ -76,9 +76,8 @@ class MomentumObserver:
         constant for one robot, so that the specified rate is an upper bound over robots.
     load : (str, (3,)), optional
         Link and point in the link frame, m, of a load to detect, as in Scene.with_payload. The alarm then tests the
-        mass of a load at this point instead of all external torques. The component of the whitened torques along those
-        that weight and inertia of the load cause is one process instead of nv. Its threshold is lower, and a load
-        contributes to it with one sign while the robot moves.
+        mass of a load at this point, one number, instead of all nv external torques. Therefore its threshold is lower
+        and smaller loads are detected, also while the robot moves.
     velocity_noise : (nv,) or float, optional
         Standard deviation of independent errors of each qd, rad/s or m/s; zero by default.
     correlation_time : (nv,) or float, optional

@@ -35,7 +35,7 @@ WINDOW = 100
 
 
 class Observer:
-    """Error-state Kalman filter of joint motion, external wrenches and sensor biases; see Scene.observer.
+    """Observer of joint motion, external wrenches and sensor biases, by an error-state Kalman filter; see Scene.observer.
 
     Each step processes the readings of the present time, then advances by dt in a step of order 2: qd1 = qd + dt a and
     q (+) dt (qd + qd1)/2. The acceleration is that of its middle, a = FD(q (+) dt qd/2, qd + dt a0/2, tau + n,

@@ -6,8 +6,6 @@ kinds.py and timing.py.
 
 from __future__ import annotations
 
-import sys
-import sysconfig
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +16,7 @@ import numpy as np
 
 import phipsi
 
+from .. import examples
 from . import kinds
 from .timing import BATCH, Arguments, in_turns, looped, one_by_one, threads
 
@@ -73,12 +72,8 @@ def _cost(scene: phipsi.Scene, kind: str, size: int, calls: Sequence[Arguments],
 
 def example_robots() -> dict[str, Path]:
     """Robots of example-robot-data by name, if this interpreter has the package."""
-    # In the wheel and in conda.
-    prefixes = Path(sysconfig.get_path("purelib")) / "cmeel.prefix", Path(sys.prefix)
-    folders = [prefix / "share" / "example-robot-data" / "robots" for prefix in prefixes]
-    return {
-        name: folder / path for name, path in ROBOTS.items() for folder in reversed(folders) if (folder / path).is_file()
-    }
+    folder = examples.folder()
+    return {} if folder is None else {name: folder / path for name, path in ROBOTS.items() if (folder / path).is_file()}
 
 
 #: Results by base and robot.

@@ -37,6 +37,8 @@ BEYOND, BAD_INPUT = 1, 2
 
 #: Exit code of a command that Ctrl-C ends, as in shells.
 STOPPED = 130
+#: Largest length of the first sentence of a command, so that none is cut.
+LONGEST = 1000
 #: Commands for the developers of phipsi.
 OF_DEVELOPERS = ("check", "bench")
 
@@ -142,14 +144,13 @@ class Commands(click.Group):
     """Commands in two lists, for users and for developers of phipsi. Ctrl-C ends each with one sentence."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The help of the commands in one line each."""
+        """The first sentence of each command, on as many lines as it needs."""
         names = self.list_commands(ctx)
         width = max(map(len, names))
         for title, is_of_developers in (("Commands", False), ("Commands for developers of phipsi", True)):
             with formatter.section(title):
                 shown = [name for name in names if (name in OF_DEVELOPERS) == is_of_developers]
-                room = formatter.width - 6 - width
-                formatter.write_dl([(name.ljust(width), self.commands[name].get_short_help_str(room)) for name in shown])
+                formatter.write_dl([(name.ljust(width), self.commands[name].get_short_help_str(LONGEST)) for name in shown])
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""

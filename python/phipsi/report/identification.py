@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._core import Scene
 from ..estimation._identification import DECIDED, Identification, predicted
 from .page import Block, Figure, Table
 from .pipeline import Findings, Layout, Section, html, provenance
@@ -86,7 +87,7 @@ def _torques(report: IdentificationReport) -> Chart:
         if len(held):
             series.append(Series("identified, held-out part", COLORS[2], report.time[held], report.predicted[held, motor], line=1.4))
         series.append(Series("model before", COLORS[4], report.time[rows], report.before[rows, motor], line=1.0, dash=True))
-        panels.append(Panel(Axis("time, s", form=".4~g", unit=" s"), Axis("N m or N", form=".4~g"), series, name))
+        panels.append(Panel(Axis("time, s", form=".4~g", unit=" s"), Axis(force_unit(report.found.scene, [name]), form=".4~g"), series, name))
     return Chart("torques", panels, height=170, linked=True)
 
 
@@ -105,7 +106,7 @@ def _residuals(report: IdentificationReport) -> Chart:
         seen = np.isfinite(own)
         if not seen.any():
             continue
-        y, series = Axis("N m or N", form=".3~g"), [Series("residual", COLORS[0], report.time[rows], own[rows], line=0.8)]
+        y, series = Axis(force_unit(report.found.scene, [name]), form=".3~g"), [Series("residual", COLORS[0], report.time[rows], own[rows], line=0.8)]
         panels.append(Panel(Axis("time, s", form=".4~g", unit=" s"), y, series, name))
         values, bound = _autocorrelation(own)
         ends = [0.0, step * (len(values) - 1)]
@@ -136,7 +137,8 @@ def _fit(report: IdentificationReport) -> Sequence[Block]:
     found, fitted = report.found, slice(0, report.held_out)
     held = report.held_out < len(report.time)
     columns = [found.noise, found.before, found.after, report.explained(fitted, report.before), report.explained(fitted)]
-    heads = ["motor", "noise", "rms off before", "rms off after", "explained before", "explained"]
+    torque = force_unit(found.scene, report.motors)
+    heads = ["motor", f"noise, {torque}", f"rms off before, {torque}", f"rms off after, {torque}", "explained before", "explained"]
     if held:
         columns.append(report.explained(slice(report.held_out, None)))
         heads.append("explained, held out")
@@ -147,6 +149,37 @@ def _fit(report: IdentificationReport) -> Sequence[Block]:
     if np.isfinite(found.clock_offset):
         blocks.append(f"The residuals indicate that the torques lag the positions by {1e3 * found.clock_offset:.3g} ms.")
     return blocks
+
+
+def units(scene: Scene, name: str) -> dict[str, str]:
+    """Units of the parameters of a joint or motor by kind; a name of several joints is that of a motor that rotates."""
+    moves = scene.joint(name).type == "prismatic" if name in scene.joint_names else False
+    force, rate = ("N", "m/s") if moves else ("N m", "rad/s")
+    of_rate = "N s/m" if moves else "N m s/rad"
+    return {
+        "armature": "kg" if moves else "kg m²", "damping": of_rate, "stiffness": "N/m" if moves else "N m/rad", "friction": force, "offset": force, "stribeck": force,
+        "stribeck_speed": rate, "load": "",
+    }  # fmt: skip
+
+
+def force_unit(scene: Scene, motors: Sequence[str]) -> str:
+    """Unit of the torques or forces of motors."""
+    return " or ".join(dict.fromkeys(units(scene, motor)["friction"] for motor in motors))
+
+
+def with_unit(scene: Scene, kind: str, names: Sequence[str]) -> str:
+    """A kind of parameter of joints or motors with its unit."""
+    return ", ".join(filter(None, (kind, " or ".join(dict.fromkeys(units(scene, name).get(kind, "") for name in names)))))
+
+
+#: Units of the ten parameters of a body.
+OF_BODIES = ("kg", "kg m", "kg m", "kg m", "kg m²", "kg m²", "kg m²", "kg m²", "kg m²", "kg m²")
+
+
+def _of_base(name: str) -> str:
+    """Unit of a base parameter, by the name of its first parameter."""
+    entry = name.rpartition(".")[2]
+    return "kg" if entry == "m" else "kg m" if entry.startswith("m*c") else "kg m²" if entry.startswith("I") else ""
 
 
 def _with_bar(value: float, low: float, high: float) -> str:
@@ -165,14 +198,14 @@ def _parameters(report: IdentificationReport) -> Sequence[Block]:
         for at, entry in enumerate(names):
             share = found.share[body, at]
             by = "kept" if not np.isfinite(share) else _by_data(share, marks[body, at])
-            rows.append((link if at == 0 else "", entry, f"{model[body, at]:.4g}", _with_bar(found.parameters[body, at], low[body, at], high[body, at]), by))
+            rows.append((link if at == 0 else "", f"{entry}, {OF_BODIES[at]}", f"{model[body, at]:.4g}", _with_bar(found.parameters[body, at], low[body, at], high[body, at]), by))
     blocks: list[Block] = [
-        f"Intervals of {100 * report.level:g} %, in SI units, about the link's origin. The last column is the share of the variance that the data decide: below {DECIDED} the interval is that of the prior. \"Too wide\": the interval reaches below zero, where the parameter cannot be.",
+        f"Intervals of {100 * report.level:g} %, about the link's origin. The last column is the share of the variance that the data decide: below {DECIDED} the interval is that of the prior. \"Too wide\": the interval reaches below zero, where the parameter cannot be.",
         Table(("link", "parameter", "model", "identified", "decided by data"), rows, 2),
     ]
     if any(found.joints.values()):
         each = [
-            (motor, kind, _with_bar(value, *intervals[kind][motor]), _by_data(found.joint_share[kind][motor], of_joints[kind][motor]))
+            (motor, with_unit(found.scene, kind, [motor]), _with_bar(value, *intervals[kind][motor]), _by_data(found.joint_share[kind][motor], of_joints[kind][motor]))
             for kind, values in found.joints.items()
             for motor, value in values.items()
         ]
@@ -190,10 +223,10 @@ def _base(report: IdentificationReport) -> Sequence[Block]:
     rows = []
     for at in range(min(len(base.names), MOST_BASE)):
         bias = "" if not np.isfinite(base.bias[at]) else f"{base.bias[at] / base.deviations[at]:.2g}"
-        rows.append((base.combination(at), f"{base.model[at]:.4g}", _with_bar(base.values[at], low[at], high[at]), bias))
+        rows.append((base.combination(at), _of_base(base.names[at]) or "SI", f"{base.model[at]:.4g}", _with_bar(base.values[at], low[at], high[at]), bias))
     return [
         f"Torques depend on {len(base.names)} combinations of the parameters alone. These are their least-squares estimates, without the prior. The last column is the predicted bias by noise in the accelerations, in standard deviations.",
-        Table(("combination", "model", "identified", "bias"), rows, 1),
+        Table(("combination", "unit", "model", "identified", "bias"), rows, 2),
     ]
 
 

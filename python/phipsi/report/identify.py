@@ -19,7 +19,7 @@ from ..estimation._identification import Identification
 from ..estimation._logs import with_derivatives
 from . import pipeline, terminal
 from .commands import JSON, FLOATING, BadInput, _as_options, _load, _typed_errors, check_pages, echo_json, group
-from .identification import REPORT, IdentificationReport
+from .identification import REPORT, IdentificationReport, force_unit, with_unit
 from .progress import Silent
 
 #: Fields of the result in the JSON.
@@ -217,23 +217,24 @@ def _show(found: Identification, links: tuple[str, ...], shown: IdentificationRe
     half = 0.5 * (high - low)
     marks, of_joints = found.marks()
     title = "Bodies about the link's origin, with intervals of 95 % (* the prior's: the data do not decide; ! reaches below zero)"
-    for heads, entries in ((("m, kg", "m cx, kg m", "m cy", "m cz"), (0, 1, 2, 3)), (("Ixx, kg m^2", "Iyy", "Izz"), (4, 6, 9))):
+    for heads, entries in ((("m, kg", "m cx, kg m", "m cy, kg m", "m cz, kg m"), (0, 1, 2, 3)), (("Ixx, kg m^2", "Iyy, kg m^2", "Izz, kg m^2"), (4, 6, 9))):
         body = []
         for link, values, bars, mark in zip(links, found.parameters, half, marks, strict=True):
             body.append((escape(link), *(f"{values[at]:.3g} ± {bars[at]:.2g}{mark[at]}" for at in entries)))
         terminal.table(console, title, ("link", *heads), body, 1)
         title = ""
     motors = found.columns.motor_names
+    torque = force_unit(found.scene, motors)
     shares, explained = ["explained"], [shown.explained(slice(0, shown.held_out))]
     if shown.held_out < len(shown.time):
         shares.append("held out")
         explained.append(shown.explained(slice(shown.held_out, None)))
     each = [(escape(motor), *(f"{value:.3g}" for value in values)) for motor, *values in zip(motors, found.noise, found.before, found.after, *explained, strict=True)]
-    terminal.table(console, "Torques: rms, and explained share of their variance", ("motor", "noise", "off before", "off after", *shares), each, 1)
+    terminal.table(console, "Torques: rms, and explained share of their variance", ("motor", f"noise, {torque}", f"off before, {torque}", f"off after, {torque}", *shares), each, 1)
     if found.joints:
         names = dict.fromkeys([*motors, *(name for of in found.joints.values() for name in of)])
         each = [
             (escape(name), *(f"{of[name]:.4g} ± {2 * found.joint_deviations[kind][name]:.2g}{of_joints[kind][name]}" if name in of else "" for kind, of in found.joints.items()))
             for name in names
         ]
-        terminal.table(console, "Motors and joints, with two standard deviations", ("name", *found.joints), each, 1)
+        terminal.table(console, "Motors and joints, with two standard deviations", ("name", *(with_unit(found.scene, kind, list(of)) for kind, of in found.joints.items())), each, 1)

@@ -75,8 +75,8 @@ def markup(plot: Plot) -> Markup:
     data = json.dumps(content, allow_nan=False, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
     entries = drawing.entries if len(drawing.entries) > 1 else []
     buttons = Markup("").join(
-        Markup('<button type="button" data-traces="{}" aria-pressed="{}"><i class="{}" style="color:{}">{}</i>{}</button>').format(
-            json.dumps(one.traces), str(one.shown).lower(), one.kind, one.ink, one.glyph, one.name
+        Markup('<button type="button" data-traces="{}" aria-pressed="{}"><i class="{}" style="color:{}" data-ink="{}">{}</i>{}</button>').format(
+            json.dumps(one.traces), str(one.shown).lower(), one.kind, one.ink, one.ink, one.glyph, one.name
         )
         for one in entries
     )
@@ -327,21 +327,34 @@ def script() -> Markup:
     """Script that draws all plots of a page, at its end: Plotly, compressed to a fifth of its size, and a few lines."""
     from markupsafe import Markup
 
-    return Markup("<script>") + Markup(DRAW.replace("PACKED", _library())) + Markup("</script>")
+    return Markup("<script>") + Markup(DRAW.replace("DARK", json.dumps(DARK)).replace("PACKED", _library())) + Markup("</script>")
 
 
-#: A click on a name hides it; a double click hides all others.
+#: Colors on a dark page, by those on a white one.
+DARK = {
+    "#fff": "#16181c", INK: "#d3d7db", FAINT: "#3c4148", "#6b7279": "#a3abb3", "#555b61": "#a3abb3", "#4d4d4d": "#b9bec4", "#0072b2": "#58aee6", "#aa3377": "#dd7ab3",
+    "#009e73": "#2fc39b", "#d55e00": "#f08a3c",
+}  # fmt: skip
+#: A click on a name hides it; a double click hides all others. Printed pages are white.
 DRAW = """
 window.plots = (async () => {
+const night = matchMedia('screen and (prefers-color-scheme: dark)'), darker = DARK;
+const inked = color => night.matches ? darker[color.slice(0, 7)] === undefined ? color : darker[color.slice(0, 7)] + color.slice(7) : color;
+const colored = json => night.matches ? json.replace(/"(#(?:[0-9a-f]{6}(?:[0-9a-f]{2})?|fff))"/g, (_, color) => '"' + inked(color) + '"') : json;
 const packed = Uint8Array.from(atob('PACKED'), c => c.charCodeAt(0));
 const text = await new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip'))).text();
 const script = document.createElement('script'); script.textContent = text; document.head.append(script);
 const narrow = matchMedia('(max-width: 760px)');
 const config = {responsive: true, displaylogo: false, scrollZoom: false, modeBarButtonsToRemove: ['select2d', 'lasso2d', 'autoScale2d', 'resetCameraLastSave3d']};
 for (const place of document.querySelectorAll('.plot')) {
-  const figure = JSON.parse(place.querySelector('script').textContent), canvas = place.querySelector('.canvas');
+  const json = place.querySelector('script').textContent, canvas = place.querySelector('.canvas');
   const names = [...place.querySelectorAll('.legend button')];
+  let figure = JSON.parse(colored(json));
   const draw = () => Plotly.react(canvas, figure.traces, narrow.matches ? figure.narrow : figure.wide, {...config, displayModeBar: narrow.matches ? false : 'hover'});
+  const color = () => {
+    for (const mark of place.querySelectorAll('.legend i')) mark.style.color = inked(mark.dataset.ink);
+  };
+  color();
   const show = (name, on) => {
     name.setAttribute('aria-pressed', on);
     return Plotly.restyle(canvas, {visible: on}, JSON.parse(name.dataset.traces));
@@ -356,6 +369,12 @@ for (const place of document.querySelectorAll('.plot')) {
     });
   }
   narrow.addEventListener('change', draw);
+  night.addEventListener('change', async () => {
+    figure = JSON.parse(colored(json));
+    color();
+    await draw();
+    for (const name of names) show(name, shown(name));
+  });
   await draw();
 }
 })();

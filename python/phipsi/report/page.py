@@ -121,5 +121,5 @@ def coded(words: str) -> Markup:
 #: Filters of the templates.
 FILTERS: dict[str, Callable[..., Any]] = {
     function.__name__: function
-    for function in (text.count, text.minus, text.plural, text.rate, text.power, text.scientific, text.significant, text.symbols, text.time)
+    for function in (text.count, text.minus, text.plural, text.rate, text.power, text.scientific, text.signed, text.significant, text.symbols, text.time)
 } | {"isfinite": np.isfinite, "log10": np.log10, "coded": coded}

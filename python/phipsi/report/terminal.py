@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from . import auto_cost, kinds, text
 from .auto_cost import Costs
@@ -18,15 +19,35 @@ from .sections.growth import TIMED
 from .sections.residuals import Residual
 
 
+#: Space between two columns.
+GAP = 2
+
+
 def line(console: Console, words: str, style: str | None = None) -> None:
     """Print text without markup in one line, independent of the width of the terminal."""
     console.print(words, style=style, highlight=False, markup=False, soft_wrap=True)
 
 
 def table(console: Console, title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> None:
-    """Print a table with a title; the first `words` columns are text, the others numbers."""
+    """Print a table with a title; the first `words` columns are text, the others numbers. Numbers that the width of the
+    console has no room for follow in further tables.
+    """
     if title:
         line(console, title, "italic")
+    rows = [list(row) for row in rows]
+    widths = [max(Text.from_markup(cell).cell_len for cell in (head.replace("[", r"\["), *(row[at] for row in rows))) for at, head in enumerate(heads)]
+    parts: list[list[int]] = [[]]
+    for at in range(words, len(heads)):
+        if parts[-1] and sum(widths[one] + GAP for one in [*range(words), *parts[-1], at]) - GAP > console.width:
+            parts.append([])
+        parts[-1].append(at)
+    for part in parts:
+        chosen = [*range(words), *part]
+        _part(console, [heads[at] for at in chosen], [[row[at] for at in chosen] for row in rows], words)
+
+
+def _part(console: Console, heads: Sequence[str], rows: Iterable[Sequence[str]], words: int) -> None:
+    """One table."""
     made = Table(box=None, pad_edge=False, header_style="bold")
     for at, head in enumerate(heads):
         number = at >= words

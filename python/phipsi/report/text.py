@@ -46,6 +46,11 @@ def minus(number: str) -> str:
     return number.replace("-", "−")
 
 
+def signed(cell: str) -> str:
+    """A cell of a table with typographic minus signs before numbers and in exponents; names stay."""
+    return re.sub(r"(?<![\w.])-(?=\.?\d)|(?<=\de)-(?=\d)", "−", cell)
+
+
 def count(value: int) -> str:
     """An integer, with thousands separators from 10 000 on."""
     return f"{value:,}".replace(",", "\u202f") if value >= 10_000 else str(value)

@@ -4,6 +4,7 @@ browser and no graphics processor are needed.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,11 +13,13 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
+from rich.console import Console
+from rich.progress import track
 
 from .._core import Scene
 from .._forces import Forces
 from .arrows import COLOR, HEAD, LEAST, LENGTH, SHAFT, TIP, usual_force
-from .shapes import AXES, FIELD, Shape, extent, poses, robot_size
+from .shapes import AXES, FIELD, Shape, extent, poses, robot_size, travel
 
 _Array = NDArray[np.float64]
 
@@ -32,6 +35,9 @@ CHUNK, LARGE = 1_000_000, 32
 SKY, FLOOR = 1.0, 0.93
 #: Part of the light that a shadow removes, and its blur, px.
 SHADOW, BLUR = 0.22, 5.0
+#: Tiles of a ground over which the camera moves: edge relative to the size of the robot, part of the light that the dark ones remove, and the
+#: distance at which they fade, relative to that of the camera.
+TILE, DARK, FADE = 0.5, 0.07, 2.5
 
 
 class _Surface(NamedTuple):
@@ -62,6 +68,18 @@ class _Camera(NamedTuple):
         y = 0.5 * SAMPLES * height - focal * local[..., 1] * inverse
         return np.stack([x, y, inverse], axis=-1)
 
+    def tiles(self, height: float, edge: float) -> _Array:
+        """Weight of the dark tiles of the plane z = height at each sample, (h, w), from 0 to 1."""
+        wide, high = SAMPLES * self.size[0], SAMPLES * self.size[1]
+        focal = 0.5 * high / np.tan(FIELD / 2.0)
+        x, y = (np.arange(wide) + 0.5 - 0.5 * wide) / focal, (0.5 * high - np.arange(high) - 0.5) / focal
+        # Rays of all samples, with the component along the view equal to one.
+        rays = x[None, :, None] * AXES[0] + y[:, None, None] * AXES[1] - AXES[2]
+        depth = (height - self.eye[2]) / np.minimum(rays[..., 2], -1e-9)
+        dark = np.floor((self.eye[:2] + depth[..., None] * rays[..., :2]) / edge).sum(axis=-1) % 2
+        distance = (self.eye[2] - height) / AXES[2, 2]
+        return np.asarray(dark * np.clip((FADE - depth / distance) / (FADE - 1.0), 0.0, 1.0))
+
 
 def write(scene: Scene, motion: Any, shapes: Sequence[Shape], file: Path) -> None:
     """Write the first configuration of a motion as PNG, or the motion as WebP."""
@@ -71,7 +89,7 @@ def write(scene: Scene, motion: Any, shapes: Sequence[Shape], file: Path) -> Non
     if moves:
         count = min(max(int((times[-1] - times[0]) * RATE), 1) + 1, MOST)
         rows = np.clip(np.searchsorted(times, np.linspace(times[0], times[-1], count)), 0, len(times) - 1)
-    first, *rest = frames(scene, motion, shapes, rows, MOVING if moves else SIZE)
+    first, *rest = _shown(frames(scene, motion, shapes, rows, MOVING if moves else SIZE), len(rows), file)
     if moves:
         each = max(round(1000.0 * float(times[-1] - times[0]) / len(rows)), 1)
         first.save(file, save_all=True, append_images=rest, duration=each, loop=0, quality=75, method=4)
@@ -79,18 +97,28 @@ def write(scene: Scene, motion: Any, shapes: Sequence[Shape], file: Path) -> Non
         first.save(file)
 
 
+def _shown(pictures: Iterator[Image.Image], count: int, file: Path) -> Iterator[Image.Image]:
+    """The pictures, with a bar of the progress on a terminal if there are several."""
+    if count == 1 or not sys.stderr.isatty():
+        return pictures
+    return iter(track(pictures, f"drawing {file.name}", count, console=Console(stderr=True), transient=True))
+
+
 def frames(scene: Scene, motion: Any, shapes: Sequence[Shape], rows: Iterable[int], size: tuple[int, int] = SIZE) -> Iterator[Image.Image]:
     """Pictures of these frames of a motion."""
     _, configurations = motion.frames()
-    space = extent(scene, shapes, motion.q)
-    camera = _Camera(space.camera(size[0] / size[1]), size)
+    shift = travel(scene, configurations)
+    follows = bool(shift.any())
+    space = extent(scene, shapes, configurations, shift) if follows else extent(scene, shapes, motion.q)
+    eye = space.camera(size[0] / size[1])
     surfaces = [(shape, _surface(shape.mesh)) for shape in shapes]
     forces, reach = motion.forces(), robot_size(scene)
     for row in rows:
         placements = poses(scene, configurations[row])
         moved = [_moved(surface, placements[shape.link] @ shape.place) for shape, surface in surfaces]
         moved += _arrows(forces, row, reach)
-        yield _drawn(camera, _Surface(*(np.concatenate(parts) for parts in zip(*moved, strict=True))), space.low, reach)
+        tile = TILE * reach if follows else 0.0
+        yield _drawn(_Camera(eye + shift[row], size), _Surface(*(np.concatenate(parts) for parts in zip(*moved, strict=True))), space.low, reach, tile)
 
 
 def _surface(mesh: trimesh.Trimesh) -> _Surface:
@@ -157,8 +185,8 @@ def _arrows(forces: Forces | None, row: int, size: float) -> list[_Surface]:
     return found
 
 
-def _drawn(camera: _Camera, surface: _Surface, low: float, size: float) -> Image.Image:
-    """Picture of all triangles over their shadow on the ground."""
+def _drawn(camera: _Camera, surface: _Surface, low: float, size: float, tile: float = 0.0) -> Image.Image:
+    """Picture of all triangles over their shadow on the ground, which has tiles with this edge, m, if it is positive."""
     width, height = SAMPLES * camera.size[0], SAMPLES * camera.size[1]
     right, up, toward = AXES
     light = 0.5 * toward + 0.9 * np.array([0.0, 0.0, 1.0]) - 0.45 * right
@@ -170,6 +198,8 @@ def _drawn(camera: _Camera, surface: _Surface, low: float, size: float) -> Image
     shade = 0.42 + 0.58 * np.clip(normals @ light, 0.0, 1.0) + 0.06 * (normals @ up)
     values = np.clip(shade[..., None] * surface.colors[:, None, :], 0.0, 1.0)
     back = np.linspace(SKY, FLOOR, height)[:, None, None] * np.ones((1, width, 3))
+    if tile > 0.0:
+        back *= 1.0 - DARK * camera.tiles(low, tile)[..., None]
     fallen = surface.corners - (surface.corners[..., 2:] - (low - 1e-3 * size)) / light[2] * light
     # Blurred anyway, so that one sample per pixel is enough.
     mask = _raster(camera.seen(fallen) / [SAMPLES, SAMPLES, 1.0], np.ones((len(fallen), 3, 1)), np.zeros((camera.size[1], camera.size[0], 1)))

@@ -32,7 +32,7 @@ from .._motion import Trajectory
 from ..errors import ArgumentError, ShapeError
 from . import picture
 from .arrows import Arrows, below
-from .shapes import FIELD, Shape, extent, name_of, poses, robot_size, shapes_of, translucent
+from .shapes import FIELD, Shape, extent, name_of, poses, robot_size, shapes_of, translucent, travel
 
 _Array = NDArray[np.float64]
 
@@ -131,6 +131,8 @@ class _Stage:
             self.server = viser.ViserServer(host=host, port=port, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         drawn = dict.fromkeys(shape.link for shape in shapes)
+        # The parents of links and of arrows, which a page moves instead of its camera.
+        self.parents = [self.server.scene.add_frame(name, show_axes=False) for name in ("/robot", "/forces")]
         self.arrows = Arrows.of(self.server, motion.forces(), size, middle, low)
         self.links = {link: self.server.scene.add_frame(f"/robot/{i}", show_axes=False) for i, link in enumerate(drawn)}
         index = {link: i for i, link in enumerate(drawn)}
@@ -141,9 +143,11 @@ class _Stage:
                 f"/robot/{index[shape.link]}/{i}", mesh, wxyz=place.rotation().wxyz, position=place.translation()
             )
         self.center = self.server.scene.add_icosphere("/center_of_mass", radius=0.02 * size, color=(220, 60, 40), visible=False)
-        self.server.scene.add_grid(
-            "/ground", width=6 * size, height=6 * size, cell_size=below(size / 5), section_size=below(size), position=(*middle[:2], low)
-        )
+        # Rows of the page, and the way of its camera.
+        self.shift = travel(scene, motion.frames()[1])
+        wide = 6 * size + 2 * float(np.abs(self.shift).max(initial=0.0))
+        self.ground = self.server.scene.add_grid("/ground", width=wide, height=wide, cell_size=below(size / 5), section_size=below(size), position=(*middle[:2], low))
+        self.shapes = shapes
         camera = self.server.initial_camera
         camera.fov = float(FIELD)
         camera.position = tuple(self.extent.camera(ASPECTS[-1]))
@@ -175,11 +179,17 @@ class _Stage:
         """The motion as one page that needs no server."""
         times, rows = motion.frames()
         placements = poses(self.scene, rows)
+        follows = bool(self.shift.any())
+        space = extent(self.scene, self.shapes, rows, self.shift) if follows else self.extent
+        self.server.initial_camera.position = tuple(space.camera(ASPECTS[-1]))
+        self.server.initial_camera.look_at = tuple(space.middle)
+        still = [(part, np.array(part.position)) for part in (*self.parents, self.ground)] if follows else []
         if len(rows) > 1 and self.scene.total_mass > 0.0:
             self.center.visible, centers = True, self.scene.center_of_mass(rows)
-            self.server.scene.add_line_segments(
+            line = self.server.scene.add_line_segments(
                 "/path", np.stack([centers[:-1], centers[1:]], axis=1), colors=(220, 60, 40), thickness=2.0, thickness_units="screen"
             )
+            still += [(line, np.zeros(3))] if follows else []
         serializer = self.server.get_scene_serializer()
         for i in range(len(rows)):
             for link, frame in self.links.items():
@@ -187,11 +197,14 @@ class _Stage:
                 if i == 0 or not np.array_equal(placements[link][i], placements[link][i - 1]):
                     self._move(frame, placements[link][i])
             if self.center.visible:
-                self.center.position = tuple(centers[i])
+                self.center.position = tuple(centers[i] - self.shift[i])
+            # The world moves back, so that the camera follows the robot.
+            for part, position in still:
+                part.position = tuple(position - self.shift[i])
             if self.arrows is not None:
                 self.arrows.show(i)
             serializer.insert_sleep(float(times[i + 1] - times[i]) if i + 1 < len(times) else 0.0)
-        script = FIT.replace("CAMERAS", json.dumps([(aspect, list(self.extent.camera(aspect))) for aspect in ASPECTS]))
+        script = FIT.replace("CAMERAS", json.dumps([(aspect, list(space.camera(aspect))) for aspect in ASPECTS]))
         page = str(serializer.as_html()).replace("<title>Viser</title>", f"<title>{escape(title)}</title>", 1)
         return page.replace("<head>", f"<head>{script}", 1)
 

@@ -51,6 +51,8 @@ LONGEST, THICKEST = 4.0, 0.2
 LOOKS = 16
 #: Largest workspace, relative to the size of the robot, that the camera shows completely.
 FAR = 3.0
+#: A camera follows a robot that moves horizontally by more than this multiple of its size; the motion of the camera is a mean over so many frames.
+FOLLOWED, SMOOTHED = 0.7, 15
 #: Direction from the robot to the first position of the camera, and its vertical field of view, rad.
 TOWARD, FIELD = np.array([1.15, 0.85, 0.6]) / np.linalg.norm([1.15, 0.85, 0.6]), np.radians(50.0)
 _RIGHT = np.array([-TOWARD[1], TOWARD[0], 0.0]) / np.linalg.norm(TOWARD[:2])
@@ -187,11 +189,30 @@ class Extent(NamedTuple):
         return np.asarray(self.middle + float(np.max(toward + np.maximum(x / (half * aspect), y / half))) * TOWARD)
 
 
-def extent(scene: Scene, shapes: Sequence[Shape], rows: _Array) -> Extent:
-    """Extent over some of the rows, (k, nq), or for the first row if the robot moves far."""
+def travel(scene: Scene, rows: _Array) -> _Array:
+    """Horizontal displacement that a camera follows, (k, 3), m: of the center of mass, smoothed; zero if it is short."""
+    if not len(scene.links):
+        return np.zeros((len(rows), 3))
+    # The center of mass of a robot with massless bodies only does not exist.
+    moved = scene.center_of_mass(rows) if scene.total_mass > 0.0 else np.zeros((len(rows), 3))
+    moved = (moved - moved[0]) * [1.0, 1.0, 0.0]
+    if not np.linalg.norm(moved, axis=1).max() > FOLLOWED * robot_size(scene):
+        return np.zeros_like(moved)
+    # Steps and jumps of the robot do not shake the camera.
+    width = min(SMOOTHED, len(moved))
+    padded = np.concatenate([np.repeat(moved[:1], width // 2, axis=0), moved, np.repeat(moved[-1:], width - 1 - width // 2, axis=0)])
+    return np.stack([np.convolve(padded[:, axis], np.full(width, 1.0 / width), mode="valid") for axis in range(3)], axis=1)
+
+
+def extent(scene: Scene, shapes: Sequence[Shape], rows: _Array, shift: _Array | None = None) -> Extent:
+    """Extent over some of the rows, (k, nq), or for the first row if the robot moves far; relative to a camera that moves by shift, (k, 3), m."""
     size = robot_size(scene)
-    some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
+    chosen = np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))
+    some = rows[chosen]
     placements = poses(scene, some)
+    if shift is not None:
+        for place in (placements := {link: np.array(place) for link, place in placements.items()}).values():
+            place[:, :3, 3] -= shift[chosen]
     corners = [place[:, None, :3, 3] for link, place in placements.items() if link != BASE or len(placements) == 1]
     fixed = list[_Array]()
     for shape in shapes:

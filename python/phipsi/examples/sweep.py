@@ -1,9 +1,9 @@
 """A parameter sweep on a cluster: gains for which the bundled arm settles fastest within its torque limits, distributed
 with Dask.
 
-    python examples/sweep.py                                 two worker processes here (pip install distributed)
-    python examples/sweep.py --address tcp://10.0.0.1:8786   workers of an existing cluster with phipsi installed
-    python examples/sweep.py --workers 0                     in this process, without Dask: the same results
+    python -m phipsi.examples sweep                                 two worker processes here (pip install distributed)
+    python -m phipsi.examples sweep --address tcp://10.0.0.1:8786   workers of an existing cluster with phipsi installed
+    python -m phipsi.examples sweep --workers 0                     in this process, without Dask: the same results
 
 Each joint is controlled by a controller that reads its state every DT seconds: kp = m w^2, kd = 2 zeta m w, with m
 the diagonal entry of the mass matrix at the goal; gravity torque and friction are compensated. The grid is over

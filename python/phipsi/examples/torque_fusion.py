@@ -2,7 +2,7 @@
 
 Run it with phipsi and numpy:
 
-    python examples/torque_fusion.py
+    python -m phipsi.examples torque_fusion
 
 The true torques have two sources. First, the model itself: accelerations drawn from N(a0, s M^-1) around the planned
 ones; then the estimated standard deviations are correct. Second, a motion that is independent of the model: a plan

@@ -2,7 +2,7 @@
 
 Run it with phipsi and numpy:
 
-    python examples/mppi.py
+    python -m phipsi.examples mppi
 
 Each cycle draws perturbed torque plans, simulates all of them from the present state in one call of Scene.simulate,
 and computes the mean of the plans with weights exp(-cost

@@ -2,7 +2,7 @@
 
 Run it with phipsi, numpy and scipy:
 
-    python examples/reach.py
+    python -m phipsi.examples reach
 
 Every step of a simulation has separate torques. Trajectory.vjp computes the gradient of any function of the rows with
 respect to all of them, by the adjoint of every step: here of the squared final distance from the goal and the final

@@ -2,7 +2,7 @@
 
 Run it with phipsi, numpy and scipy:
 
-    python examples/balance.py
+    python -m phipsi.examples balance
 
 Scene.linearize computes A and B for small deviations from the upright equilibrium; SciPy solves the Riccati equation
 for the gains K of u = -K x, and the nonlinear scene is simulated with this controller from a perturbed initial state.

@@ -2,7 +2,7 @@
 
 Run it with phipsi, numpy and gymnasium:
 
-    python examples/gymnasium_cart_pole.py
+    python -m phipsi.examples gymnasium_cart_pole
 
 Scene.simulator stores states and intermediate results between steps. A batch is one simulator, too: its states are
 vectorized and run on threads, with bitwise the results of single states, and completed episodes restart by reset(...,

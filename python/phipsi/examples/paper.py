@@ -1,4 +1,4 @@
-"""Rodriguez' paper in order, with every numbered equation typed and checked: ``python examples/paper.py``.
+"""Rodriguez' paper in order, with every numbered equation typed and checked: ``python -m phipsi.examples paper``.
 
 Each line is one corrected equation: its number, its residual, and its text, which is the evaluated code. The left
 side is formed from definitions (``toarray``), the right side is applied by sweeps. If the printed form in the paper
