@@ -19,7 +19,7 @@ Units are SI units and radians. Spatial vectors are angular first. Leading axes 
 broadcast.
 """
 
-from . import errors, estimation, scenes, shapes, tasks
+from . import _glossary, errors, estimation, scenes, shapes, tasks
 from ._actuators import Actuator, Actuators
 from ._compile import Compiled, compile
 from ._core import (
@@ -75,6 +75,8 @@ from ._results import (
 from .estimation._identification import Identification
 from .estimation._smooth import smooth
 from .operators import Factor, Operator
+
+_glossary.teach(Scene)
 
 #: `compile` is missing, because `from phipsi import *` would shadow the builtin.
 __all__ = [
