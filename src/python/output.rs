@@ -174,16 +174,16 @@ pub(super) fn property<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -
 pub(super) fn three_parts<'py>(class: &Object<'py>, all: &Object<'py>, axes: usize) -> PyResult<Object<'py>> {
     static NEW: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = all.py();
-    // A call of the class would run Python code, a quarter of a microsecond.
-    let new = NEW.get_or_try_init(py, || py.get_type::<PyTuple>().getattr("__new__").map(Bound::unbind))?.bind(py);
-    if all.cast::<PyUntypedArray>()?.ndim() == axes + 1 {
-        return new.call1((class, all));
-    }
-    new.call1((class, (part(all, axes, 0)?, part(all, axes, 1)?, part(all, axes, 2)?)))
+    // A call of the class would run Python code, which takes longer than the rest.
+    let new = NEW.get_or_try_init(py, || py.get_type::<PyTuple>().getattr("__new__").map(Bound::unbind))?;
+    new.bind(py).call1((class, (part(all, axes, 0)?, part(all, axes, 1)?, part(all, axes, 2)?)))
 }
 
-/// View of one of the vectors or matrices (one or two axes) that are consecutive in the results of the states.
+/// View of one of the vectors or matrices (one or two axes) that are consecutive in the result of each state.
 fn part<'py>(all: &Object<'py>, axes: usize, which: usize) -> PyResult<Object<'py>> {
+    if all.cast::<PyUntypedArray>()?.ndim() == axes + 1 {
+        return all.get_item(which);
+    }
     let (py, whole) = (all.py(), PySlice::full(all.py()));
     if axes == 1 {
         all.get_item((py.Ellipsis(), which, whole))
