@@ -114,6 +114,14 @@ def test_the_page_of_examples_shows_all_of_them() -> None:
     assert set(re.findall(r"examples/(\w+)\.py", page)) >= {path.stem for path in (ROOT / "examples").glob("*.py")}
 
 
+def test_the_benchmark_page_counts_every_kind_of_comparison() -> None:
+    """Kinematics can be measured apart from the rest of the page."""
+    page = (DOCS / "measured" / "benchmarks.md").read_text(encoding="utf-8")
+    stated = re.findall(r"phipsi is slower (?:than a peer )?in (\d+) of (\d+) comparisons", page)
+    counts = {name: (lost, of) for name, of, lost in re.findall(r"^\| ((?:C\+\+|Python)[^|]*) \| (\d+) \| (\d+) \|$", page.split("\n### ")[0], flags=re.MULTILINE)}
+    assert stated == [tuple(str(sum(int(row[k]) for row in counts.values())) for k in (0, 1)), counts["Python, kinematics"]]
+
+
 def test_readme_has_the_figures_of_the_generated_pages() -> None:
     specification = importlib.util.spec_from_file_location("readme", ROOT / "benches" / "readme.py")
     assert specification is not None and specification.loader is not None
