@@ -82,9 +82,11 @@ def benchmarks() -> str:
     body = [[what, *(shown[what, part, model] for part in PARTS.values() for model in MODELS)] for what in OPERATIONS]
     parts = (("From Python, one state per call", ""), ("From Python, batches of 4096", "loop over "))
     body += [[f"{what}, both from Python", *(one for heading, loop in parts for one in called(text, heading, what, f"{loop}{call}"))] for what, call in CALLED.items()]
-    kinematics = {row["quantity"]: row for row in rows(section(text, "Kinematics from Python"))}
+    measured = section(text, "Kinematics from Python")
+    kinematics = {row["quantity"]: row for row in rows(measured)}
     body += [[f"{what}, both from Python", *(f"{median(kinematics[what][model]):.2g}" for model in MODELS), *[""] * len(MODELS)] for what in KINEMATICS]
-    return f"{table(head, body)}\n\n{machine['processor']}, instructions `{machine['arm']}`, Pinocchio {machine['pinocchio']}."
+    [of_kinematics] = re.findall(r"Z, (.+?), load", measured)
+    return f"{table(head, body)}\n\n{machine['processor']}, instructions `{machine['arm']}`, Pinocchio {machine['pinocchio']}; poses and Jacobians: {of_kinematics}."
 
 
 def called(text: str, heading: str, what: str, call: str) -> list[str]:
