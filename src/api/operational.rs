@@ -211,7 +211,7 @@ impl Scene {
     /// [`Error::Argument`] for an unknown link or an offset that is not a rigid transform, and [`Error::NotFinite`].
     pub fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
         let link = self.link(task.link)?;
-        if task.offset.is_identity() {
+        if task.offset == RigidShift::identity() {
             return Ok(link.into());
         }
         let of_link = |what: &str| format!("{what} of the task frame on link {:?}", task.link);

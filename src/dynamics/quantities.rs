@@ -5,6 +5,7 @@ use crate::algorithm::KinematicQuantity;
 use crate::kinematics::{self, derivatives, placements_base_to_tip, placements_on_base};
 use crate::model::Model;
 use crate::scalar::Real;
+use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
 
 /// Computes a quantity of a frame, which needs no scratch, into `out`; returns false for others. It reads the part of
@@ -67,7 +68,7 @@ pub(crate) fn of_all_bodies<T: Real>(
             for (link, out) in links.iter().zip(out.chunks_exact_mut(16)) {
                 match link.body {
                     // Most links are at the frames of their bodies.
-                    Some(body) if link.placement.is_identity() => placements[body].homogeneous(out),
+                    Some(body) if link.placement == RigidShift::identity() => placements[body].homogeneous(out),
                     Some(body) => placements[body].compose(&link.placement.cast()).homogeneous(out),
                     None => link.placement.cast().homogeneous(out),
                 }

@@ -235,14 +235,6 @@ pub(crate) fn orthonormalized<T: Real>(r: &Matrix3<T>) -> Matrix3<T> {
 }
 
 impl RigidShift<f64> {
-    /// True for the identity; all entries are compared together, which takes less time than a branch for each.
-    #[inline(always)]
-    pub(crate) fn is_identity(&self) -> bool {
-        let one = Self::identity();
-        let same = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(true, |same, (a, b)| same & (a == b));
-        same(self.rotation.as_slice(), one.rotation.as_slice()) & same(self.lever.as_slice(), one.lever.as_slice())
-    }
-
     /// The same shift in another scalar type; in a wider type the rotation is orthonormalized.
     ///
     /// Nine rounded entries are orthonormal only to f64. Unchanged, they would scale vectors by half a unit of
