@@ -16,6 +16,7 @@
 #   make instructions   counts instructions with valgrind, fails if an algorithm needs more than before
 #   make auto-states  time of form auto by kind of state: writes docs/measured/auto-states.md (two minutes)
 #   make derivatives  after make test: times of derivatives, compared with Pinocchio: writes docs/measured/derivative-times.md (a minute)
+#   make kinematics  after make test: times of kinematics from Python, compared with Pinocchio: writes their section of docs/measured/benchmarks.md and README.md (a minute)
 #   make leaving-out   instructions saved by each simplification, counted with valgrind: writes the table of docs/leaving-out.md
 #   make numerics  after make peers: errors on extreme scenes, compared with the peers: writes docs/measured/numerics.md, its plots and the results in README.md (ten minutes)
 #   make motion [OUT=report]   after make peers: study of integrators, compared with the peers (some minutes)
@@ -55,7 +56,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives leaving-out inverse-kinematics closed-loops loops-and-contacts servos populations jax-calls contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives kinematics leaving-out inverse-kinematics closed-loops loops-and-contacts servos populations jax-calls contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
 
 # A separate environment; the packages of the system are not changed.
 $(BIN)/python:
@@ -167,7 +168,9 @@ check-wheel: $(VENV)/test
 	$(BIN)/phipsi codegen -o target/codegen --lang rust --name bundled
 	cargo clippy --manifest-path target/codegen/Cargo.toml --all-targets -- -D warnings
 	$(BIN)/python -m pip install --quiet 'mypy>=1.15' 'abi3audit>=0.0.20'
-	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core
+# Names of other libraries exist for their errors only.
+	$(BIN)/python -c 'from phipsi._glossary import HINTS; print(*(f"phipsi._core.Scene.{name}" for name in HINTS), sep="\n")' > target/elsewhere
+	cd tests/python && ../../$(BIN)/python -m mypy.stubtest --allowlist ../../target/elsewhere phipsi._core
 	$(BIN)/mypy python/phipsi
 	$(BIN)/mypy --strict $(EXAMPLES)
 	$(BIN)/abi3audit --strict $(WHEELS)/phipsi-*.whl
@@ -228,6 +231,10 @@ instructions:
 
 derivatives: $(VENV)/test
 	$(BIN)/python benches/derivatives.py --markdown docs/measured/derivative-times.md
+
+kinematics: $(VENV)/test
+	$(BIN)/python benches/kinematics.py --page docs/measured/benchmarks.md
+	$(BIN)/python benches/readme.py
 
 $(VENV)-ik/there: $(VENV)/wheel
 	$(PYTHON) -m venv $(VENV)-ik

@@ -25,6 +25,9 @@ MODELS = {"ur5": "ur5", "g1": "g1", "talos": "talos"}
 PARTS = {"One state, compared with Pinocchio in C++": "one state", "Batches on one core, compared with Pinocchio in C++": "batches"}
 #: Operations in the table, in this order.
 OPERATIONS = ("Forward dynamics", "Inverse dynamics", "Mass matrix", "Derivatives of inverse dynamics", "Derivatives of forward dynamics")
+#: Operations that are called from Python, both libraries, with Pinocchio's functions; and kinematics, which has no batches there.
+CALLED = {"Forward dynamics": "pin.aba", "Inverse dynamics": "pin.rnea", "Mass matrix": "pin.crba"}
+KINEMATICS = ("Pose of one link", "Poses of all links", "Jacobian of one link")
 METHODS = {
     "square-root form": "phipsi, square-root form (fallback of `auto`)",
     "covariance form": "phipsi, `form=\"covariance\"`",
@@ -60,7 +63,7 @@ def rows(text: str) -> list[Row]:
 
 
 def table(head: Sequence[str], body: Iterable[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *body))
+    return "\n".join(f"|{'|'.join(row)}|" for row in (head, ["---"] * len(head), *body))
 
 
 def median(cell: str) -> float:
@@ -76,8 +79,21 @@ def benchmarks() -> str:
         for row in rows(section(text, heading)):
             shown[row["operation"], part, row["model"]] = f"{median(row['ratio']):.2g}"
     head = ["", *(f"{name}, {part}" for part in PARTS.values() for name in MODELS.values())]
-    body = ([what, *(shown[what, part, model] for part in PARTS.values() for model in MODELS)] for what in OPERATIONS)
-    return f"{table(head, body)}\n\n{machine['processor']}, instructions `{machine['arm']}`, Pinocchio {machine['pinocchio']}."
+    body = [[what, *(shown[what, part, model] for part in PARTS.values() for model in MODELS)] for what in OPERATIONS]
+    parts = (("From Python, one state per call", ""), ("From Python, batches of 4096", "loop over "))
+    body += [[f"{what}, from Python", *(one for heading, loop in parts for one in called(text, heading, what, f"{loop}{call}"))] for what, call in CALLED.items()]
+    measured = section(text, "Kinematics from Python")
+    kinematics = {row["quantity"]: row for row in rows(measured)}
+    body += [[f"{what}, from Python", *(f"{median(kinematics[what][model]):.2g}" for model in MODELS), *[""] * len(MODELS)] for what in KINEMATICS]
+    [of_kinematics] = re.findall(r"Z, (.+?), load", measured)
+    return f"{table(head, body)}\n\n{machine['processor']}, instructions `{machine['arm']}`, Pinocchio {machine['pinocchio']}; poses and Jacobians: {of_kinematics}."
+
+
+def called(text: str, heading: str, what: str, call: str) -> list[str]:
+    """Ratios of a call of Pinocchio from Python, in a part of the page."""
+    part = section(text.split(f"## {heading}\n", 1)[1], what)
+    [row] = [row for row in rows(part) if (row["library"], row["call"]) == ("Pinocchio", call)]
+    return [f"{float(row[model].rsplit(': ', 1)[1]):.2g}" for model in MODELS]
 
 
 def numerics() -> str:

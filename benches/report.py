@@ -5,7 +5,7 @@ Usage: .venv-peers/bin/python benches/report.py [--passes N] [--quick] [--write-
 It runs in the environment of the peers, in which `make bench` has installed the wheel of phipsi (with the extra
 `report`) and matplotlib, because python_peers.py needs all of them in one process. The order is: auto_states.py;
 criterion's groups without peers; compare.py, which interleaves phipsi in Rust and Pinocchio in C++; python_peers.py;
-motion_peers.py. The results are stored in target/peers/run.json, so that --write-only can rewrite the page. --quick
+kinematics.py; motion_peers.py. The results are stored in target/peers/run.json, so that --write-only can rewrite the page. --quick
 uses few repetitions, as a test.
 """
 
@@ -85,7 +85,8 @@ def measure(passes: int | None, quick: bool) -> dict[str, Any]:
     motion = [sys.executable, "benches/peers/motion_peers.py", *little]
     # Before the others load the machine.
     auto = [sys.executable, "benches/auto_states.py", *(["--quick"] if quick else [])]
-    commands = {"auto": auto, "alone": alone, "compare": compare, "python": python, "motion": motion}
+    kinematics = [sys.executable, "benches/kinematics.py", *(["--quick"] if quick else [])]
+    commands = {"auto": auto, "alone": alone, "compare": compare, "python": python, "kinematics": kinematics, "motion": motion}
     PEERS.mkdir(parents=True, exist_ok=True)
     for name, command in commands.items():
         printed = run(command, capture=name == "auto")
@@ -149,11 +150,12 @@ def main() -> None:
     ran = load("run.json")
     folder = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "criterion"
     alone = [row for row in criterion(folder, ran["began"]) if row["group"] not in COMPARED]
-    compared, python, motion = (load(name) for name in ("comparison.json", "python.json", "motion.json"))
+    names = ("comparison", "python", "motion", "kinematics")
+    compared, python, motion, kinematics = (load(f"{name}.json") for name in names)
     states = PEERS / AUTO_STATES
     if not states.exists():
         fail(f"no {states}: run without --write-only first")
-    report_page.write(options.output, ran, compared, python, motion, alone, states.read_text(encoding="utf-8"))
+    report_page.write(options.output, ran, compared, python, motion, alone, states.read_text(encoding="utf-8"), kinematics)
     print(f"written: {options.output}")
 
 

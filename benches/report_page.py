@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import report_plots
 from compare import BATCH, INTO_GIVEN
+from kinematics_page import with_kinematics
 
 Row = dict[str, Any]
 
@@ -328,7 +329,9 @@ def machine_text(compared: Row, python: Row) -> str:
     return table(("", ""), ((name, str(value) or "none") for name, value in known.items()))
 
 
-def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: Sequence[Row], auto_states: str) -> None:
+def write(
+    path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: Sequence[Row], auto_states: str, kinematics: Row
+) -> None:
     """The page and its plots."""
     commands = ran["commands"]
     rows, called, arm = compared["rows"], python["rows"], compared["machine"]["arm"]
@@ -402,4 +405,5 @@ def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: 
         ("## Growth with the number of bodies", f"{command(commands['alone'])}\n{pictures.get('growth', '')}"),
         ("## All other groups", f"{command(commands['alone'])}\n{alone_text(alone)}"),
     ]
-    path.write_text("\n".join(f"{heading}\n\n{text}" for heading, text in sections), encoding="utf-8")
+    page = "\n".join(f"{heading}\n\n{text}" for heading, text in sections)
+    path.write_text(with_kinematics(page, kinematics), encoding="utf-8")

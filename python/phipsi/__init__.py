@@ -23,7 +23,7 @@ body inertias are process noise covariances. Forward dynamics is a filter from t
 base to tip; the mass matrix is the covariance of the measurements.
 """
 
-from . import errors, estimation, scenes, shapes, tasks
+from . import _glossary, errors, estimation, scenes, shapes, tasks
 from ._actuators import Actuator, Actuators
 from ._compare import Comparison, Difference, compare
 from ._compile import Compiled, compile
@@ -80,6 +80,8 @@ from ._results import (
 from .estimation._identification import Identification
 from .estimation._smooth import smooth
 from .operators import Factor, Operator
+
+_glossary.teach(Scene)
 
 #: `compile` is missing, because `from phipsi import *` would shadow the builtin.
 __all__ = [

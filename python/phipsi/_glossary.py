@@ -2,61 +2,62 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
-from typing import Any
+from typing import Any, NoReturn
 
 from . import _core
 
-__all__ = ["KEYWORDS", "METHODS", "REMOVED", "RENAMED", "of_attribute", "of_keyword"]
+__all__ = ["HINTS", "KEYWORDS", "METHODS", "REMOVED", "RENAMED", "Elsewhere", "of_keyword", "teach"]
 
 #: Former and present names of attributes of a scene.
 RENAMED = {"connection_names": "constraint_names", "connection_rows": "constraint_rows", "without_connections": "without_constraints"}
-#: Names of methods elsewhere, in lower case and without underscores, and the attributes of a scene.
+#: Names of methods elsewhere, as they are spelled there, and the attributes of a scene.
 METHODS = {
     attribute: tuple(names.split())
     for attribute, names in {
-        "forward_dynamics": "aba mjforward fd articulatedbodyalgorithm calcforwarddynamics getacceleration",
-        "inverse_dynamics": "rnea mjinverse id calcinversedynamics newtoneuler recursivenewtoneuler",
-        "mass_matrix": "crba mjfullm m jointspaceinertia inertiamatrix getmassmatrix calcmassmatrix",
-        "mass_matrix_inverse": "minv minverse computeminverse inversemassmatrix invmassmatrix",
-        "bias_torque": "nle nonlineareffects qfrcbias biasforce biasforces h calcbiasterm",
-        "gravity_torque": "gravitycompensation computegeneralizedgravity gravityvector gravityforce gravityforces generalizedgravity gravload g",
-        "coriolis_matrix": "coriolis c computecoriolismatrix",
-        "placement": "fk forwardkinematics fkine framesforwardkinematics omf omi xpos calcposeinworld transform linkpose framepose getpose getlinkpose",
-        "placements": "framesplacements allposes linkposes transforms",
-        "jacobian": "computeframejacobian getframejacobian mjjacbody jac jacob0 framejacobian",
-        "jacobian_rate": "getframejacobiantimevariation jdot jacobiandot jacobianderivative",
-        "jacobian_rate_product": "jdotqd biasacceleration",
-        "velocity_derivatives": "getframevelocityderivatives",
-        "acceleration_derivatives": "getframeaccelerationderivatives",
-        "jacobian_derivatives": "getframekinematichessian getjointkinematichessian kinematichessian",
-        "center_of_mass": "com subtreecom centerofmassposition cog centreofmass",
-        "center_of_mass_jacobian": "jacobiancenterofmass jcom comjacobian",
-        "centroidal_momentum_matrix": "ccrba ag computecentroidalmap cmm",
-        "centroidal_momentum_derivatives": "computecentroidaldynamicsderivatives",
-        "energy": "kineticenergy potentialenergy computekineticenergy computepotentialenergy",
-        "simulate": "mjstep step rollout integratedynamics run advanceto sim odeint",
-        "simulator": "simulation makedata data",
-        "inverse_kinematics": "ik solveik ikine computeik",
-        "inverse_kinematics_rates": "differentialik diffik resolvedrates",
-        "operational_inertia": "operationalspaceinertia taskspaceinertia lambdamatrix",
-        "regressor": "computejointtorqueregressor jointtorqueregressor",
+        "forward_dynamics": "aba mj_forward fd forwardDynamics articulatedBodyAlgorithm CalcForwardDynamics get_acceleration",
+        "inverse_dynamics": "rnea mj_inverse id inverseDynamics CalcInverseDynamics newton_euler recursive_newton_euler",
+        "mass_matrix": "crba mj_fullM M massMatrix joint_space_inertia inertia_matrix getMassMatrix CalcMassMatrix",
+        "mass_matrix_inverse": "Minv minverse computeMinverse inverse_mass_matrix inv_mass_matrix",
+        "bias_torque": "nle nonLinearEffects nonlinear_effects qfrc_bias bias_force bias_forces h CalcBiasTerm",
+        "gravity_torque": "gravity_compensation computeGeneralizedGravity gravity_vector gravity_force gravity_forces generalized_gravity gravload g",
+        "coriolis_matrix": "coriolis C computeCoriolisMatrix",
+        "placement": "fk forwardKinematics forward_kinematics fkine framesForwardKinematics oMf oMi xpos CalcPoseInWorld transform link_pose frame_pose get_pose get_link_pose",
+        "placements": "frames_placements all_poses link_poses transforms",
+        "jacobian": "computeFrameJacobian getFrameJacobian mj_jacBody jac jacob0 frame_jacobian",
+        "jacobian_rate": "getFrameJacobianTimeVariation jdot jacobian_dot jacobian_derivative",
+        "jacobian_rate_product": "jdot_qd bias_acceleration",
+        "velocity_derivatives": "getFrameVelocityDerivatives",
+        "acceleration_derivatives": "getFrameAccelerationDerivatives",
+        "jacobian_derivatives": "getFrameKinematicHessian getJointKinematicHessian kinematic_hessian",
+        "center_of_mass": "com centerOfMass subtree_com center_of_mass_position cog centre_of_mass",
+        "center_of_mass_jacobian": "jacobianCenterOfMass jcom com_jacobian",
+        "centroidal_momentum_matrix": "ccrba Ag computeCentroidalMap cmm",
+        "centroidal_momentum_derivatives": "computeCentroidalDynamicsDerivatives",
+        "energy": "computeKineticEnergy computePotentialEnergy",
+        "simulate": "mj_step step rollout integrate_dynamics run AdvanceTo sim odeint",
+        "simulator": "simulation make_data data",
+        "inverse_kinematics": "ik solve_ik ikine compute_ik",
+        "inverse_kinematics_rates": "differential_ik diff_ik resolved_rates",
+        "operational_inertia": "operational_space_inertia task_space_inertia lambda_matrix",
+        "regressor": "computeJointTorqueRegressor joint_torque_regressor",
         "show": "display view viewer visualize render plot animate meshcat draw",
-        "total_mass": "mass computetotalmass bodymass",
-        "joint_names": "names actuatednames jointname actuatedjointnames",
-        "link_names": "bodies bodyname frames framenames",
-        "limits": "jntrange jointlimits lowerpositionlimit upperpositionlimit poslimits",
-        "neutral": "zero neutralconfiguration",
-        "initial": "qpos0 q0 home start defaultconfiguration initialconfiguration mjresetdatakeyframe keyqpos",
-        "keyframes": "key keys nkey referenceconfigurations",
-        "random_configuration": "randq sample randomstate",
-        "nv": "dof ndof dofs numdof njoints degreesoffreedom numvelocities",
-        "nq": "numpositions",
-        "armature": "rotorinertia reflectedinertia",
-        "to_c": "codegen generatecode ccode toccode",
+        "total_mass": "mass computeTotalMass body_mass",
+        "joint_names": "names actuated_names joint_name actuated_joint_names",
+        "link_names": "bodies body_name frames frame_names",
+        "limits": "jnt_range joint_limits lowerPositionLimit upperPositionLimit pos_limits",
+        "neutral": "zero neutral_configuration",
+        "initial": "qpos0 q0 home start default_configuration initial_configuration mj_resetDataKeyframe key_qpos",
+        "keyframes": "key keys nkey referenceConfigurations",
+        "random_configuration": "randq sample random_state randomConfiguration",
+        "nv": "dof ndof dofs num_dof njoints degrees_of_freedom num_velocities",
+        "nq": "num_positions",
+        "armature": "rotorInertia rotor_inertia reflected_inertia",
+        "to_c": "codegen generate_code ccode",
     }.items()
 }
+#: What the error of each of these names says.
+HINTS = {name: f"use {attribute!r}" for attribute, names in METHODS.items() for name in names} | {name: f"it was renamed to {present!r}" for name, present in RENAMED.items()}
 #: Keywords elsewhere, and those that stand for them here.
 KEYWORDS = {
     "T": ("duration", "steps"), "t_end": ("duration",), "tf": ("duration",), "t_final": ("duration",), "time": ("duration",), "horizon": ("steps",),
@@ -73,20 +74,37 @@ KEYWORDS = {
 REMOVED = {"baumgarte": "each step is projected onto the connections"}
 
 
-def of_attribute(name: str) -> str:
-    """The end of the message about an unknown attribute of a scene: what was probably meant, or nothing."""
-    if name in RENAMED:
-        return f"; it was renamed to {RENAMED[name]!r}"
-    if name.startswith("_"):
-        return ""
-    plain = name.replace("_", "").lower()
-    own = (attribute for attribute in dir(_core.Scene) if attribute.replace("_", "") == plain)
-    found = next(own, next((attribute for attribute, names in METHODS.items() if plain in names), None))
-    return "" if found is None else f"; use {found!r}"
+class Elsewhere:
+    """An attribute that a class does not have: its error names the attribute that was probably meant.
+
+    A `__getattr__` would know every name, but CPython calls the methods of a class that has one in 0.12 us more.
+    """
+
+    __slots__ = ("error", "hint")
+
+    def __init__(self, owner: type, name: str, hint: str) -> None:
+        self.error, self.hint = (f"{owner.__name__!r} object has no attribute {name!r}; {hint}", name), hint
+
+    def __get__(self, instance: object, owner: type) -> NoReturn:
+        message, name = self.error
+        raise AttributeError(message, name=name, obj=owner if instance is None else instance)
+
+    def __repr__(self) -> str:
+        return self.hint
+
+
+def teach(scene: type) -> None:
+    """Give the class of scenes the names elsewhere and its former names, which `dir` of a scene does not list."""
+    known = dir(scene)
+    for name, hint in HINTS.items():
+        setattr(scene, name, Elsewhere(scene, name, hint))
+    setattr(scene, "__dir__", lambda _: known)  # noqa: B010
 
 
 def of_keyword(method: str, name: str) -> str:
     """The end of the message about an unknown keyword of a method of a compiled class."""
+    import difflib  # takes a millisecond, which only errors need
+
     if name in REMOVED:
         return f"; it was removed: {REMOVED[name]}"
     of: Any = _core

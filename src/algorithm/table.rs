@@ -150,9 +150,10 @@ impl FunctionEntry {
     /// The shape of the results of one state as one array, into `room`: results with equal axes are stacked along a new
     /// axis, others are concatenated.
     #[must_use]
+    #[inline]
     pub fn shape<'r>(&self, sizes: &Sizes, room: &'r mut [usize; 4]) -> &'r [usize] {
         let (_, first) = self.results[0];
-        if self.results.iter().any(|(_, axes)| *axes != first) {
+        if self.results[1..].iter().any(|(_, axes)| *axes != first) {
             room[0] = self.width(sizes);
             return &room[..1];
         }

@@ -212,7 +212,7 @@ impl Scene {
     pub fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
         let link = self.link(task.link)?;
         if task.offset == RigidShift::identity() {
-            return Ok(Frame { body: link.body, placement: link.placement });
+            return Ok(link.into());
         }
         let of_link = |what: &str| format!("{what} of the task frame on link {:?}", task.link);
         let RigidShift { rotation, lever } = &task.offset;

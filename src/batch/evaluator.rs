@@ -266,26 +266,33 @@ impl Scene {
         if let (Some(coupling), Some(coupled)) = (self.coupling(), &mut evaluator.coupled) {
             return coupled.kinematic_quantity((self, coupling), what, states, out);
         }
-        let (lanes, width, nv) = (evaluator.lanes(), what.width(self.nv()), self.nv());
+        let lanes = evaluator.lanes();
+        let (width, nv) = (what.width(self.nv()), self.nv());
         check_length("out", out.len(), width * states.len()).map_err(|error| Fault { state: 0, error })?;
-        let lengths = [self.nq(), nv, nv];
-        for (i, (states, out)) in states.chunks(lanes).zip(out.chunks_mut((width * lanes).max(1))).enumerate() {
+        let Evaluator { kernels, checked, .. } = evaluator;
+        let (reads, lengths) = (what.reads(), [self.nq(), nv, nv]);
+        let mut run = |first: usize, states: &[Arguments<'_>], out: &mut [f64]| {
             for (lane, state) in states.iter().enumerate() {
-                state.check_of_scene(what.entry().name).map_err(|error| Fault { state: i * lanes + lane, error })?;
+                state.check_of_scene(what.entry().name).map_err(|error| Fault { state: first + lane, error })?;
             }
             let fits = |state: &Arguments<'_>| {
                 let given = [state.q.len(), state.qd.len(), state.u.len()];
-                (0..3).all(|k| given[k] == if k < what.reads() { lengths[k] } else { 0 })
+                (0..3).all(|k| given[k] == if k < reads { lengths[k] } else { 0 })
             };
-            let mut doubt = u64::MAX;
-            if states.iter().all(fits) {
-                doubt = evaluator.kernels.kinematic_quantity(what, states, out);
-            }
+            let doubt = if states.iter().all(fits) { kernels.kinematic_quantity(what, states, out) } else { u64::MAX };
             for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 1) {
                 let (state, out) = (&states[lane], &mut out[lane * width..(lane + 1) * width]);
-                self.kinematic_quantity(&mut evaluator.checked.workspace, what, [state.q, state.qd, state.u], out)
-                    .map_err(|error| Fault { state: i * lanes + lane, error })?;
+                self.kinematic_quantity(&mut checked.workspace, what, [state.q, state.qd, state.u], out)
+                    .map_err(|error| Fault { state: first + lane, error })?;
             }
+            Ok(())
+        };
+        if states.len() == 1 {
+            // A single state skips the divisions for many states.
+            return run(0, states, out);
+        }
+        for (i, (states, out)) in states.chunks(lanes).zip(out.chunks_mut((width * lanes).max(1))).enumerate() {
+            run(i * lanes, states, out)?;
         }
         Ok(())
     }

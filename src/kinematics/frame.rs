@@ -33,6 +33,12 @@ pub struct Link {
     pub placement: RigidShift<f64>,
 }
 
+impl From<&Link> for Frame<f64> {
+    fn from(link: &Link) -> Self {
+        Self { body: link.body, placement: link.placement }
+    }
+}
+
 named! {
     /// The frame in which the motion (angular, linear) of a frame on a link is expressed.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

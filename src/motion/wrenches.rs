@@ -104,7 +104,7 @@ impl LinkWrenches {
         let [links, values] = in_language(["wrenches.links", "wrenches.values"], ["wrenches"; 2]);
         let frame_of = |name: &String| {
             let link = scene.link(name).map_err(|error| error.of_argument(links))?;
-            Ok(Frame { body: link.body, placement: link.placement })
+            Ok(Frame::from(link))
         };
         let frames = given.links.iter().map(frame_of).collect::<Result<Vec<_>, Error>>()?;
         let width = 6 * frames.len() * given.steps.unwrap_or(1);

@@ -1,7 +1,7 @@
 //! Kinematic quantities, and methods that evaluate states one at a time, from the arguments of a call to its result.
 
 use super::bad_states::is_nan;
-use super::cost::Cost;
+use super::cost::{Cost, WORTH_RELEASING};
 use super::evaluate::Keywords;
 use super::object::Object;
 use super::output::Output;
@@ -30,7 +30,7 @@ impl PyScene {
         if entry.needs_mass {
             self.scene.check_has_mass()?;
         }
-        let (shape, cost) = (entry.shape(&self.scene.sizes(), &mut room), self.cost_of(what));
+        let shape = entry.shape(&self.scene.sizes(), &mut room);
         if !is_nan(errors)? {
             let kernel = |scene: &Scene, scratch: &mut Scratch, state: [&[f64]; N], out: &mut [f64]| {
                 let evaluator = scratch.evaluator.get_or_insert_with(|| scene.evaluator());
@@ -38,12 +38,15 @@ impl PyScene {
                 let state = [Arguments { q: of(0), qd: of(1), u: of(2), ..Arguments::default() }];
                 scene.evaluate_kinematic_quantity(evaluator, what, &state, out).map_err(|fault| fault.error)
             };
-            if let Some(result) = self.single_by(py, values, shape, Cost::of(cost), None, kernel)? {
+            // The depth of the frame is counted only if the cost of all bodies is not small.
+            let most = self.cost_per_body(what) * self.size();
+            let cost = Cost::of(if most < WORTH_RELEASING { most } else { self.cost_of(what) });
+            if let Some(result) = self.single_by(py, values, shape, cost, None, kernel)? {
                 return Ok(result);
             }
         }
         let names = entry.arguments.iter().map(|&(name, _)| name);
-        let call = self.call(self.inputs(names.zip(values))?, cost, errors)?;
+        let call = self.call(self.inputs(names.zip(values))?, self.cost_of(what), errors)?;
         let mut output = call.output(py, shape, None, Output::unwritten)?;
         call.quantity_in_chunks(py, what, output.numbers()?)?;
         output.finish_or_scalar()
@@ -51,8 +54,12 @@ impl PyScene {
 
     /// Approximate time of a kinematic quantity of one state, ns.
     pub(super) fn cost_of(&self, what: &KinematicQuantity<'_>) -> usize {
+        self.cost_per_body(what) * what.frame().map_or(self.size(), |frame| self.depth(frame))
+    }
+
+    fn cost_per_body(&self, what: &KinematicQuantity<'_>) -> usize {
         let [body, body_and_column] = what.entry().cost;
-        (body + body_and_column * self.scene.nv()) * what.frame().map_or(self.size(), |frame| self.depth(frame))
+        body + body_and_column * self.scene.nv()
     }
 
     /// Evaluates every state, of `cost` ns each, into a new array of shape batch + `shape`, or a NumPy scalar for the

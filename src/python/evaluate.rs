@@ -6,6 +6,7 @@ use super::call::BatchCall;
 use super::choice::read_judged;
 use super::cost::Cost;
 use super::dtype::{Dtype, check_range, is_float32};
+use super::fresh::entries;
 use super::object::Object;
 use super::output::Output;
 use super::own_models::Models;
@@ -92,7 +93,7 @@ impl PyScene {
             Algorithm::ForwardDynamics(_) if is_connected => self.cost_through_connections(),
             _ => entry.cost[0] + entry.cost[1] * self.scene.nv(),
         };
-        let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
+        let cost = Cost { arithmetic: body * self.size(), results: entries(shape).unwrap_or(usize::MAX) };
         let is_plain = !is_nan(errors)?
             && !return_info
             && wrenches.is_none()

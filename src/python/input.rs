@@ -290,8 +290,8 @@ fn in_order<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> bool 
 /// Values of one state and their address range, for a small (width,) float64 array that needs no conversion.
 #[inline(always)] // what it returns would be stored and loaded again
 pub(super) fn plain(value: &Object<'_>, width: usize) -> Option<(Vec<f64>, Range<usize>)> {
-    let array = value.cast::<PyArray1<f64>>().ok()?;
-    if width > FEW || array.len() != width || !in_order(array) || !is_bare(value) {
+    let array = value.cast_exact::<PyArray1<f64>>().ok()?;
+    if width > FEW || array.len() != width || !in_order(array) {
         return None;
     }
     Some((array.to_vec().ok()?, addresses(array)))

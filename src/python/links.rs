@@ -41,7 +41,7 @@ impl PyScene {
         errors: &str,
     ) -> PyResult<Object<'py>> {
         if let Ok(name) = link.cast::<PyString>() {
-            let frame = self.scene.frame(&name.to_str()?.into())?;
+            let frame = Frame::from(self.scene.link(name.to_str()?)?);
             return self.kinematic_quantity(
                 py,
                 &KinematicQuantity::Placement(&frame),
@@ -258,7 +258,7 @@ impl PyScene {
     /// The reference frame, and the frame of a link, translated to the point `at`; an unknown link is an error, even if the batch is empty.
     fn on_link(&self, keywords: &Keywords<'_, '_>) -> PyResult<(ReferenceFrame, Frame<f64>)> {
         let reference = read_frame(keywords.frame)?;
-        let mut frame = self.scene.frame(&keywords.link.into())?;
+        let mut frame = Frame::from(self.scene.link(keywords.link)?);
         if let Some(at) = keywords.at {
             let point = triple("at", at)?;
             check_finite("at", &point)?;

@@ -12,7 +12,8 @@ use numpy::{
     ToPyArray,
 };
 use pyo3::prelude::*;
-use pyo3::types::PySlice;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PySlice, PyTuple};
 use std::ops::Range;
 
 /// Result of most methods.
@@ -171,7 +172,11 @@ pub(super) fn property<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -
 
 /// A named tuple of the three vectors or matrices (one or two axes) that are consecutive in the result of each state.
 pub(super) fn three_parts<'py>(class: &Object<'py>, all: &Object<'py>, axes: usize) -> PyResult<Object<'py>> {
-    class.call1((part(all, axes, 0)?, part(all, axes, 1)?, part(all, axes, 2)?))
+    static NEW: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let py = all.py();
+    // A call of the class would run Python code, which takes longer than the rest.
+    let new = NEW.get_or_try_init(py, || py.get_type::<PyTuple>().getattr("__new__").map(Bound::unbind))?;
+    new.bind(py).call1((class, (part(all, axes, 0)?, part(all, axes, 1)?, part(all, axes, 2)?)))
 }
 
 /// View of one of the vectors or matrices (one or two axes) that are consecutive in the result of each state.

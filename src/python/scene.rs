@@ -15,7 +15,6 @@ use crate::memory;
 use crate::motion::Properties;
 use crate::scene::{Scene, SceneBuilder};
 use numpy::PyArrayDyn;
-use pyo3::exceptions::PyAttributeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice, PyTuple};
 use std::path::{Path, PathBuf};
@@ -456,16 +455,6 @@ impl PyScene {
 
     fn __repr__(&self) -> String {
         description::summary(&self.scene)
-    }
-
-    /// The error of an unknown attribute, with the name of what was probably meant.
-    fn __getattr__<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Object<'py>> {
-        let hint: String = imported!(slf.py(), "phipsi._glossary", "of_attribute")?.call1((name,))?.extract()?;
-        let error = PyAttributeError::new_err(format!("'Scene' object has no attribute '{name}'{hint}"));
-        let value = error.value(slf.py());
-        value.setattr("name", name)?;
-        value.setattr("obj", slf)?;
-        Err(error)
     }
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {

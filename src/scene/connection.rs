@@ -271,7 +271,7 @@ impl Scene {
             return Err(connection.fault(found, self.source.known_links(name)));
         };
         let link = &self.links()[at];
-        Ok(Frame { body: link.body, placement: link.placement })
+        Ok(Frame::from(link))
     }
 
     /// The innermost movable body that `body` is rigidly attached to; `None` for the base.

@@ -67,7 +67,7 @@ def page() -> str:
 
 def public() -> set[str]:
     """Public names of Scene."""
-    return {name for name in vars(phipsi.Scene) if not name.startswith("_")}
+    return {name for name in dir(phipsi.scenes.chain(1)) if not name.startswith("_")}
 
 
 def _summary(name: str) -> str:

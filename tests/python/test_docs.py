@@ -95,7 +95,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_the_reference_has_all_that_is_public() -> None:
     named = re.findall(r"^::: phipsi\.(\S+)$", "\n".join(page.read_text(encoding="utf-8") for page in (DOCS / "reference").glob("*.md")), flags=re.MULTILINE)
     public = {name for name in (*phipsi.__all__, "compile") if name not in ("__version__", "errors", "estimation", "scenes", "shapes", "tasks")}
-    public |= {f"Scene.{name}" for name in vars(phipsi.Scene) if not name.startswith("_")}
+    public |= {f"Scene.{name}" for name in dir(phipsi.scenes.chain(1)) if not name.startswith("_")}
     public |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.errors, phipsi.estimation, phipsi.scenes) for name in module.__all__}
     shown = {name for name in named if name.partition(".")[0] not in ("jax", "torch", "view")}
     public |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.mujoco, phipsi.pinocchio, phipsi.shapes, phipsi.tasks) for name in module.__all__} - {"tasks.Task", "shapes.Color", "shapes.Shape", "shapes.ColliderShape"}
@@ -114,6 +114,14 @@ def test_the_page_of_examples_shows_all_of_them() -> None:
     page = (DOCS / "examples.md").read_text(encoding="utf-8")
     assert set(re.findall(r"pictures/(\w+)\.webp", page)) == set(SHORT) == {path.stem for path in (DOCS / "pictures").iterdir()}
     assert set(re.findall(r"examples/(\w+)\.py", page)) >= {path.stem for path in (ROOT / "python" / "phipsi" / "examples").glob("[!_]*.py")}
+
+
+def test_the_benchmark_page_counts_every_kind_of_comparison() -> None:
+    """Kinematics can be measured apart from the rest of the page."""
+    page = (DOCS / "measured" / "benchmarks.md").read_text(encoding="utf-8")
+    stated = re.findall(r"phipsi is slower (?:than a peer )?in (\d+) of (\d+) comparisons", page)
+    counts = {name: (lost, of) for name, of, lost in re.findall(r"^\| ((?:C\+\+|Python)[^|]*) \| (\d+) \| (\d+) \|$", page.split("\n### ")[0], flags=re.MULTILINE)}
+    assert stated == [tuple(str(sum(int(row[k]) for row in counts.values())) for k in (0, 1)), counts["Python, kinematics"]]
 
 
 def test_readme_has_the_figures_of_the_generated_pages() -> None:

@@ -43,7 +43,7 @@ def members(name: str, thing: Any) -> Iterator[tuple[str, Any]]:
         yield name, thing
         fields = getattr(thing, "_fields", ())
         for inner in vars(thing):
-            member = getattr(thing, inner)
+            member = getattr(thing, inner, None)
             if not inner.startswith("_") and inner not in fields and (callable(member) or is_property(member)):
                 yield f"{name}.{inner}", member
     elif callable(thing) and inspect.isroutine(thing):

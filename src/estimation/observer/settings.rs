@@ -416,7 +416,7 @@ impl Plan {
             None if walks => self.initial.extend([0.0; 6]),
             None => self.initial.extend(wrench.density.iter().map(|density| (0.5 * density * time).sqrt())),
         }
-        self.wrenches.push(Frame { body: link.body, placement: link.placement });
+        self.wrenches.push(link.into());
         Ok(())
     }
 
