@@ -782,6 +782,8 @@ class Scene:
         effort: Literal["report", "clip"] | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         frame: Literal["link", "world"] | None = "link",
+        contact_friction: ArrayLike | None = None,
+        contact_restitution: ArrayLike | None = None,
     ) -> RolloutGradients:
         """Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
 
@@ -805,7 +807,8 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame
+        limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame,
+        contact_friction, contact_restitution
             As given to simulate.
 
         Returns
@@ -885,6 +888,8 @@ class Scene:
         activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
         frame: Literal["link", "world"] | None = "link",
+        contact_friction: ArrayLike | None = None,
+        contact_restitution: ArrayLike | None = None,
     ) -> Trajectory:
         """Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
 
@@ -972,6 +977,9 @@ class Scene:
             N, constant or for each step (an axis of one step: for all steps). They act in all stages of a step.
         frame : {"link", "world"}, default "link"
             Axes of the wrenches: those of the link, with which they rotate, or those of the base.
+        contact_friction, contact_restitution : float or (..., n) array_like, optional
+            Coefficients of the contacts of contact_names and then the colliders of collider_names, instead of those of
+            the scene, for all states or for each.
 
         Returns
         -------
@@ -1045,6 +1053,8 @@ class Scene:
         effort: Literal["report", "clip"] | None = None,
         control: Mapping[str, ArrayLike] | ArrayLike | None = None,
         activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        contact_friction: ArrayLike | None = None,
+        contact_restitution: ArrayLike | None = None,
     ) -> Simulator:
         """Create a Simulator: one state or a batch that is advanced call by call.
 
@@ -1058,7 +1068,7 @@ class Scene:
             Step, s.
         method, pd, inertias, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
             As in simulate, for all steps.
-        compliance, limits, restitution, accuracy, smoothing, effort
+        compliance, limits, restitution, accuracy, smoothing, effort, contact_friction, contact_restitution
             As in simulate, for all steps. The targets of pd can be changed by step.
         control : (..., n) array_like or dict of str to float, optional
             Controls of scene.actuators, which then act in all steps; step(control=...) changes them.

@@ -31,6 +31,8 @@ pub(super) struct Member {
     pub settings: StepSettings,
     /// (joints, 10); empty for those of the scene.
     inertias: Vec<f64>,
+    /// Coefficients of friction and restitution of its contacts; empty for those of the scene.
+    contacts: [Vec<f64>; 2],
     /// Its scene, made at first use.
     scene: Mutex<Option<Arc<Scene>>>,
 }
@@ -39,10 +41,11 @@ impl Population {
     /// The models of `states` states of a scene, whose settings are those of all states together.
     pub fn new(scene: &Scene, all: &StepSettings, properties: &Properties, states: usize) -> Self {
         let member = |state: usize| {
-            let mut own = properties.of_state((scene.tree().nv(), scene.tree().joints().len()), state);
+            let mut own = properties.of_state((scene.tree().nv(), states), state);
             let inertias = std::mem::take(&mut own.inertias);
+            let contacts = [std::mem::take(&mut own.contact_friction), std::mem::take(&mut own.contact_restitution)];
             let settings = settings_of_state(scene.tree(), all, own);
-            Member { settings, inertias, scene: Mutex::new(None) }
+            Member { settings, inertias, contacts, scene: Mutex::new(None) }
         };
         let in_lanes = all.is_vectorized() && !all.connected && !scene.tree().touches();
         let places = (in_lanes && !properties.inertias.is_empty()).then(|| InertiaPlaces::new(scene));
@@ -75,7 +78,11 @@ impl Member {
         if let Some(own) = &*own {
             return Ok(Arc::clone(own));
         }
-        let made = scene.with_state_model(&StateModel { inertias: &self.inertias, armature: &[] })?;
+        let mut made = scene.with_state_model(&StateModel { inertias: &self.inertias, armature: &[] })?;
+        let [friction, restitution] = &self.contacts;
+        if !(friction.is_empty() && restitution.is_empty()) {
+            made = made.with_contact_coefficients(friction, restitution)?;
+        }
         Ok(Arc::clone(own.insert(Arc::new(made))))
     }
 }

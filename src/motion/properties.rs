@@ -34,10 +34,17 @@ pub struct Properties {
     /// Inertial parameters of each state, (states, joints, 10), as those of
     /// [`Scene::inertial_parameters`](crate::Scene::inertial_parameters); empty for the inertias of the scene.
     pub inertias: Vec<f64>,
+    /// Coefficients of friction of the contacts and then the colliders of each state, (states, contacts + colliders);
+    /// empty for those of the scene.
+    pub contact_friction: Vec<f64>,
+    /// Their coefficients of restitution, likewise.
+    pub contact_restitution: Vec<f64>,
 }
 
 setters!(Properties {
     with_inertias: inertias => Vec<f64>,
+    with_contact_friction: contact_friction => Vec<f64>,
+    with_contact_restitution: contact_restitution => Vec<f64>,
     with_armature: armature => Vec<f64>,
     with_damping: damping => Vec<f64>,
     with_stiffness: stiffness => Vec<f64>,
@@ -61,12 +68,15 @@ impl Properties {
             curves: curves.clone(),
             friction_speed: 0.0,
             inertias: Vec::new(),
+            contact_friction: Vec::new(),
+            contact_restitution: Vec::new(),
         }
     }
 
     /// True if all states have the same properties.
     pub(super) fn are_of_all(&self, nv: usize) -> bool {
-        self.inertias.is_empty() && self.of_rows().iter().all(|values| values.len() == nv)
+        let of_bodies = [&self.inertias, &self.contact_friction, &self.contact_restitution];
+        of_bodies.iter().all(|values| values.is_empty()) && self.of_rows().iter().all(|values| values.len() == nv)
     }
 
     /// The properties that each state can have for itself, in the order of their names in `check`.
@@ -75,16 +85,30 @@ impl Properties {
     }
 
     /// The properties of one state.
-    pub(super) fn of_state(&self, (nv, joints): (usize, usize), state: usize) -> Self {
+    pub(super) fn of_state(&self, (nv, states): (usize, usize), state: usize) -> Self {
         let of =
             |values: &[f64]| if values.len() == nv { values.to_vec() } else { values[state * nv..][..nv].to_vec() };
         let [armature, damping, stiffness, friction] = self.of_rows().map(|values| of(values));
-        let inertias = match self.inertias.is_empty() {
-            true => Vec::new(),
-            false => self.inertias[state * 10 * joints..][..10 * joints].to_vec(),
+        let own = |values: &[f64]| {
+            let width = values.len() / states.max(1);
+            values[state * width..][..width].to_vec()
         };
+        let [inertias, contact_friction, contact_restitution] =
+            [&self.inertias, &self.contact_friction, &self.contact_restitution].map(|values| own(values));
         let (rest, curves) = (self.rest.clone(), self.curves.clone());
-        Self { armature, damping, stiffness, rest, friction, curves, friction_speed: self.friction_speed, inertias }
+        let friction_speed = self.friction_speed;
+        Self {
+            armature,
+            damping,
+            stiffness,
+            rest,
+            friction,
+            curves,
+            friction_speed,
+            inertias,
+            contact_friction,
+            contact_restitution,
+        }
     }
 
     /// The largest properties of all states.
@@ -97,9 +121,9 @@ impl Properties {
             most
         };
         let [armature, damping, stiffness, friction] = self.of_rows().map(|values| of(values));
-        let (rest, curves) = (self.rest.clone(), self.curves.clone());
-        let inertias = Vec::new();
-        Self { armature, damping, stiffness, rest, friction, curves, friction_speed: self.friction_speed, inertias }
+        let mut all = self.of_state((nv, 1), 0);
+        (all.inertias, all.contact_friction, all.contact_restitution) = (Vec::new(), Vec::new(), Vec::new());
+        Self { armature, damping, stiffness, friction, ..all }
     }
 
     /// True if friction acts and is regularized.
@@ -119,6 +143,15 @@ impl Properties {
         if !self.inertias.is_empty() {
             check_length("inertias", self.inertias.len(), states * 10 * scene.joints().len())?;
             check_finite("inertias", &self.inertias)?;
+        }
+        let contacts = scene.contacts().len() + scene.source().colliders().len();
+        for (name, values) in
+            [("contact_friction", &self.contact_friction), ("contact_restitution", &self.contact_restitution)]
+        {
+            if !values.is_empty() {
+                check_length(name, values.len(), states * contacts)?;
+                check_finite(name, values)?;
+            }
         }
         scene.check_configuration("rest", &self.rest)?;
         if !(self.friction_speed.is_finite() && self.friction_speed >= 0.0) {

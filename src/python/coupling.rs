@@ -47,6 +47,8 @@ impl PyScene {
             stiffness: squares(&of.stiffness),
             friction: each(&of.friction, &|of| coupling.reduce_friction(of)),
             inertias: of.inertias.clone(),
+            contact_friction: of.contact_friction.clone(),
+            contact_restitution: of.contact_restitution.clone(),
             rest: coupling.reduce_rest(&of.stiffness, &of.rest),
             curves: coupling.independent_rows().iter().filter_map(|&row| of.curves.get(row).copied()).collect(),
             friction_speed: of.friction_speed,

@@ -135,6 +135,9 @@ impl PyScene {
     ///     N, constant or for each step (an axis of one step: for all steps). They act in all stages of a step.
     /// frame : {"link", "world"}, default "link"
     ///     Axes of the wrenches: those of the link, with which they rotate, or those of the base.
+    /// contact_friction, contact_restitution : float or (..., n) array_like, optional
+    ///     Coefficients of the contacts of contact_names and then the colliders of collider_names, instead of those of
+    ///     the scene, for all states or for each.
     #[doc = section!(Returns)]
     /// trajectory : Trajectory
     ///     Rows t (rows,), q (..., rows, nq) and qd (..., rows, nv), the first at the start, with the integrator,
@@ -175,7 +178,8 @@ impl PyScene {
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
                              progress=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
                              duration=None, covariance=None, targets=None, target_rates=None, effort=None, \
-                             control=None, activation=None, wrenches=None, frame='link')")]
+                             control=None, activation=None, wrenches=None, frame='link', contact_friction=None, \
+                             contact_restitution=None)")]
     #[allow(clippy::too_many_lines)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,

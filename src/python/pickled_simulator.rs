@@ -79,6 +79,15 @@ impl PySimulator {
             let shape = [&self.batch[..], &[body_names(&own.scene).len(), 10]].concat();
             keywords.set_item("inertias", from_numbers(py, &properties.inertias, &shape)?)?;
         }
+        for (name, numbers) in [
+            ("contact_friction", &properties.contact_friction),
+            ("contact_restitution", &properties.contact_restitution),
+        ] {
+            if !numbers.is_empty() {
+                let width = own.scene.contacts().len() + own.scene.source().colliders().len();
+                keywords.set_item(name, from_numbers(py, numbers, &[&self.batch[..], &[width]].concat())?)?;
+            }
+        }
         if let Some(gains) = gains {
             let Gains {
                 proportional, derivative, target, target_rate, effort_upper, stall, decline, limits_sum, ..

@@ -45,7 +45,8 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame
+    /// limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame,
+    /// contact_friction, contact_restitution
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
@@ -80,7 +81,8 @@ impl PyScene {
                              stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
                              parameters=False, limits=None, restitution=0.0, compliance=None, \
                              smoothing=0.0, targets=None, target_rates=None, effort=None, \
-                             wrenches=None, frame='link')")]
+                             wrenches=None, frame='link', contact_friction=None, \
+                             contact_restitution=None)")]
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,

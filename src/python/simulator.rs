@@ -93,7 +93,7 @@ impl PyScene {
     ///     Step, s.
     /// method, pd, inertias, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
     ///     As in simulate, for all steps.
-    /// compliance, limits, restitution, accuracy, smoothing, effort
+    /// compliance, limits, restitution, accuracy, smoothing, effort, contact_friction, contact_restitution
     ///     As in simulate, for all steps. The targets of pd can be changed by step.
     /// control : (..., n) array_like or dict of str to float, optional
     ///     Controls of scene.actuators, which then act in all steps; step(control=...) changes them.
@@ -112,7 +112,8 @@ impl PyScene {
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, inertias=None, armature=None, \
                              damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
                              tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
-                             smoothing=0.0, effort=None, control=None, activation=None)")]
+                             smoothing=0.0, effort=None, control=None, activation=None, \
+                             contact_friction=None, contact_restitution=None)")]
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,

@@ -32,6 +32,8 @@ pub(super) struct Keywords<'py> {
     method: Option<String>,
     pd: Option<Object<'py>>,
     inertias: Option<Object<'py>>,
+    contact_friction: Option<Object<'py>>,
+    contact_restitution: Option<Object<'py>>,
     armature: Option<Object<'py>>,
     damping: Option<Object<'py>>,
     stiffness: Option<Object<'py>>,
@@ -79,6 +81,8 @@ impl<'py> Keywords<'py> {
             method: taken(given, "method", None)?,
             pd: taken(given, "pd", None)?,
             inertias: taken(given, "inertias", None)?,
+            contact_friction: taken(given, "contact_friction", None)?,
+            contact_restitution: taken(given, "contact_restitution", None)?,
             armature: taken(given, "armature", None)?,
             damping: taken(given, "damping", None)?,
             stiffness: taken(given, "stiffness", None)?,
@@ -147,6 +151,19 @@ impl<'py> Keywords<'py> {
         if let Some(given) = &self.inertias {
             let input = Input::table("inertias", given, body_names(&own.scene).len(), 10)?;
             of_states.push((|of| &mut of.inertias, input));
+        }
+        let places: [(_, _, fn(&mut Properties) -> &mut Vec<f64>); 2] = [
+            ("contact_friction", &self.contact_friction, |of| &mut of.contact_friction),
+            ("contact_restitution", &self.contact_restitution, |of| &mut of.contact_restitution),
+        ];
+        for (name, given, place) in places {
+            let Some(given) = given else { continue };
+            let contacts = own.scene.contacts().len() + own.scene.source().colliders().len();
+            if contacts == 0 {
+                let expected = "a scene with contacts or colliders";
+                return Err(Error::argument(name, "coefficients for a scene without contacts", expected).into());
+            }
+            of_states.push((place, Input::spread(name, given, contacts.into())?));
         }
         if let Some(rest) = &self.rest {
             properties.rest = own.expanded(input::state("rest", rest, own.coordinates())?, Coupling::configuration);
@@ -217,6 +234,8 @@ impl<'py> Keywords<'py> {
             ("damping", self.damping.as_ref()),
             ("friction", self.friction.as_ref()),
             ("inertias", self.inertias.as_ref()),
+            ("contact_friction", self.contact_friction.as_ref()),
+            ("contact_restitution", self.contact_restitution.as_ref()),
             ("compliance", self.compliance.as_ref()),
             ("wrenches", self.wrenches.as_ref()),
         ] {

@@ -91,6 +91,29 @@ impl Scene {
         links.map(|(joint, numbers)| about_center(&joint.child, numbers).map(|_| ())).collect()
     }
 
+    /// The scene with other coefficients of friction and restitution of its contacts and then its colliders, (contacts +
+    /// colliders) each; empty for those of the scene. Pairs of colliders with values of their own keep them.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths, values that are not finite, a negative friction, a restitution outside of 0 to 1.
+    pub fn with_contact_coefficients(&self, friction: &[f64], restitution: &[f64]) -> Result<Self, Error> {
+        let mut source = self.source().clone();
+        let count = source.contacts.len() + source.collisions.colliders.len();
+        for (name, given) in [("contact_friction", friction), ("contact_restitution", restitution)] {
+            if !given.is_empty() {
+                check_length(name, given.len(), count)?;
+            }
+        }
+        let contacts = source.contacts.iter_mut().map(|of| (&mut of.friction, &mut of.restitution));
+        let colliders = source.collisions.colliders.iter_mut().map(|of| (&mut of.friction, &mut of.restitution));
+        for (i, (of_friction, of_restitution)) in contacts.chain(colliders).enumerate() {
+            *of_friction = friction.get(i).copied().unwrap_or(*of_friction);
+            *of_restitution = restitution.get(i).copied().unwrap_or(*of_restitution);
+        }
+        source.build()
+    }
+
     /// The scene with the model of one state of a batch: one scene per state, in place of states in lanes.
     ///
     /// # Errors

@@ -6,7 +6,7 @@ import pytest
 import phipsi
 import tolerances
 
-from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError
+from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, SceneError, ShapeError
 
 BATCH = 9
 
@@ -323,3 +323,50 @@ def test_mimic_joints_with_models_are_refused():
     scene = scene.joint("two", "revolute", "b", "c", axis=(1, 0, 0), xyz=(0, 0, 1), mimic="one").build(mimic="couple")
     with pytest.raises(ArgumentError, match="mimic"):
         scene.forward_dynamics([0.1], [0.0], [0.0], inertias=scene.inertial_parameters)
+
+
+def sliding(friction=0.5, restitution=0.2, shape=True):
+    """A block on a floor: by a collider, or by four named points."""
+    builder = phipsi.SceneBuilder().link("block", 1.0, inertia=0.01 * np.eye(3))
+    if shape:
+        builder.collider("floor", phipsi.shapes.HalfSpace(), friction=0.0)
+        builder.collider("box", phipsi.shapes.Box((0.2, 0.2, 0.2)), link="block", friction=friction, restitution=restitution)
+    else:
+        for i, (x, y) in enumerate([(1, 1), (1, -1), (-1, 1), (-1, -1)]):
+            builder.contact(f"p{i}", "block", xyz=(0.1 * x, 0.1 * y, -0.1), friction=friction, restitution=restitution)
+    return builder.build(floating_base=True)
+
+
+@pytest.mark.parametrize("shape", [True, False])
+def test_contacts_of_each_state_have_its_friction_and_restitution(shape):
+    scene, count = sliding(shape=shape), 4
+    width = 2 if shape else 4
+    friction, restitution = np.array([0.0, 0.2, 0.5, 1.0]), np.array([0.0, 0.3, 0.0, 0.6])
+    each = {"contact_friction": np.repeat(friction[:, None], width, axis=1), "contact_restitution": np.repeat(restitution[:, None], width, axis=1)}
+    if shape:
+        each["contact_friction"][:, 0] = 0.0
+        each["contact_restitution"][:, 0] = 0.0
+    start, speed = np.array([0, 0, 0.12, 0, 0, 0, 1.0]), np.array([1.0, 0, 0, 0, 0, 0])
+    run = {"dt": 2e-3, "steps": 150}
+    path = scene.simulate(start, speed, **run, **each)
+    for i in range(count):
+        one = sliding(friction[i], restitution[i], shape).simulate(start, speed, **run)
+        tolerances.assert_near(path.q[i], one.q, 1e-9)
+    assert path.q[0, -1, 0] - path.q[3, -1, 0] > 0.05 and np.ptp(path.q[:, :, 2].max(axis=1)) >= 0.0
+    mover = scene.simulator(np.repeat(start[None], count, axis=0), speed, dt=2e-3, **each)
+    mover.step(steps=150)
+    tolerances.assert_same_bits(mover.q, path.q[:, -1])
+    same = scene.simulate(start, speed, contact_friction=0.5, contact_restitution=0.2, **run)
+    if not shape:
+        tolerances.assert_near(same.q, scene.simulate(start, speed, **run).q, 1e-9)
+
+
+def test_coefficients_of_contacts_are_checked():
+    scene = sliding(shape=False)
+    start, still = scene.neutral(), np.zeros(6)
+    with pytest.raises(SceneError, match="p0"):
+        scene.simulate(start, still, dt=1e-3, steps=1, contact_friction=-1.0)
+    with pytest.raises(ShapeError, match="contact_friction"):
+        scene.simulate(start, still, dt=1e-3, steps=1, contact_friction=[0.1, 0.2])
+    with pytest.raises(ArgumentError, match="contact_restitution"):
+        phipsi.scenes.chain(2).simulate([0, 0], [0, 0], dt=1e-3, steps=1, contact_restitution=0.1)

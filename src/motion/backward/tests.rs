@@ -99,6 +99,8 @@ impl Case {
             curves: Vec::new(),
             friction_speed: 0.5,
             inertias: Vec::new(),
+            contact_friction: Vec::new(),
+            contact_restitution: Vec::new(),
         };
         let (kp, kd) = (positive(&mut random, nv, 3.0), positive(&mut random, nv, 0.5));
         let gains = Gains::new(kp, kd, target).with_target_rate(many(&mut random, nv, 0.3));
