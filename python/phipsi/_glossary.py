@@ -56,7 +56,7 @@ METHODS = {
         "to_c": "codegen generate_code ccode",
     }.items()
 }
-#: What the error of each of these names says.
+#: The hint in the error of each of these names.
 HINTS = {name: f"use {attribute!r}" for attribute, names in METHODS.items() for name in names} | {name: f"it was renamed to {present!r}" for name, present in RENAMED.items()}
 #: Keywords elsewhere, and those that stand for them here.
 KEYWORDS = {

@@ -287,7 +287,7 @@ impl Scene {
             }
             Ok(())
         };
-        if states.len() == 1 {
+        if states.len() == 1 && width > 0 {
             // A single state skips the divisions for many states.
             return run(0, states, out);
         }

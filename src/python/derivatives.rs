@@ -5,7 +5,7 @@ use super::cost::Cost;
 use super::errors::asked_by;
 use super::evaluate::Keywords;
 use super::object::{Object, imported};
-use super::output::{Output, three_parts};
+use super::output::{Output, three_matrices};
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Derivatives};
@@ -43,7 +43,7 @@ methods! {
     fn inverse_dynamics_derivatives(q, qd, qdd; wrenches, inertias, armature, out, errors) |scene, py, keywords| {
         let algorithm = |_| Algorithm::Derivatives(Derivatives::InverseDynamics);
         let all = scene.evaluate(py, algorithm, [q, qd, qdd], keywords)?;
-        three_parts(imported!(py, "phipsi._results", "InverseDynamicsDerivatives")?, &all, 2)
+        three_matrices(imported!(py, "phipsi._results", "InverseDynamicsDerivatives")?, &all)
     }
 
     /// Analytical derivatives of forward dynamics in the tangent space of q: dqdd/dq, dqdd/dqd, dqdd/dtau = M^-1.
@@ -72,7 +72,7 @@ methods! {
     fn forward_dynamics_derivatives(q, qd, tau; form, tolerance, wrenches, inertias, armature, out,
         errors) |scene, py, keywords| {
         let all = scene.evaluate(py, FORWARD, [q, qd, tau], keywords)?;
-        three_parts(imported!(py, "phipsi._results", "ForwardDynamicsDerivatives")?, &all, 2)
+        three_matrices(imported!(py, "phipsi._results", "ForwardDynamicsDerivatives")?, &all)
     }
 
     /// Linearization dx/dt = A x + B u about a motion: x = (tangent of q, change of qd), u = change of tau.

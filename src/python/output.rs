@@ -170,13 +170,18 @@ pub(super) fn property<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -
     Ok(array)
 }
 
-/// A named tuple of the three vectors or matrices (one or two axes) that are consecutive in the result of each state.
-pub(super) fn three_parts<'py>(class: &Object<'py>, all: &Object<'py>, axes: usize) -> PyResult<Object<'py>> {
+/// A named tuple of three fields: the matrices that are consecutive in the result of each state.
+pub(super) fn three_matrices<'py>(class: &Object<'py>, all: &Object<'py>) -> PyResult<Object<'py>> {
     static NEW: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = all.py();
     // A call of the class would run Python code, which takes longer than the rest.
     let new = NEW.get_or_try_init(py, || py.get_type::<PyTuple>().getattr("__new__").map(Bound::unbind))?;
-    new.bind(py).call1((class, (part(all, axes, 0)?, part(all, axes, 1)?, part(all, axes, 2)?)))
+    new.bind(py).call1((class, three_parts(all, 2)?))
+}
+
+/// The three vectors or matrices (one or two axes) that are consecutive in the result of each state.
+pub(super) fn three_parts<'py>(all: &Object<'py>, axes: usize) -> PyResult<(Object<'py>, Object<'py>, Object<'py>)> {
+    Ok((part(all, axes, 0)?, part(all, axes, 1)?, part(all, axes, 2)?))
 }
 
 /// View of one of the vectors or matrices (one or two axes) that are consecutive in the result of each state.

@@ -256,7 +256,7 @@ impl PyScene {
             let mut output = call.output::<f64>(py, &[3, nv], None, Output::unwritten)?;
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
             let all = output.finish().into_any();
-            return three_parts(class, &all, 1);
+            return class.call1(three_parts(&all, 1)?);
         }
         let place = |name: &str| scene.link(name).map(|link| (link.body, link.placement));
         let wrenched = names.iter().map(|name| place(name)).collect::<Result<Vec<Place>, Error>>()?;
