@@ -108,7 +108,7 @@ fn arguments(algorithm: Algorithm, given: &Given) -> Arguments<'_> {
         Algorithm::Products(_) => [&seed[..], &[], &[]],
         _ => [&[][..]; 3],
     };
-    Arguments { q, qd, u, wrenches: &[], seed, tolerance: None }
+    Arguments { q, qd, u, wrenches: &[], seed, ..Arguments::default() }
 }
 
 fn kinematic_quantities(frame: &Frame<f64>) -> Vec<KinematicQuantity<'_>> {
@@ -246,11 +246,11 @@ fn calls() -> Vec<Call> {
         s.linearize(&mut k.workspace, q, qd, u, &[], (&mut a, &mut b))
     });
     method!("inverse_dynamics_hvp", (4, true, true), |s, k, g, q, qd, u, x| {
-        let state = Arguments { q, qd, u, wrenches: &[], seed: [x, &[], &[]], tolerance: None };
+        let state = Arguments { q, qd, u, wrenches: &[], seed: [x, &[], &[]], ..Arguments::default() };
         s.inverse_dynamics_hvp(&mut k.hessian, &state, [x, x, x], &mut g.out(3 * s.nv()))
     });
     method!("forward_dynamics_hvp", (4, true, true), |s, k, g, q, qd, u, x| {
-        let state = Arguments { q, qd, u, wrenches: &[], seed: [x, &[], &[]], tolerance: None };
+        let state = Arguments { q, qd, u, wrenches: &[], seed: [x, &[], &[]], ..Arguments::default() };
         s.forward_dynamics_hvp(&mut s.workspace(), &mut k.hessian, &state, [x, x, x], &mut g.out(3 * s.nv()))
     });
     method!("energy", (2, false, true), |s, k, _g, q, qd, _u, _x| s.energy(&mut k.workspace, q, qd).map(drop));

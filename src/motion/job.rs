@@ -93,12 +93,15 @@ impl Divisions {
     }
 }
 
+/// The models of states that differ, and the scene that they vary.
+pub(super) type Models<'a> = (&'a Population, &'a Scene);
+
 /// A range of steps of some states, at most one state per lane.
 pub(super) struct Job<'a, 'r> {
     pub scene: &'a Scene,
     pub settings: &'a StepSettings,
-    /// The models of the states, if they differ, and the scene that they vary.
-    pub models: Option<(&'a Population, &'a Scene)>,
+    /// The models of the states, if they differ.
+    pub models: Option<Models<'a>>,
     /// The steps, counted from the start of the run.
     pub steps: Range<usize>,
     pub states: States<'a>,

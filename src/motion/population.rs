@@ -61,10 +61,8 @@ impl Population {
     pub fn check(&self, scene: &Scene) -> Result<(), Error> {
         for (state, member) in self.members.iter().enumerate() {
             crate::interrupt::check_at(state, 256)?;
-            let checked = match self.in_lanes {
-                true => scene.check_inertias(&member.inertias),
-                false => member.scene(scene).map(|_| ()),
-            };
+            let checked =
+                if self.in_lanes { scene.check_inertias(&member.inertias) } else { member.scene(scene).map(|_| ()) };
             checked.map_err(|error| if self.members.len() > 1 { error.in_state(state) } else { error })?;
         }
         Ok(())

@@ -73,6 +73,40 @@ impl std::fmt::Debug for Stepper {
     }
 }
 
+/// Checks restitution and error control, and limits of effort where contacts act.
+fn check_options(holds: &Scene, settings: &Settings) -> Result<(), Error> {
+    let (restitution, accuracy) = (settings.restitution, settings.accuracy);
+    if !(0.0..=1.0).contains(&restitution) {
+        return Err(Error::argument("restitution", format!("{restitution}"), "a number from 0 to 1"));
+    }
+    if let Some(accuracy) = accuracy
+        && !(accuracy.is_finite() && accuracy >= 1e-12)
+    {
+        return Err(Error::argument("accuracy", format!("{accuracy}"), "an error bound of at least 1e-12"));
+    }
+    if holds.shapes().is_some() {
+        let given = [("accuracy", accuracy.is_some()), ("smoothing", settings.smoothing > 0.0)];
+        if let Some((name, _)) = given.into_iter().find(|(_, given)| *given) {
+            let expected = format!("no {name} for shapes that touch, or contacts of named points");
+            return Err(Error::argument(name, "a value for a scene with colliders", expected));
+        }
+    }
+    if accuracy.is_some() && settings.method != Method::Auto {
+        let found = "error control with a fixed method";
+        return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
+    }
+    if let Some(gains) = settings.gains.as_ref().filter(|_| holds.touches())
+        && let Some(free) = holds.joints().iter().find(|joint| {
+            joint.kind == JointKind::Floating && joint.v.clone().any(|row| gains.is_limited(holds.nv(), row))
+        })
+    {
+        let [.., name] = Gains::names();
+        let found = format!("limits for the free joint {:?} of a scene with contacts", free.name);
+        return Err(Error::argument(name, found, "infinite limits for its degrees of freedom, which have no motor"));
+    }
+    Ok(())
+}
+
 /// Threads receive multiples of this number of states, which is at least the number of lanes of every instruction set.
 pub(super) const GRAIN: usize = 16;
 
@@ -105,26 +139,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
         check_method(holds, &settings)?;
         holds.check_compliance(&settings.compliance)?;
         check_connections_of_contacts(holds, &settings.compliance)?;
-        let (restitution, accuracy) = (settings.restitution, settings.accuracy);
-        if !(0.0..=1.0).contains(&restitution) {
-            return Err(Error::argument("restitution", format!("{restitution}"), "a number from 0 to 1"));
-        }
-        if let Some(accuracy) = accuracy
-            && !(accuracy.is_finite() && accuracy >= 1e-12)
-        {
-            return Err(Error::argument("accuracy", format!("{accuracy}"), "an error bound of at least 1e-12"));
-        }
-        if holds.shapes().is_some() {
-            let given = [("accuracy", accuracy.is_some()), ("smoothing", settings.smoothing > 0.0)];
-            if let Some((name, _)) = given.into_iter().find(|(_, given)| *given) {
-                let expected = format!("no {name} for shapes that touch, or contacts of named points");
-                return Err(Error::argument(name, "a value for a scene with colliders", expected));
-            }
-        }
-        if accuracy.is_some() && method != Method::Auto {
-            let found = "error control with a fixed method";
-            return Err(Error::argument("accuracy", found, "None for this scene and these settings"));
-        }
         let (nq, nv) = (holds.nq(), holds.nv());
         if q.len() != states * nq || qd.len() != states * nv {
             return Err(Error::Shape {
@@ -136,20 +150,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if let Some(gains) = &settings.gains {
             gains.check(holds, states)?;
         }
-        if let Some(gains) = settings.gains.as_ref().filter(|_| holds.touches())
-            && let Some(free) = holds
-                .joints()
-                .iter()
-                .find(|joint| joint.kind == JointKind::Floating && joint.v.clone().any(|row| gains.is_limited(nv, row)))
-        {
-            let [.., name] = Gains::names();
-            let found = format!("limits for the free joint {:?} of a scene with contacts", free.name);
-            return Err(Error::argument(
-                name,
-                found,
-                "infinite limits for its degrees of freedom, which have no motor",
-            ));
-        }
+        check_options(holds, &settings)?;
         let wrenches = settings.wrenches.clone().map(|given| LinkWrenches::new(given, holds, states).map(Arc::new));
         let wrenches = wrenches.transpose()?;
         let stops = settings.limits == Limits::Stop;

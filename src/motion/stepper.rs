@@ -6,10 +6,9 @@ use super::contact::{ContactStepper, Shapes, Switching, Touching};
 use super::division::{Substeps, TreeSteps};
 use super::events::{Event, Events};
 use super::faults::{LARGEST_STEP, fault_of};
-use super::job::{Divisions, Impacts, Job, States};
+use super::job::{Divisions, Impacts, Job, Models, States};
 use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
-use super::population::Population;
 use super::scratch::Scratch;
 pub(super) use super::scratch::{fill, scatter, take_lane};
 use super::solver::{Checked, Kernels};
@@ -370,7 +369,7 @@ fn needs_fallback<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64
 #[inline(never)]
 fn recompute<T: Vectorized>(
     s: &mut Scratch<T>,
-    ((scene, settings, form), models): ((&Scene, &StepSettings, Form), Option<(&Population, &Scene)>),
+    ((scene, settings, form), models): ((&Scene, &StepSettings, Form), Option<Models<'_>>),
     alone: &mut CheckedStates,
     (n, states, begun, impacts): (usize, &States<'_>, &[usize], Option<&Impacts>),
     ((mut fallback, totals), mut divisions): ((u64, &mut [T]), Option<&mut Divisions>),

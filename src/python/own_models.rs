@@ -32,12 +32,12 @@ impl<'py> Models<'py> {
 
     /// Views for threads without access to Python.
     pub fn over(&self, batch: &[usize]) -> PyResult<States<'_>> {
-        Ok(States { inertias: over(&self.inertias, batch)?, armature: over(&self.armature, batch)? })
+        Ok(States { inertias: over(self.inertias.as_ref(), batch)?, armature: over(self.armature.as_ref(), batch)? })
     }
 }
 
-fn over<'a>(given: &'a Option<Input<'_>>, batch: &[usize]) -> PyResult<Option<Broadcast<'a>>> {
-    given.as_ref().map(|input| input.over(batch)).transpose()
+fn over<'a>(given: Option<&'a Input<'_>>, batch: &[usize]) -> PyResult<Option<Broadcast<'a>>> {
+    given.map(|input| input.over(batch)).transpose()
 }
 
 /// The models of the states of a batch.
@@ -59,7 +59,10 @@ impl<'a> States<'a> {
 }
 
 /// The numbers of a simulation in which its states differ: place in the properties, and values.
-pub(super) type OfStates<'py> = Vec<(fn(&mut Properties) -> &mut Vec<f64>, Input<'py>)>;
+pub(super) type OfStates<'py> = Vec<(Place, Input<'py>)>;
+
+/// A field of the properties.
+pub(super) type Place = fn(&mut Properties) -> &mut Vec<f64>;
 
 /// Leading axes of these numbers, to which the batch must broadcast.
 pub(super) fn leading<'a>(given: &'a OfStates<'_>) -> impl Iterator<Item = (&'a str, &'a [usize])> {

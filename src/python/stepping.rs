@@ -8,7 +8,7 @@ use super::input;
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::from_numbers;
-use super::own_models::OfStates;
+use super::own_models::{OfStates, Place};
 use super::scene::PyScene;
 use super::wrenches::LinkWrenches;
 use crate::batch::Fault;
@@ -133,7 +133,7 @@ impl<'py> Keywords<'py> {
         settings.form = read_form(&self.form)?;
         settings.tolerance = self.tolerance;
         let (properties, mut of_states) = (&mut settings.properties, OfStates::new());
-        let places: [(_, _, fn(&mut Properties) -> &mut Vec<f64>); 4] = [
+        let places: [(_, _, Place); 4] = [
             ("armature", &self.armature, |of| &mut of.armature),
             ("damping", &self.damping, |of| &mut of.damping),
             ("stiffness", &self.stiffness, |of| &mut of.stiffness),
@@ -152,7 +152,7 @@ impl<'py> Keywords<'py> {
             let input = Input::table("inertias", given, body_names(&own.scene).len(), 10)?;
             of_states.push((|of| &mut of.inertias, input));
         }
-        let places: [(_, _, fn(&mut Properties) -> &mut Vec<f64>); 2] = [
+        let places: [(_, _, Place); 2] = [
             ("contact_friction", &self.contact_friction, |of| &mut of.contact_friction),
             ("contact_restitution", &self.contact_restitution, |of| &mut of.contact_restitution),
         ];

@@ -87,8 +87,8 @@ impl Scene {
 
     /// Checks inertial parameters of one state, (joints, 10), without a scene of them.
     pub(crate) fn check_inertias(&self, inertias: &[f64]) -> Result<(), Error> {
-        let links = self.tree().joints.iter().zip(inertias.as_chunks::<10>().0);
-        links.map(|(joint, numbers)| about_center(&joint.child, numbers).map(|_| ())).collect()
+        let mut links = self.tree().joints.iter().zip(inertias.as_chunks::<10>().0);
+        links.try_for_each(|(joint, numbers)| about_center(&joint.child, numbers).map(|_| ()))
     }
 
     /// The scene with other coefficients of friction and restitution of its contacts and then its colliders, (contacts +

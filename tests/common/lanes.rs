@@ -58,7 +58,7 @@ pub fn states(scene: &Scene, count: u64) -> Vec<State> {
 
 /// The arguments of an algorithm.
 pub fn arguments<'a>(algorithm: Algorithm, (q, qd, u): &'a State, wrenches: &'a [SpatialVector<f64>]) -> Arguments<'a> {
-    Arguments { q, qd, u, wrenches, seed: [qd, u, qd], tolerance: None }.read_by(algorithm)
+    Arguments { q, qd, u, wrenches, seed: [qd, u, qd], ..Arguments::default() }.read_by(algorithm)
 }
 
 /// The results, one state after another.
