@@ -1051,10 +1051,10 @@ class Scene:
         accuracy: float | None = None,
         smoothing: float = 0.0,
         effort: Literal["report", "clip"] | None = None,
-        control: Mapping[str, ArrayLike] | ArrayLike | None = None,
-        activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
         contact_friction: ArrayLike | None = None,
         contact_restitution: ArrayLike | None = None,
+        control: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        activation: Mapping[str, ArrayLike] | ArrayLike | None = None,
     ) -> Simulator:
         """Create a Simulator: one state or a batch that is advanced call by call.
 

@@ -176,8 +176,8 @@ impl PyScene {
            text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
                              record_every=1, pd=None, inertias=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             progress=None, compliance=None, limits=None, restitution=0.0, accuracy=None, smoothing=0.0, \
-                             duration=None, covariance=None, targets=None, target_rates=None, effort=None, \
+                             progress=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
+                             smoothing=0.0, duration=None, covariance=None, targets=None, target_rates=None, effort=None, \
                              control=None, activation=None, wrenches=None, frame='link', contact_friction=None, \
                              contact_restitution=None)")]
     #[allow(clippy::too_many_lines)] // keywords, in Python

@@ -45,7 +45,8 @@ impl PyScene {
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame,
+    /// limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame
+    ///     As given to simulate.
     /// contact_friction, contact_restitution
     ///     As given to simulate.
     #[doc = section!(Returns)]
@@ -78,8 +79,8 @@ impl PyScene {
                         parameters=false, **given),
            text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
                              method='auto', record_every=1, pd=None, inertias=None, armature=None, damping=None, \
-                             stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             parameters=False, limits=None, restitution=0.0, compliance=None, \
+                             stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
+                             tolerance=None, parameters=False, limits=None, restitution=0.0, compliance=None, \
                              smoothing=0.0, targets=None, target_rates=None, effort=None, \
                              wrenches=None, frame='link', contact_friction=None, \
                              contact_restitution=None)")]

@@ -112,8 +112,8 @@ impl PyScene {
            text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, inertias=None, armature=None, \
                              damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
                              tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
-                             smoothing=0.0, effort=None, control=None, activation=None, \
-                             contact_friction=None, contact_restitution=None)")]
+                             smoothing=0.0, effort=None, contact_friction=None, \
+                             contact_restitution=None, control=None, activation=None)")]
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
