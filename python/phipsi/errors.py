@@ -57,6 +57,10 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    return __all__
+
+
 class PhipsiError(Exception):
     """Base class of all errors that phipsi raises."""
 

@@ -50,7 +50,14 @@ if TYPE_CHECKING:
 __all__ = [
     "bias_torque", "center_of_mass", "forward_dynamics", "integrate", "inverse_dynamics", "jacobian", "mass_matrix", "placement", "simulate",
     "task_residual",
-]  # fmt: skip
+] 
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+ # fmt: skip
 
 
 def forward_dynamics(scene: Scene | Compiled, q: Any, qd: Any, tau: Any, *, form: str = "auto", tolerance: float | None = None, errors: _calls.Errors = "raise") -> jax.Array:

@@ -36,6 +36,11 @@ if TYPE_CHECKING:
 
 __all__ = ["from_accelerations", "from_forces", "from_state", "joint_name", "link_name", "to_accelerations", "to_forces", "to_state"]
 
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 _Array = NDArray[np.float64]
 
 #: Types of joints: MuJoCo's, and phipsi's.

@@ -28,6 +28,11 @@ if TYPE_CHECKING:
 
 __all__ = ["from_state", "to_state"]
 
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 _Array = NDArray[np.float64]
 
 #: Joints of several degrees of freedom, as both programs know them.

@@ -21,6 +21,10 @@ from ._core import Scene
 __all__ = ["Extreme", "chain", "extreme", "names"]
 
 
+def __dir__() -> list[str]:
+    return __all__
+
+
 class Extreme(NamedTuple):
     """An extreme case at one value of its parameter, with one state.
 

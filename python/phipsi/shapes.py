@@ -33,6 +33,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Box", "Capsule", "ColliderShape", "Color", "Cylinder", "HalfSpace", "HeightField", "Hull", "Mesh", "Shape", "Sphere"]
 
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 _Array = NDArray[np.float64]
 
 ORIGIN = (0.0, 0.0, 0.0)

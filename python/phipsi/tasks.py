@@ -25,6 +25,11 @@ from .errors import ArgumentError, NotFiniteError, ShapeError, of_argument
 
 __all__ = ["CenterOfMass", "Direction", "Distance", "InverseKinematics", "JointPosition", "LookAt", "Orientation", "Pose", "Position", "Task"]
 
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 _Array = NDArray[np.float64]
 
 #: Default standard deviation of a task, m and rad.

@@ -43,7 +43,14 @@ if TYPE_CHECKING:
 __all__ = [
     "bias_torque", "center_of_mass", "forward_dynamics", "integrate", "inverse_dynamics", "jacobian", "mass_matrix", "placement", "simulate",
     "task_residual",
-]  # fmt: skip
+] 
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+ # fmt: skip
 
 
 def forward_dynamics(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, form: str = "auto", tolerance: float | None = None, errors: _calls.Errors = "raise") -> Tensor:
