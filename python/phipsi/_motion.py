@@ -63,7 +63,7 @@ _Array = NDArray[np.float64]
 
 def _of_rows(values: _Array) -> _Array:
     """Numbers per degree of freedom, of all states or of each, for arrays with an axis of rows."""
-    return values if values.ndim == 1 else values[..., None, :]
+    return values if values.ndim < 2 else values[..., None, :]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,6 +16,7 @@ from large_calls import LARGE, NO_MEMORY, Large
 
 import phipsi
 from phipsi import _core
+from phipsi._glossary import HINTS
 from phipsi.errors import ArgumentError, OutOfMemoryError
 
 #: Names of parameters that determine a number of elements.
@@ -35,8 +36,7 @@ def public() -> Iterator[tuple[str, str, list[str]]]:
         scopes[scope.__name__] = scope
     for place, scope in scopes.items():
         for name in vars(scope):
-            thing = getattr(scope, name)
-            if name.startswith("_") or not inspect.isroutine(thing):
+            if name.startswith("_") or name in HINTS or not inspect.isroutine(thing := getattr(scope, name)):
                 continue
             yield place, name, list(inspect.signature(thing).parameters)
 
