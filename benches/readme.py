@@ -63,7 +63,12 @@ def rows(text: str) -> list[Row]:
 
 
 def table(head: Sequence[str], body: Iterable[Sequence[str]]) -> str:
-    return "\n".join(f"|{'|'.join(row)}|" for row in (head, ["---"] * len(head), *body))
+    return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *body))
+
+
+def compact(markdown: str) -> str:
+    """A table without the spaces beside its bars."""
+    return re.sub(r" ?\| ?", "|", markdown)
 
 
 def median(cell: str) -> float:
@@ -86,7 +91,7 @@ def benchmarks() -> str:
     kinematics = {row["quantity"]: row for row in rows(measured)}
     body += [[f"{what}, from Python", *(f"{median(kinematics[what][model]):.2g}" for model in MODELS), *[""] * len(MODELS)] for what in KINEMATICS]
     [of_kinematics] = re.findall(r"Z, (.+?), load", measured)
-    return f"{table(head, body)}\n\n{machine['processor']}, instructions `{machine['arm']}`, Pinocchio {machine['pinocchio']}; poses and Jacobians: {of_kinematics}."
+    return f"{compact(table(head, body))}\n\n{machine['processor']}, instructions `{machine['arm']}`, Pinocchio {machine['pinocchio']}; poses and Jacobians: {of_kinematics}."
 
 
 def called(text: str, heading: str, what: str, call: str) -> list[str]:
