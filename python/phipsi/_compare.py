@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._core import Scene
+from ._arguments import whole
 from .errors import ArgumentError, PhipsiError
 
 _Array = NDArray[np.float64]
@@ -97,7 +98,7 @@ def compare(first: Scene, second: Scene, *, states: int = 16, seed: int = 0, tol
     first, second : Scene
         The robots. Joints and links are the same if their names are; the order of q may differ.
     states : int
-        Number of random states, within the limits of the first robot.
+        Number of random states, at most 10,000, within the limits of the first robot.
     seed : int
         Seed of the random states.
     tolerance : float
@@ -127,8 +128,7 @@ def compare(first: Scene, second: Scene, *, states: int = 16, seed: int = 0, tol
     >>> print(phipsi.compare(arm, arm.with_payload("flange", 0.5, (0, 0, 0.1))).first)
     link "flange": mass, kg: 0.03 and 0.53 (relative difference 0.94)
     """
-    if isinstance(states, bool) or not isinstance(states, int) or states < 1:
-        raise ArgumentError(f"states: found {states!r}; expected a positive integer")
+    states = whole("states", states, 1, "a number of states from 1 to 10,000", most=10_000)
     if not 0.0 < tolerance < 1.0:
         raise ArgumentError(f"tolerance: found {tolerance!r}; expected a number between 0 and 1")
     properties = tuple(_properties(first, second, tolerance))

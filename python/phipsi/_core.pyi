@@ -807,7 +807,8 @@ class Scene:
             As given to simulate.
         parameters : bool, default False
             If true, compute the gradients with respect to inertial parameters too.
-        limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame,
+        limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame
+            As given to simulate.
         contact_friction, contact_restitution
             As given to simulate.
 

@@ -385,7 +385,7 @@ LARGE: dict[str, Large] = {
 }
 
 #: Parameters that determine computing time, or select elements, but do not determine memory.
-NO_MEMORY = {"connect.length", "emergence.samples", "sensitivity.draws", "step.steps", "reset.states", "with_inertias.links", "forward_dynamics_variance.links"}
+NO_MEMORY = {"compare.states", "connect.length", "emergence.samples", "sensitivity.draws", "step.steps", "reset.states", "with_inertias.links", "forward_dynamics_variance.links"}
 
 
 def main(name: str) -> None:
