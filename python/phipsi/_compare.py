@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import Scene
 from ._arguments import whole
+from ._core import Scene
 from .errors import ArgumentError, PhipsiError
 
 _Array = NDArray[np.float64]
@@ -128,7 +128,7 @@ def compare(first: Scene, second: Scene, *, states: int = 16, seed: int = 0, tol
     >>> print(phipsi.compare(arm, arm.with_payload("flange", 0.5, (0, 0, 0.1))).first)
     link "flange": mass, kg: 0.03 and 0.53 (relative difference 0.94)
     """
-    states = whole("states", states, 1, "a number of states from 1 to 10,000", most=10_000)
+    states = whole("states", states, 1, "a positive integer", most=10_000)
     if not 0.0 < tolerance < 1.0:
         raise ArgumentError(f"tolerance: found {tolerance!r}; expected a number between 0 and 1")
     properties = tuple(_properties(first, second, tolerance))
