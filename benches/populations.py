@@ -1,6 +1,6 @@
 """Time of a batch whose states have a model each, relative to the same batch with one model.
 
-Usage: python benches/populations.py [--markdown FILE] [ROBOT ...]; `make populations`. ROBOT: files; by default the bundled arm, and ur5, panda, solo12 and talos where example-robot-data is installed (with Pinocchio).
+Usage: python benches/populations.py [--markdown FILE] [ROBOT ...]; `make populations`. ROBOT: files; by default the bundled arm, and ur5, panda, solo12, g1 and talos where example-robot-data is installed (with Pinocchio).
 """
 
 import argparse
@@ -20,6 +20,7 @@ FILES = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", False),
     "panda": ("panda_description/urdf/panda.urdf", False),
     "solo12": ("solo_description/robots/solo12.urdf", True),
+    "g1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", True),
     "talos": ("talos_data/robots/talos_reduced.urdf", True),
 }
 
