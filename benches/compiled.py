@@ -24,18 +24,12 @@ import phipsi
 import compiled_states
 import pinocchio as pin
 from in_turns import least, write
-from robots import ROBOTS, load
+from robots import FILES, ROBOTS, load
 
 sys.path.insert(0, str(Path(__file__).parent / "peers"))
 import casadi_code
 
-#: File, and whether it has a floating base.
-CASES = {
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", False),
-    "panda": ("panda_description/urdf/panda.urdf", False),
-    "solo12": ("solo_description/robots/solo12.urdf", True),
-    "g1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", True),
-}
+CASES = {name: FILES[name] for name in ("ur5", "panda", "solo12", "g1")}
 FUNCTIONS = ("forward_dynamics", "inverse_dynamics", "forward_dynamics_derivatives", "inverse_dynamics_derivatives")
 STATES, TURNS = 4096, 15
 #: Not requested from CasADi: derivatives with respect to the coordinates of a free joint, whose number differs from

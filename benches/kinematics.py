@@ -27,16 +27,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path += [str(ROOT / "benches" / "peers"), str(ROOT / "tests" / "python")]
 from compare import PEERS, describe_machine  # noqa: E402
 from oracle_pinocchio import SWAP, Oracle, load  # noqa: E402
+from robots import FILES  # noqa: E402
 
-#: File of example-robot-data, and whether it has a floating base.
-ROBOTS = {
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", False),
-    "panda": ("panda_description/urdf/panda.urdf", False),
-    "solo12": ("solo_description/robots/solo12.urdf", True),
-    "anymal": ("anymal_b_simple_description/robots/anymal.urdf", True),
-    "g1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", True),
-    "talos": ("talos_data/robots/talos_reduced.urdf", True),
-}
 #: Largest difference of the results, relative to the largest entry.
 AGREEMENT = 1e-10
 
@@ -91,8 +83,8 @@ def pairs(scene: phipsi.Scene, oracle: Oracle, link: str) -> list[Pair]:
 
 def of_robot(name: str, quick: bool) -> list[dict[str, Any]]:
     """Times of the quantities of the link with the most joints between it and the base, ns."""
-    scene, _ = load(*ROBOTS[name])
-    oracle = Oracle(*ROBOTS[name], scene)
+    scene, _ = load(*FILES[name])
+    oracle = Oracle(*FILES[name], scene)
     states = one_by_one(kinds.state(scene, kinds.draw(scene, 16, 0), kinds.RANDOM))
     link = max(scene.link_names, key=lambda link: np.count_nonzero(np.any(scene.jacobian(states[0][0], link), axis=0)))
     theirs = [(oracle.configuration(q), oracle.there(qd), oracle.there(qdd)) for q, qd, qdd in states]
@@ -119,7 +111,7 @@ def measure(quick: bool) -> dict[str, Any]:
         "python": sys.version.split()[0],
         "versions": {name: importlib.metadata.version(name) for name in ("pin", "numpy")},
     }
-    rows = [row for name in ROBOTS for row in of_robot(name, quick)]
+    rows = [row for name in FILES for row in of_robot(name, quick)]
     return {"machine": machine, "quick": quick, "command": f"benches/kinematics.py{' --quick' if quick else ''}", "rows": rows}
 
 

@@ -16,13 +16,7 @@ from in_turns import least, write
 import phipsi
 
 STATES, TURNS, STEPS = 1000, 25, 20
-FILES = {
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", False),
-    "panda": ("panda_description/urdf/panda.urdf", False),
-    "solo12": ("solo_description/robots/solo12.urdf", True),
-    "g1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", True),
-    "talos": ("talos_data/robots/talos_reduced.urdf", True),
-}
+NAMES = ("ur5", "panda", "solo12", "g1", "talos")
 
 
 def robots(names: list[str]) -> Iterator[tuple[str, phipsi.Scene]]:
@@ -34,10 +28,10 @@ def robots(names: list[str]) -> Iterator[tuple[str, phipsi.Scene]]:
             return
         yield "bundled arm", phipsi.load(phipsi.BUNDLED_ARM)
         try:
-            from robots import load
+            from robots import FILES, load
         except ImportError:
             return
-        yield from ((name, load(*of)) for name, of in FILES.items())
+        yield from ((name, load(*FILES[name])) for name in NAMES)
 
 
 def row(name: str, scene: phipsi.Scene) -> str:

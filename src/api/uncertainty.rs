@@ -26,12 +26,10 @@ impl Scene {
     pub fn parameter_roots(&self, columns: &[Vec<Parameters<f64>>]) -> Result<ParameterRoots<f64>, Error> {
         check_length("parameters", columns.len(), self.joints().len())?;
         let mut of_bodies = vec![Vec::new(); self.model().bodies.len()];
-        for (joint, columns) in self.joints().iter().zip(columns) {
-            let link = self.link(&joint.child)?;
-            let Some(body) = link.body else { continue };
+        for ((body, placement), columns) in self.links_of_joints().zip(columns) {
             for column in columns {
                 check_finite("parameters", column)?;
-                of_bodies[body].push(of_body(&link.placement, column));
+                of_bodies[body].push(of_body(&placement, column));
             }
         }
         Ok(ParameterRoots::new(of_bodies))

@@ -2,7 +2,7 @@
 
 use super::instruction_set::{Vectorized, within_target};
 use crate::algorithm::Arguments;
-use crate::dynamics::sweeps::{AxisPermutation, SweepModel, frames_of};
+use crate::dynamics::sweeps::{AxisPermutation, SweepModel};
 use crate::model::Model;
 use crate::scalar::{MOST_LANES, lanes_but};
 use crate::scene::Scene;
@@ -13,15 +13,14 @@ use nalgebra::Matrix3;
 /// sign makes the pivot of a joint without inertia singular.
 pub(crate) const FREE: f64 = -1e-200;
 
-/// The body of each joint, and the rotation from the frame of its link to that of the body in the passes, which has the
+/// The body of each joint, and the rotation from the frame of its link to that of the body in the model, which has the
 /// same origin. Bodies without a link have no inertia.
 #[derive(Debug, Clone)]
 pub(crate) struct InertiaPlaces(Vec<(usize, Matrix3<f64>)>);
 
 impl InertiaPlaces {
     pub fn new(scene: &Scene) -> Self {
-        let frames = frames_of(scene.model());
-        Self(scene.links_of_joints().map(|(body, placement)| (body, frames[body] * placement.rotation)).collect())
+        Self(scene.links_of_joints().map(|(body, placement)| (body, placement.rotation)).collect())
     }
 }
 
@@ -52,8 +51,9 @@ pub(crate) struct OwnInertias<T: Vectorized> {
 
 impl<T: Vectorized> OwnInertias<T> {
     #[cold]
-    pub fn new(InertiaPlaces(places): &InertiaPlaces) -> Self {
-        let links: Vec<_> = places.iter().map(|(body, rotation)| (*body, Turn::of(rotation))).collect();
+    pub fn new(InertiaPlaces(places): &InertiaPlaces, sweeps: &SweepModel<T>) -> Self {
+        let turn = |body: usize, rotation| Turn::of(&sweeps.frame(body).after(T::zero(), rotation));
+        let links: Vec<_> = places.iter().map(|(body, rotation)| (*body, turn(*body, rotation))).collect();
         Self { parameters: vec![T::zero(); 10 * links.len()], links }
     }
 
@@ -99,7 +99,7 @@ pub(super) struct OwnModel<T: Vectorized> {
 impl<T: Vectorized> OwnModel<T> {
     #[cold]
     pub fn new(places: &InertiaPlaces, model: &Model<T>, sweeps: &SweepModel<T>) -> Self {
-        let inertias = OwnInertias::new(places);
+        let inertias = OwnInertias::new(places, sweeps);
         Self { model: model.clone(), sweeps: sweeps.clone(), inertias, differs: false }
     }
 }

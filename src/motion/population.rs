@@ -96,7 +96,7 @@ impl<T: Vectorized> Scratch<T> {
         at: impl Fn(usize) -> usize,
     ) {
         if let Some(places) = &population.places {
-            let inertias = own_inertias.get_or_insert_with(|| Box::new(OwnInertias::new(places)));
+            let inertias = own_inertias.get_or_insert_with(|| Box::new(OwnInertias::new(places, &self.constants)));
             // Rollouts check them.
             let _ = inertias.load(&mut self.constants, |lane| &population.of(at(lane.min(count - 1))).inertias);
         }

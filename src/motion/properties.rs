@@ -144,12 +144,11 @@ impl Properties {
             check_length("inertias", self.inertias.len(), states * 10 * scene.joints().len())?;
             check_finite("inertias", &self.inertias)?;
         }
-        let contacts = scene.contacts().len() + scene.source().colliders().len();
         for (name, values) in
             [("contact_friction", &self.contact_friction), ("contact_restitution", &self.contact_restitution)]
         {
             if !values.is_empty() {
-                check_length(name, values.len(), states * contacts)?;
+                check_length(name, values.len(), states * scene.contact_coefficients())?;
                 check_finite(name, values)?;
             }
         }

@@ -9,13 +9,11 @@ use super::stops::SetValued;
 use super::totals::TOTALS;
 use super::wrenches::WrenchScratch;
 use crate::batch::instruction_set::{Vectorized, take_states};
+use crate::batch::own_model::FREE;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::Real;
 
-/// Noise of a joint that can stick but moves, in the kernels, because a row has noise in all lanes or in none. It does
-/// not change the digits of a pivot, and its sign makes the pivot of a joint without inertia singular.
-const FREE: f64 = -1e-200;
 /// Constants of one row in the scalar type of the lanes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RowTerms<T> {

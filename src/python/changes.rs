@@ -4,7 +4,6 @@ use super::axis::Axis;
 use super::builder::{PySceneBuilder, inertial};
 use super::choice::{items, refuse_unknown};
 use super::description::body_names;
-use super::input::{Input, wrong_shape};
 use super::object::Object;
 use super::scene::PyScene;
 use super::{errors, input};
@@ -150,12 +149,8 @@ impl PyScene {
     /// 6.0
     #[pyo3(signature = (parameters, /))]
     fn with_inertial_parameters(&self, py: Python<'_>, parameters: &Object<'_>) -> PyResult<Self> {
-        let given = Input::table("parameters", parameters, body_names(&self.scene).len(), 10)?;
-        if !given.leading().is_empty() {
-            let found = [given.leading(), &[body_names(&self.scene).len(), 10]].concat();
-            return Err(wrong_shape("parameters", &found, format!("({}, 10)", body_names(&self.scene).len())));
-        }
-        self.changed(py, self.scene.with_inertial_parameters(given.data()?)?)
+        let given = input::fixed("parameters", parameters, &[body_names(&self.scene).len(), 10])?;
+        self.changed(py, self.scene.with_inertial_parameters(&given)?)
     }
 
     /// Create a scene in which links have other inertias, for instance identified or randomized ones.

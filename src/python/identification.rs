@@ -24,7 +24,7 @@ impl PyScene {
     /// the links fixed to it.
     #[getter]
     fn parameters<'py>(slf: &Bound<'py, Self>) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi.estimation._bodies", "own_parameters")?.call1((slf,))
+        slf.getattr("inertial_parameters")?.call_method0("copy")
     }
 }
 
@@ -58,7 +58,7 @@ impl PyScene {
         let py = slf.py();
         let this = slf.get();
         this.check_dense("regressor", "inverse_dynamics_vjp(..., parameters=True)")?;
-        let (nv, links) = (this.scene.nv(), places_of_links(&this.scene)?);
+        let (nv, links) = (this.scene.nv(), places_of_links(&this.scene));
         let (bodies, shape) = (this.scene.model().bodies.len(), [nv, links.len(), 10]);
         let cost = (BODY + PAIR * nv) * this.size();
         this.each(

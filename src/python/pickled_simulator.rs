@@ -84,8 +84,8 @@ impl PySimulator {
             ("contact_restitution", &properties.contact_restitution),
         ] {
             if !numbers.is_empty() {
-                let width = own.scene.contacts().len() + own.scene.source().colliders().len();
-                keywords.set_item(name, from_numbers(py, numbers, &[&self.batch[..], &[width]].concat())?)?;
+                let shape = [&self.batch[..], &[own.scene.contact_coefficients()]].concat();
+                keywords.set_item(name, from_numbers(py, numbers, &shape)?)?;
             }
         }
         if let Some(gains) = gains {

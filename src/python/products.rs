@@ -36,8 +36,8 @@ pub(super) fn parameters_of(links: &[Place], bodies: &[Parameters<f64>]) -> impl
 }
 
 /// Places of these links.
-pub(super) fn places_of_links(scene: &Scene) -> Result<Vec<Place>, Error> {
-    body_names(scene).map(|name| scene.link(name).map(|link| (link.body, link.placement))).collect()
+pub(super) fn places_of_links(scene: &Scene) -> Vec<Place> {
+    scene.links_of_joints().map(|(body, placement)| (Some(body), placement)).collect()
 }
 
 methods! {
@@ -217,7 +217,7 @@ impl PyScene {
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
             return Ok(output.finish().into_any());
         }
-        let (algorithm, links) = (Algorithm::Products(which.with_constants()), places_of_links(&self.scene)?);
+        let (algorithm, links) = (Algorithm::Products(which.with_constants()), places_of_links(&self.scene));
         let (nv, width) = (self.scene.nv(), self.scene.seed_width(algorithm, 2));
         let third = |arguments: &[Broadcast<'_>], state: usize, third: &mut Vec<f64>| {
             third.clear();
@@ -260,7 +260,7 @@ impl PyScene {
         }
         let place = |name: &str| scene.link(name).map(|link| (link.body, link.placement));
         let wrenched = names.iter().map(|name| place(name)).collect::<Result<Vec<Place>, Error>>()?;
-        let moving = if parameters { places_of_links(scene)? } else { Vec::new() };
+        let moving = if parameters { places_of_links(scene) } else { Vec::new() };
         let algorithm = Algorithm::Products(which.with_constants());
         let mut of_bodies = call.scratch_results(py, scene.width(algorithm))?;
         call.in_chunks(py, algorithm, of_bodies.numbers()?, None)?;

@@ -156,7 +156,7 @@ impl PyScene {
         let recorded = RecordedRows { q: &q, qd: &qd, every, by_q: &by_q, by_qd: &by_qd };
         let found = detached(py, || rollout.gradients(&torque, steps, &recorded, parameters))?;
         let found = found.map_err(|stopped| fault(py, Fault { state: stopped.state, error: stopped.error }, &batch))?;
-        let links = if parameters { places_of_links(scene)? } else { Vec::new() };
+        let links = if parameters { places_of_links(scene) } else { Vec::new() };
         let of_steps = matches!(given, Given::Steps(_)).then_some(steps);
         let inputs = [of_steps, targets.then_some(steps), rates.then_some(steps)];
         let wrenches = wrenches.map_or_else(Vec::new, |wrenches| wrenches.shapes());

@@ -158,7 +158,7 @@ impl<'py> Keywords<'py> {
         ];
         for (name, given, place) in places {
             let Some(given) = given else { continue };
-            let contacts = own.scene.contacts().len() + own.scene.source().colliders().len();
+            let contacts = own.scene.contact_coefficients();
             if contacts == 0 {
                 let expected = "a scene with contacts or colliders";
                 return Err(Error::argument(name, "coefficients for a scene without contacts", expected).into());

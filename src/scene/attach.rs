@@ -33,6 +33,11 @@ impl SceneBuilder {
         }
         let root = other.root_link()?;
         let mut other = other.clone();
+        // Its free joint becomes fixed.
+        if other.floating_base {
+            let root_joint = other.root_joint_name();
+            other.starts.iter_mut().for_each(|start| start.forget(&[&root_joint]));
+        }
         // The ground of the other robot is not part of it.
         let collisions = &mut other.collisions;
         collisions.colliders.retain(|collider| collider.link.is_some());

@@ -91,6 +91,11 @@ impl Scene {
         links.try_for_each(|(joint, numbers)| about_center(&joint.child, numbers).map(|_| ()))
     }
 
+    /// Number of contacts and colliders, each with a coefficient of friction and one of restitution.
+    pub(crate) fn contact_coefficients(&self) -> usize {
+        self.source().contacts.len() + self.source().collisions.colliders.len()
+    }
+
     /// The scene with other coefficients of friction and restitution of its contacts and then its colliders, (contacts +
     /// colliders) each; empty for those of the scene. Pairs of colliders with values of their own keep them.
     ///
@@ -99,10 +104,9 @@ impl Scene {
     /// Wrong lengths, values that are not finite, a negative friction, a restitution outside of 0 to 1.
     pub fn with_contact_coefficients(&self, friction: &[f64], restitution: &[f64]) -> Result<Self, Error> {
         let mut source = self.source().clone();
-        let count = source.contacts.len() + source.collisions.colliders.len();
         for (name, given) in [("contact_friction", friction), ("contact_restitution", restitution)] {
             if !given.is_empty() {
-                check_length(name, given.len(), count)?;
+                check_length(name, given.len(), self.contact_coefficients())?;
             }
         }
         let contacts = source.contacts.iter_mut().map(|of| (&mut of.friction, &mut of.restitution));

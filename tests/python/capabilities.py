@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import phipsi
 from phipsi.estimation import Encoder, MotionUncertainty
-from phipsi.estimation._bodies import own_parameters
 from scipy.stats import chi2
 from tolerances import assert_near, assert_same_bits, slope_of_order_4
 
@@ -536,7 +535,7 @@ def identification(c: Case) -> None:
     tau += noise * random.normal(size=tau.shape)
     found = c.value(lambda s: s.identify(*motion, tau, noise=noise).parameters)
     errors = []
-    for theta in (own_parameters(c.scene), found):
+    for theta in (c.scene.inertial_parameters, found):
         off = [c.motions(row[0]).T @ (torques(*row, theta) - torques(*row, true)) for row in zip(*_moving(c, 20, 8), strict=True)]
         errors.append(float(np.sqrt(np.mean(np.square(off)))))
     assert errors[1] < 2 * noise < 0.1 * errors[0], errors

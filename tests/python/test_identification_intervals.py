@@ -11,7 +11,6 @@ from tolerances import assert_near, size
 import phipsi
 from phipsi.errors import ArgumentError, IdentificationWarning
 from phipsi.estimation import Accumulator
-from phipsi.estimation._bodies import own_parameters
 from phipsi.estimation._student import student_quantile
 
 FIT = ("armature", "damping", "friction")
@@ -53,7 +52,7 @@ def test_intervals_of_single_parameters_hold_where_the_data_decide(log: tuple[ph
     scene, motion, _ = log
     built, draw, held = like(scene, 4), np.random.default_rng(8), []
     others = scene.with_inertias({"link3": _inertial(built, "link3")})
-    truth = own_parameters(others)[2]
+    truth = others.inertial_parameters[2]
     tau = others.inverse_dynamics(*motion) + scene.damping * motion[1] + scene.friction * motion[1] / np.sqrt(motion[1] ** 2 + 0.01**2)
     for _ in range(LOGS):
         found = scene.identify(*motion, tau + 0.05 * residuals("AR(1) 0.25 s", 2000, 3, draw), keep=["link1", "link2"], noise=0.05)
@@ -116,7 +115,7 @@ def test_where_data_decide_nothing_the_share_says_so() -> None:
     alone = scene.identify(q, qd, qdd, tau, noise=0.1, keep=[f"link{at}" for at in range(1, 6)])
     assert np.all(alone.share[5] > 0.9) and np.all(np.isnan(alone.share[:5]))
     low, high = alone.interval()
-    truth = own_parameters(scene)[5]
+    truth = scene.inertial_parameters[5]
     assert np.mean((low[5] <= truth) & (truth <= high[5])) >= 0.8
     with pytest.raises(ArgumentError, match=r"level: found 95; expected a probability"):
         alone.interval(95)

@@ -12,7 +12,7 @@ import pytest
 from tolerances import SIGMAS, assert_near, product, recursion, size
 
 import phipsi
-from phipsi.estimation._bodies import own_parameters, to_moments, to_parameters
+from phipsi.estimation._bodies import to_moments, to_parameters
 from phipsi.errors import ArgumentError, InertiaWarning, LogWarning, NotFiniteError, PhipsiError, ShapeError
 
 
@@ -51,7 +51,7 @@ def test_parameters_of_a_body_have_what_is_fixed_onto_it() -> None:
     q, qd, qdd = states(scene, 5)
     rows = scene.inverse_dynamics_vjp(q[:, None], qd[:, None], qdd[:, None], np.eye(6), parameters=True).parameters
     assert rows is not None
-    tau = np.einsum("kibp,bp->ki", rows, own_parameters(scene))
+    tau = np.einsum("kibp,bp->ki", rows, scene.inertial_parameters)
     assert_near(tau, scene.inverse_dynamics(q, qd, qdd), recursion(6, size(tau)))
 
 
@@ -94,7 +94,7 @@ def test_it_is_the_least_value_of_its_definition() -> None:
     noise, trust = np.array([0.1, 0.2, 0.3]), 2.5
     tau = built.inverse_dynamics(q, qd, qdd) + noise * draw.standard_normal((30, 3))
     found = scene.identify(q, qd, qdd, tau, noise=noise, trust=trust)
-    prior = [np.linalg.inv(to_moments(one)) for one in own_parameters(scene)]
+    prior = [np.linalg.inv(to_moments(one)) for one in scene.inertial_parameters]
     rows = scene.inverse_dynamics_vjp(q[:, None], qd[:, None], qdd[:, None], np.eye(3), parameters=True).parameters
     assert rows is not None
 
@@ -141,7 +141,7 @@ def distance(scene: phipsi.Scene, given: Any, found: Any, trust: float) -> float
     # Rows count as n_eff of them.
     noise = found.noise * np.sqrt(found.inflation)
     left, columns, pulls = (tau - np.einsum("kibp,bp->ki", rows, found.parameters)) / noise, [], []
-    for at, own in enumerate(own_parameters(scene)):
+    for at, own in enumerate(scene.inertial_parameters):
         root = np.linalg.cholesky(to_moments(found.parameters[at]))
         pull = root.T @ np.linalg.solve(to_moments(own), root) - np.eye(4)
         for i, j in zip(*np.triu_indices(4), strict=True):
@@ -200,7 +200,7 @@ def test_torques_without_noise(kind: str, is_like: bool) -> None:
     assert np.all(found.after <= found.noise)
     assert_near(found.scene.inverse_dynamics(q, -qd, qdd), built.inverse_dynamics(q, -qd, qdd), 1e-6 * size(tau))
     if not is_like:
-        assert_near(found.parameters, own_parameters(scene), 1e-4 * size(found.parameters))
+        assert_near(found.parameters, scene.inertial_parameters, 1e-4 * size(found.parameters))
 
 
 def test_a_joint_without_measured_torques_has_no_noise() -> None:
@@ -229,7 +229,7 @@ def test_states_that_tell_nothing() -> None:
         scene.identify(zero, zero, zero, zero)
     found = scene.identify(zero, zero, zero, zero, noise=1.0)
     assert found.known == 0
-    assert_near(found.parameters, own_parameters(scene), 1e-12)
+    assert_near(found.parameters, scene.inertial_parameters, 1e-12)
 
 
 def test_joints_alone() -> None:
@@ -263,7 +263,7 @@ def test_blocks_of_states_are_one_problem() -> None:
     assert rows is not None
     seen = np.isfinite(tau)
     found = scene.identify(q, qd, qdd, tau, noise=0.1)
-    for parameters, value in ((own_parameters(scene), found.before), (found.parameters, found.after)):
+    for parameters, value in ((scene.inertial_parameters, found.before), (found.parameters, found.after)):
         left = np.where(seen, tau - np.einsum("kibp,bp->ki", rows, parameters), 0.0)
         assert_near(value, np.sqrt(np.sum(left**2, axis=0) / seen.sum(axis=0)), 1e-12 * size(left))
     assert found.known == 3 + 2 * 7
@@ -273,7 +273,7 @@ def test_without_news_the_model_stays() -> None:
     scene = arm(8)
     q, qd, qdd = states(scene, 50)
     found = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd), noise=0.1)
-    assert_near(found.parameters, own_parameters(scene), 1e-9)
+    assert_near(found.parameters, scene.inertial_parameters, 1e-9)
 
 
 def test_what_acts_at_the_joints() -> None:
@@ -326,11 +326,11 @@ def test_bodies_that_are_kept() -> None:
     q, qd, qdd = states(scene, 60)
     keep = [name for name in scene.body_names if name != "link6"]
     found = scene.identify(q, qd, qdd, built.inverse_dynamics(q, qd, qdd), noise=1e-3, keep=keep)
-    assert_near(found.parameters[:5], own_parameters(scene)[:5], 0.0)
+    assert_near(found.parameters[:5], scene.inertial_parameters[:5], 0.0)
     assert np.all(found.deviations[:5] == 0.0)
     # All ten parameters of the hand are identifiable.
     assert found.known == 10
-    assert_near(found.parameters[5], own_parameters(built)[5], 1e-4)
+    assert_near(found.parameters[5], built.inertial_parameters[5], 1e-4)
     assert found.scene.links["link1"].mass == scene.links["link1"].mass
 
 
@@ -388,7 +388,7 @@ def test_a_body_that_cannot_be(kind: str) -> None:
     assert_near(found.before, np.sqrt(np.mean(off**2, axis=0)), 1e-10 * size(off))
     assert np.all(found.after < 2e-3)
     kept = scene.identify(q, qd, qdd, built.inverse_dynamics(q, qd, qdd), noise=1.0, keep=["link2"])
-    assert_near(kept.parameters[1], own_parameters(scene)[1], 0.0)
+    assert_near(kept.parameters[1], scene.inertial_parameters[1], 0.0)
 
 
 def test_a_body_without_mass() -> None:

@@ -70,6 +70,33 @@ def one_scene(scene, inertias):
     return scene.with_inertias(changes)
 
 
+def of_links(scene, name):
+    """Second moments of mass of a link and those fixed to it, (4, 4), in its frame, from the links and their poses."""
+    poses, moments = scene.placements(scene.neutral()), np.zeros((4, 4))
+    for link in scene.links.values():
+        body = link.name
+        while body is not None and body not in scene.body_names:
+            body = scene.links[body].parent
+        if body == name:
+            place, own = np.linalg.solve(poses[name], poses[link.name]), np.zeros((4, 4))
+            own[:3, :3] = 0.5 * np.trace(link.inertia) * np.eye(3) - link.inertia + link.mass * np.outer(link.com, link.com)
+            own[:3, 3] = own[3, :3] = link.mass * np.asarray(link.com)
+            own[3, 3] = link.mass
+            moments += place @ own @ place.T
+    return moments
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_inertial_parameters_are_the_moments_of_the_links(name):
+    scene = SCENES[name]()
+    for link, (mass, *moment, xx, xy, yy, xz, yz, zz) in zip(scene.body_names, scene.inertial_parameters, strict=True):
+        expected = of_links(scene, link)
+        tensor = np.trace(expected[:3, :3]) * np.eye(3) - expected[:3, :3]
+        bound = tolerances.product(10, tolerances.size(expected))
+        tolerances.assert_near([mass, *moment], [expected[3, 3], *expected[:3, 3]], bound)
+        tolerances.assert_near([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], tensor, bound)
+
+
 def states(scene, count, seed=1):
     rng = np.random.default_rng(seed)
     q = scene.integrate(scene.neutral(), rng.normal(size=(count, scene.nv)))

@@ -18,7 +18,7 @@ from tolerances import assert_near, central_difference, inverse, product, size
 import phipsi
 from phipsi.errors import ArgumentError, IdentificationWarning, LogWarning, NotFiniteError, ShapeError
 from phipsi.estimation import MotionUncertainty, ParameterCovariance
-from phipsi.estimation._bodies import own_parameters, to_moments, to_parameters, with_parameters
+from phipsi.estimation._bodies import to_moments, to_parameters, with_parameters
 from phipsi.report import motion
 
 FIT = ("armature", "damping", "friction")
@@ -31,7 +31,7 @@ def sliding(v: np.ndarray) -> np.ndarray:
 def drawn(scene: phipsi.Scene, draw: np.random.Generator) -> phipsi.Scene:
     """A robot whose second moments of mass have the Wishart distribution of 15 degrees with the mode of the model."""
     found = []
-    for own in own_parameters(scene):
+    for own in scene.inertial_parameters:
         root = np.linalg.cholesky(to_moments(own) / 10.0) @ draw.standard_normal((4, 15))
         found.append(to_parameters(root @ root.T))
     return with_parameters(scene, range(len(found)), np.array(found))

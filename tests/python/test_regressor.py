@@ -10,7 +10,6 @@ from tolerances import assert_near, recursion, size
 import phipsi
 from phipsi.errors import ArgumentError, NotFiniteError, ShapeError
 from phipsi.estimation._base import combinations
-from phipsi.estimation._bodies import own_parameters
 from phipsi.estimation._columns import Columns
 
 
@@ -47,7 +46,7 @@ def test_torques_are_the_regressor_times_the_parameters(kind: str) -> None:
     assert rows.shape == (4, scene.nv, len(scene.body_names), 10)
     for robot in (scene, like(scene, 5)):
         tau = robot.with_properties(armature=0.0).inverse_dynamics(*given)
-        assert_near(np.einsum("kibp,bp->ki", rows, own_parameters(robot)), tau, 4 * recursion(scene.nv, size(tau)))
+        assert_near(np.einsum("kibp,bp->ki", rows, robot.inertial_parameters), tau, 4 * recursion(scene.nv, size(tau)))
 
 
 def test_entries_are_zero_where_the_link_is_not_outboard() -> None:
@@ -92,7 +91,7 @@ def test_base_parameters_are_the_rank_of_pinocchios_regressor(kind: str) -> None
     given = moving(scene, 10)
     tau = scene.with_properties(armature=0.0).inverse_dynamics(*given)
     columns = scene.regressor(*given).reshape(10, scene.nv, -1)[:, :, found.columns]
-    assert_near(columns @ (found.matrix @ own_parameters(scene).ravel()), tau, 1e-9 * size(tau))
+    assert_near(columns @ (found.matrix @ scene.inertial_parameters.ravel()), tau, 1e-9 * size(tau))
 
 
 def test_batches_broadcast_and_are_those_of_single_states() -> None:

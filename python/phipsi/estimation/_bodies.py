@@ -20,10 +20,12 @@ from ._most_probable import BASIS
 if TYPE_CHECKING:
     from .._core import Scene
 
-__all__ = ["bodies_of", "own_parameters", "prior_of_bodies", "to_moments", "to_parameters", "with_parameters"]
+__all__ = ["bodies_of", "prior_of_bodies", "to_moments", "to_parameters", "with_parameters"]
 
 _Array = NDArray[np.float64]
 
+#: Row and column in I of the last six parameters.
+ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 #: Lower bound of principal second moments relative to the largest one, and lower bound of the radius of gyration
 #: relative to the size of the robot, for bodies that are not physically consistent.
 SLENDER, SMALL = 1e-3, 1e-2
@@ -38,7 +40,7 @@ def prior_of_bodies(scene: Scene, free: Sequence[int]) -> tuple[list[_Array], _A
     matrices: list[_Array] = []
     model: list[_Array] = []
     replaced = []
-    own, size = own_parameters(scene), _size(scene)
+    own, size = scene.inertial_parameters, _size(scene)
     for at in free:
         body, moments = scene.body_names[at], to_moments(own[at])
         try:
@@ -57,24 +59,6 @@ def prior_of_bodies(scene: Scene, free: Sequence[int]) -> tuple[list[_Array], _A
     return matrices, np.concatenate([*model, np.zeros(0)])
 
 
-def own_parameters(scene: Scene) -> _Array:
-    """Ten parameters of each link of body_names and the links fixed to it, (bodies, 10), in the link frame."""
-    places, of = scene.placements(scene.neutral()), bodies_of(scene)
-    moments = {name: np.zeros((4, 4)) for name in scene.body_names}
-    for link in scene.links.values():
-        body = of[link.name]
-        if body is None or link.mass == 0.0 and not np.any(link.inertia):
-            continue
-        place = np.linalg.solve(places[body], places[link.name])
-        sigma = 0.5 * np.trace(link.inertia) * np.eye(3) - link.inertia
-        local = np.zeros((4, 4))
-        local[:3, :3] = sigma + link.mass * np.outer(link.com, link.com)
-        local[:3, 3] = local[3, :3] = link.mass * link.com
-        local[3, 3] = link.mass
-        moments[body] += place @ local @ place.T
-    return np.array([to_parameters(moments[name]) for name in scene.body_names]).reshape(-1, 10)
-
-
 def bodies_of(scene: Scene) -> dict[str, str | None]:
     """Map each link to the link of body_names that it is or is fixed to; None for links fixed to the base."""
     moving, found = set(scene.body_names), dict[str, str | None]()
@@ -86,22 +70,23 @@ def bodies_of(scene: Scene) -> dict[str, str | None]:
 
 
 def to_parameters(moments: _Array) -> _Array:
-    """Parameters (m, h, I) from the second moments of mass J."""
-    sigma, (hx, hy, hz) = moments[:3, :3], moments[:3, 3]
-    inertia = np.trace(sigma) * np.eye(3) - sigma
-    return np.array(
-        [moments[3, 3], hx, hy, hz, *(inertia[i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))]
-    )
+    """Parameters (m, h, I), (..., 10), from the second moments of mass J, (..., 4, 4)."""
+    found = np.empty((*moments.shape[:-2], 10))
+    found[..., 0], found[..., 1:4] = moments[..., 3, 3], moments[..., :3, 3]
+    trace = np.trace(moments[..., :3, :3], axis1=-2, axis2=-1)
+    for at, (i, j) in enumerate(ENTRIES, 4):
+        found[..., at] = (trace if i == j else 0.0) - moments[..., i, j]
+    return found
 
 
 def to_moments(parameters: _Array) -> _Array:
-    """Second moments of mass J from the parameters (m, h, I)."""
-    m, hx, hy, hz, xx, xy, yy, xz, yz, zz = parameters
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    found = np.empty((4, 4))
-    found[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    found[:3, 3] = found[3, :3] = hx, hy, hz
-    found[3, 3] = m
+    """Second moments of mass J, (..., 4, 4), from the parameters (m, h, I), (..., 10)."""
+    found = np.empty((*parameters.shape[:-1], 4, 4))
+    half_trace = 0.5 * (parameters[..., 4] + parameters[..., 6] + parameters[..., 9])
+    for at, (i, j) in enumerate(ENTRIES, 4):
+        found[..., i, j] = found[..., j, i] = (half_trace if i == j else 0.0) - parameters[..., at]
+    found[..., :3, 3] = found[..., 3, :3] = parameters[..., 1:4]
+    found[..., 3, 3] = parameters[..., 0]
     return found
 
 

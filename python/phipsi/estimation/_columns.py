@@ -26,7 +26,6 @@ from .._arguments import names_of
 from .._friction import TERMS, opposing
 from ..errors import ArgumentError, ShapeError, of_argument
 from ._allowed import allowed_motions, on_connections
-from ._bodies import own_parameters
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -112,7 +111,7 @@ class Columns:
         if transmission is None and (of_joints := [name for name in fit if name in OF_JOINTS]):
             other = f"expected {OF_JOINTS[of_joints[0]]!r}, which without a transmission is that of the joints"
             raise of_argument(ArgumentError, "fit", f"found {of_joints[0]!r} without a transmission; {other}")
-        self.own = own_parameters(scene)
+        self.own = scene.inertial_parameters
         is_kept = [[kind not in fit] for kind in ("offset", "stribeck", "stribeck", "load")]
         #: Friction that is not fitted: Coulomb friction, and the other terms.
         self._coulomb = np.where("friction" in fit, 0.0, scene.friction)

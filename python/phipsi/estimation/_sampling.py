@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from .._arguments import whole
 from ..errors import ArgumentError, of_argument
+from ._bodies import to_moments, to_parameters
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -18,8 +19,6 @@ __all__ = ["sample"]
 
 _Array = NDArray[np.float64]
 
-#: Row and column in the pseudo-inertia of (xx, xy, yy, xz, yz, zz).
-ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 #: A smaller eigenvalue relative to the largest is a rounding error of zero.
 LEAST = 1e-12
 
@@ -44,8 +43,8 @@ def sample(covariance: ParameterCovariance, scene: Scene, number: int, rng: np.r
 
 
 def _inertias(scene: Scene, change: _Array) -> _Array:
-    """Inertial parameters, (number, bodies, 10): P^(1/2) f(P^(-1/2) dP P^(-1/2)) P^(1/2) of the pseudo-inertias P of the
-    bodies and their changes dP, which is positive definite and P + dP to first order.
+    """Inertial parameters, (number, bodies, 10): those of J^(1/2) f(J^(-1/2) dJ J^(-1/2)) J^(1/2) of the second moments
+    of mass J of the bodies and their changes dJ, which are positive definite and J + dJ to first order.
     """
     mean = np.array(scene.inertial_parameters)
     found = np.repeat(mean[None], len(change), axis=0)
@@ -53,14 +52,14 @@ def _inertias(scene: Scene, change: _Array) -> _Array:
         moved = change[:, body]
         if not moved.any():
             continue
-        values, vectors = np.linalg.eigh(_pseudo(mean[body]))
+        values, vectors = np.linalg.eigh(to_moments(mean[body]))
         if not values[0] > LEAST * values[-1]:
             text = f"found an uncertain inertia of {name!r} on the bound of what a rigid body can have"
             raise of_argument(ArgumentError, "parameters", f"{text}; expected one inside of it, or no covariance for it")
         root = (vectors * np.sqrt(values)) @ vectors.T
         inverse = (vectors / np.sqrt(values)) @ vectors.T
-        relative, axes = np.linalg.eigh(inverse @ _pseudo(moved) @ inverse)
-        found[:, body] = _parameters(root @ (axes * _factor(relative)[:, None, :]) @ np.swapaxes(axes, -1, -2) @ root)
+        relative, axes = np.linalg.eigh(inverse @ to_moments(moved) @ inverse)
+        found[:, body] = to_parameters(root @ (axes * _factor(relative)[:, None, :]) @ np.swapaxes(axes, -1, -2) @ root)
     return found
 
 
@@ -68,26 +67,3 @@ def _factor(change: _Array) -> _Array:
     """The positive factor of a relative change: change + sqrt(1 + change^2), without cancellation."""
     most = np.abs(change) + np.sqrt(1.0 + change**2)
     return np.where(change >= 0.0, most, 1.0 / most)
-
-
-def _pseudo(parameters: _Array) -> _Array:
-    """Pseudo-inertia, (..., 4, 4): [[S, m c], [m c, m]] with S = tr(I) / 2 - I, the second moment of the mass."""
-    found = np.zeros((*parameters.shape[:-1], 4, 4))
-    for at, (i, j) in enumerate(ENTRIES):
-        found[..., i, j] = found[..., j, i] = -parameters[..., 4 + at]
-    half = 0.5 * (parameters[..., 4] + parameters[..., 6] + parameters[..., 9])
-    for i in range(3):
-        found[..., i, i] += half
-        found[..., i, 3] = found[..., 3, i] = parameters[..., 1 + i]
-    found[..., 3, 3] = parameters[..., 0]
-    return found
-
-
-def _parameters(pseudo: _Array) -> _Array:
-    """The ten parameters of a pseudo-inertia."""
-    found = np.zeros((*pseudo.shape[:-2], 10))
-    found[..., 0], found[..., 1:4] = pseudo[..., 3, 3], pseudo[..., :3, 3]
-    trace = np.trace(pseudo[..., :3, :3], axis1=-2, axis2=-1)
-    for at, (i, j) in enumerate(ENTRIES):
-        found[..., 4 + at] = (trace if i == j else 0.0) - pseudo[..., i, j]
-    return found

@@ -187,9 +187,8 @@ def _with_bar(value: float, low: float, high: float) -> str:
 
 
 def _parameters(report: IdentificationReport) -> Sequence[Block]:
-    from ..estimation._bodies import own_parameters
 
-    found, model = report.found, own_parameters(report.model)
+    found, model = report.found, report.model.inertial_parameters
     low, high = found.interval(report.level)
     (marks, of_joints), intervals = found.marks(report.level), found.joint_interval(report.level)
     names = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")

@@ -139,6 +139,12 @@ impl<N: Copy> AxisPermutation<N> {
         there
     }
 
+    /// The rotation to the frame of the passes after `rotation`, which leads to that of the model.
+    pub fn after<T: Real<Parameter = N>>(&self, like: T, rotation: &Matrix3<f64>) -> Matrix3<f64> {
+        let sign = |i: usize| like.splat(self.sign[i]).lane(0);
+        Matrix3::from_fn(|i, j| sign(i) * rotation[(usize::from(self.from[i]), j)])
+    }
+
     /// Converts inertial parameters, or their changes, from the frame of the model.
     #[inline(always)]
     pub fn parameters<T: Real<Parameter = N>>(&self, parameters: &Parameters<T>) -> Parameters<T> {

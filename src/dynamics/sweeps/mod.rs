@@ -47,7 +47,7 @@ pub(crate) use inverse_product::InverseColumns;
 pub(crate) use inverse_product::multiplied_out;
 pub(crate) use mass_matrix::MassColumns;
 pub(crate) use mass_matrix::mass_matrix;
-pub(crate) use model::{SweepModel, frames_of};
+pub(crate) use model::SweepModel;
 pub(crate) use path_rows::{PathRows, WhitenedRows};
 pub(crate) use paths::{
     Forces, MOST_FORCES, Path, accelerations_along, frame_here, motions_along, origin_along, placement_along,

@@ -49,11 +49,6 @@ fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> 
     }
 }
 
-/// The rotation from the frame of each body in the model to its frame in the passes, a signed permutation.
-pub(crate) fn frames_of(model: &Model<f64>) -> Vec<Matrix3<f64>> {
-    Framed::of(model).from_model
-}
-
 /// The bodies of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SweepModel<T: Real> {
@@ -225,6 +220,11 @@ impl<T: Real> SweepModel<T> {
     pub(crate) fn set_inertia(&mut self, k: usize, inertia: &BodyInertia<T>) {
         let ([xx, _, _, yy, _, zz], m) = (inertia.rotational.entries, inertia.mass);
         self.loads[k] = Load::of(inertia, &Vector6::new(xx, yy, zz, m, m, m));
+    }
+
+    /// From the frame of body `k` in the model to its frame in the passes.
+    pub(crate) fn frame(&self, k: usize) -> &AxisPermutation<T::Parameter> {
+        &self.bodies[k].frame
     }
 
     /// Takes the inertias of another model.
