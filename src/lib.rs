@@ -227,6 +227,8 @@ pub mod codegen;
 mod collision;
 #[cfg(feature = "motion")]
 mod contact;
+#[cfg(feature = "control")]
+pub mod control;
 mod decompositions;
 pub mod dynamics;
 mod error;

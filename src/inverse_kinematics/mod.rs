@@ -43,8 +43,8 @@ use crate::workspace::Workspace;
 use descent::{Descent, DescentResult, StopCondition};
 use limits::{Bounds, RateBounds};
 use std::borrow::Borrow;
-use task::Tasks;
 pub use task::{Goal, Task};
+pub(crate) use task::{Rows as TaskRows, Tasks};
 
 /// Options of inverse kinematics.
 #[derive(Debug, Clone, Copy, PartialEq)]

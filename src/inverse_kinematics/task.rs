@@ -105,7 +105,7 @@ impl Task {
     /// The task with the rotation of its target orthonormalized. Returns an error for bodies and joints that do not
     /// exist, deviations that are not positive, values that are not finite, axes that are not unit vectors, and targets
     /// that are not rotations.
-    pub(super) fn checked(mut self, scene: &Scene, at: usize) -> Result<Self, Error> {
+    pub(crate) fn checked(mut self, scene: &Scene, at: usize) -> Result<Self, Error> {
         self.check(scene, at)?;
         if let Goal::Pose { target: RigidShift { rotation, .. }, .. } | Goal::Orientation { target: rotation, .. } =
             &mut self.goal

@@ -238,7 +238,7 @@ impl PyScene {
 
 impl PyScene {
     /// Reads the tasks without their targets, and the arguments: the configuration, then the targets.
-    fn tasks<'py>(
+    pub(super) fn tasks<'py>(
         &self,
         tasks: &Object<'py>,
         (name, q): (&'static str, &Object<'py>),
@@ -379,7 +379,7 @@ const LAST_ROW: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 const SLACK: f64 = 1e-6;
 
 /// Tasks with the targets of one state, which are its arguments from the second on.
-fn all_aimed<'a>(tasks: &[Task], of: &dyn Fn(usize) -> &'a [f64]) -> Result<Vec<Task>, Error> {
+pub(super) fn all_aimed<'a>(tasks: &[Task], of: &dyn Fn(usize) -> &'a [f64]) -> Result<Vec<Task>, Error> {
     tasks.iter().enumerate().map(|(at, task)| aimed(task, at, of(at + 1))).collect()
 }
 

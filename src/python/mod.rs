@@ -60,6 +60,7 @@ mod motion;
 mod object;
 mod observer;
 mod operational;
+mod optimize;
 mod output;
 mod own_models;
 mod panics;
@@ -100,6 +101,8 @@ mod core_module {
     use super::identification::{log_likelihood, rotate_chosen, rotate_rows, smooth_log};
     #[pymodule_export]
     use super::observer::PyObserver;
+    #[pymodule_export]
+    use super::optimize::PyOptimizer;
     #[pymodule_export]
     use super::panics::{panic_for_tests, panic_place};
     #[pymodule_export]

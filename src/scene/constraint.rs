@@ -1,5 +1,6 @@
 //! Connections in the form that the sweeps read: frames on bodies and joint coordinates, by index.
 
+use super::Scene;
 use super::polynomial::Polynomial;
 use crate::kinematics::Frame;
 use crate::kinematics::pair::{Pair, pair_rows, place_between};
@@ -168,6 +169,8 @@ pub(crate) struct Constraints {
     /// Rows that are linearly dependent to within this angle (rad), or this length relative to the reach of the loop,
     /// count as dependent; zero tolerates rounding errors only.
     pub tolerance: f64,
+    /// An error of a state, m or rad, that dynamics accept beyond that of a call: for steps that do not project.
+    pub allowance: f64,
     /// The neutral configuration, from which the search for closed configurations starts.
     pub neutral: Vec<f64>,
     /// Computed at first use.
@@ -176,6 +179,20 @@ pub(crate) struct Constraints {
     pub is_warned: OnceLock<()>,
     /// Set once the axes of the loops have been checked.
     pub axes_checked: OnceLock<()>,
+}
+
+impl Scene {
+    /// The scene whose dynamics accept states that do not meet its connections.
+    #[cfg(feature = "control")]
+    pub(crate) fn with_open_connections(mut self) -> Self {
+        /// An error, m or rad, beyond those of all robots.
+        const FAR: f64 = 1e9;
+        if !self.constraints.is_empty() {
+            self.constraints.allowance = FAR;
+            self.identity = crate::model::Identity::unique();
+        }
+        self
+    }
 }
 
 impl Constraints {

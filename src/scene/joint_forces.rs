@@ -48,20 +48,26 @@ impl Scene {
 
     /// Adds the accelerations by this torque to A of a linearized system, (2nv x 2nv), from M^-1 in its B, (2nv x nv).
     pub(crate) fn add_linear_joint_forces_to_system(&self, q: &[f64], (a, b): (&mut [f64], &[f64])) {
-        let (forces, model, nv) = (self.joint_forces(), self.model(), self.nv());
+        let nv = self.nv();
         for (a, b) in a.chunks_exact_mut((2 * nv).max(1)).zip(b.chunks_exact(nv.max(1))).skip(nv) {
-            let (by_q, by_qd) = a.split_at_mut(nv);
-            let Some(coupling) = self.coupling() else {
-                forces.add_cotangents(model, (q, b), (by_q, by_qd));
-                continue;
-            };
-            let [mut of_q, mut of_qd] = [(); 2].map(|()| vec![0.0; model.nv()]);
-            forces.add_cotangents(model, (&coupling.configuration(q), &coupling.rates(b)), (&mut of_q, &mut of_qd));
-            for (of_tree, by) in [(of_q, by_q), (of_qd, by_qd)] {
-                let mut reduced = vec![0.0; nv];
-                coupling.reduce(&of_tree, &mut reduced);
-                by.iter_mut().zip(reduced).for_each(|(sum, more)| *sum += more);
-            }
+            self.add_linear_joint_forces_to_row(q, b, a);
+        }
+    }
+
+    /// Adds the derivatives by (q, qd), (2nv), of a function through this torque, from that by the torque, (nv).
+    pub(crate) fn add_linear_joint_forces_to_row(&self, q: &[f64], by_torque: &[f64], row: &mut [f64]) {
+        let (forces, model, nv) = (self.joint_forces(), self.model(), self.nv());
+        let (by_q, by_qd) = row.split_at_mut(nv);
+        let Some(coupling) = self.coupling() else {
+            forces.add_cotangents(model, (q, by_torque), (by_q, by_qd));
+            return;
+        };
+        let [mut of_q, mut of_qd] = [(); 2].map(|()| vec![0.0; model.nv()]);
+        forces.add_cotangents(model, (&coupling.configuration(q), &coupling.rates(by_torque)), (&mut of_q, &mut of_qd));
+        for (of_tree, by) in [(of_q, by_q), (of_qd, by_qd)] {
+            let mut reduced = vec![0.0; nv];
+            coupling.reduce(&of_tree, &mut reduced);
+            by.iter_mut().zip(reduced).for_each(|(sum, more)| *sum += more);
         }
     }
 }

@@ -105,14 +105,20 @@ impl Scene {
         Ok(())
     }
 
+    /// Checks that the initial state of a plan, whose dynamics accept all others, meets the connections.
+    #[cfg(feature = "control")]
+    pub(crate) fn check_start(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
+        self.check_on_connections(q, qd, IN_CALLS)
+    }
+
     /// Checks that the state of a call meets the connections.
     pub(crate) fn check_closed(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
-        self.check_on_connections(q, qd, IN_CALLS)
+        self.check_on_connections(q, qd, IN_CALLS + self.constraints().allowance)
     }
 
     /// The same with the rows at the state.
     pub(crate) fn check_closed_rows(&self, rows: &ConnectionRows<f64>, state: (&[f64], &[f64])) -> Result<(), Error> {
-        self.check_rows(rows, state, IN_CALLS)
+        self.check_rows(rows, state, IN_CALLS + self.constraints().allowance)
     }
 
     /// The error message for a state that violates the connections, with the argument, the row, the error and its unit.

@@ -87,7 +87,7 @@ impl<T: Real> ConstraintKernel<T> {
             terms: vec![nan; m],
             weight: T::from_f64(weight(model)),
             pushing: nan,
-            slack: IN_CALLS,
+            slack: IN_CALLS + constraints.allowance,
             forces_of_rows: vec![nan; m],
             rank: nan,
             residual: nan,

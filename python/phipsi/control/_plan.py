@@ -1,0 +1,397 @@
+"""Plans: motions with the feedback law about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._arguments import numbers, whole
+from ..errors import ArgumentError, ShapeError, of_argument
+from ._terms import read
+
+if TYPE_CHECKING:
+    from .._core import Scene, _Optimizer
+
+__all__ = ["Iteration", "Plan", "optimize"]
+
+_Array = NDArray[np.float64]
+
+
+class Iteration(NamedTuple):
+    """What an iteration of Scene.optimize did."""
+
+    cost: float
+    """Cost after it, without that of inequalities."""
+    expected: float
+    """Decrease that the quadratic model promised for the whole step."""
+    length: float
+    """Step length; 0 if no length decreased the cost."""
+    damping: float
+    """Share of the curvature of the efforts that is added to it in the next iteration."""
+    defects: float
+    """Sum of the magnitudes of all defects after it: 0 for a motion that follows its efforts."""
+    violation: float
+    """Largest violation of an inequality after it."""
+    array_stages: int
+    """Steps whose law was computed in array form, because the covariance form lost digits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Motion of Scene.optimize with the feedback law about it.
+
+    Attributes
+    ----------
+    dt : float
+        Time step, s.
+    q : (steps + 1, nq) ndarray
+        Configurations of the knots.
+    qd : (steps + 1, nv) ndarray
+        Joint velocities of the knots.
+    tau : (steps, nv) ndarray
+        Joint torques of the steps, N m or N.
+    gains : (steps, nv, 2 nv) ndarray
+        Gains K of the law tau - K (q minus the plan's q in its tangent space, qd minus the plan's qd). Rows of joints
+        without a control, and of those that a limit of effort holds, are zero.
+    rate_gains : (steps, nv, nv) ndarray or None
+        With a cost of EffortRate, gains of the deviation of the torques of the step before.
+    cost : float
+        Cost of the motion.
+    converged : bool
+        True if the quadratic model promises no further decrease, the motion follows its efforts and the inequalities
+        hold.
+    reason : str
+        Why the search ended.
+    history : list of Iteration
+        Cost, promised decrease and step length of each iteration.
+
+    Examples
+    --------
+    >>> import phipsi
+    >>> from phipsi import control
+    >>> scene = phipsi.scenes.chain(3)
+    >>> goal = control.Terminal(control.State([0.5, 0.5, 0.5], position=0.01, velocity=0.1))
+    >>> plan = scene.optimize([0.0] * 3, dt=0.02, steps=50, costs=[control.Effort(10.0), goal])
+    >>> plan.converged, plan.q.shape, plan.gains.shape
+    (True, (51, 3), (50, 3, 6))
+    """
+
+    dt: float
+    q: _Array
+    qd: _Array
+    tau: _Array
+    gains: _Array
+    rate_gains: _Array | None
+    cost: float
+    converged: bool
+    reason: str
+    history: list[Iteration] = field(repr=False)
+    scene: Scene = field(repr=False)
+    effort: _Array = field(repr=False)
+    _problem: _Problem = field(repr=False)
+
+    def __repr__(self) -> str:
+        state = "converged" if self.converged else f"not converged: {self.reason}"
+        return f"Plan({len(self.tau)} steps of {self.dt:g} s, cost {self.cost:.6g}, {self.iterations} iterations, {state})"
+
+    @property
+    def iterations(self) -> int:
+        """Number of iterations."""
+        return len(self.history)
+
+    @property
+    def t(self) -> _Array:
+        """Times of the knots, (steps + 1,), s."""
+        return self.dt * np.arange(len(self.q))
+
+    def policy(self, k: int, q: ArrayLike, qd: ArrayLike, *, before: ArrayLike | None = None) -> _Array:
+        """Joint torques of the feedback law at step k, within the limits of effort.
+
+        Parameters
+        ----------
+        k : int
+            Step, 0 to steps - 1.
+        q : (nq,) array_like
+            Measured configuration.
+        qd : (nv,) array_like
+            Measured joint velocities.
+        before : (nv,) array_like, optional
+            Torques of the step before, for a cost of EffortRate; None: those of the plan.
+
+        Returns
+        -------
+        tau : (nv,) ndarray
+            Joint torques, N m or N.
+
+        Raises
+        ------
+        ArgumentError
+            A step that the plan does not have.
+        ShapeError, NotFiniteError
+            Invalid arguments.
+
+        Examples
+        --------
+        >>> import numpy as np, phipsi
+        >>> from phipsi import control
+        >>> scene = phipsi.scenes.chain(3)
+        >>> plan = scene.optimize([0.1] * 3, dt=0.02, steps=10, costs=control.Effort(1.0))
+        >>> np.allclose(plan.policy(4, plan.q[4], plan.qd[4]), plan.tau[4])
+        True
+        """
+        k = whole("k", k, 0, f"a step of 0 to {len(self.tau) - 1}", len(self.tau) - 1)
+        deviation = np.concatenate([self.scene.difference(self.q[k], q), numbers("qd", qd) - self.qd[k]])
+        tau: _Array = self.tau[k] - self.gains[k] @ deviation
+        if before is not None and self.rate_gains is not None and k > 0:
+            tau = tau - self.rate_gains[k] @ (numbers("before", before) - self.tau[k - 1])
+        return np.clip(tau, *self.effort)
+
+    def shift(self, steps: int = 1) -> tuple[_Array, _Array, _Array]:
+        """First guess of the plan that begins `steps` steps later: (q, qd, tau) for Scene.optimize(start=...).
+
+        Parameters
+        ----------
+        steps : int, default 1
+            Number of steps that have passed.
+
+        Returns
+        -------
+        start : tuple of ndarray
+            q (steps, nq) and qd (steps, nv) of the knots after the start, and tau (steps, nv); the last entries are
+            repeated.
+
+        Raises
+        ------
+        ArgumentError
+            More steps than the plan has.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> from phipsi import control
+        >>> scene = phipsi.scenes.chain(3)
+        >>> plan = scene.optimize([0.1] * 3, dt=0.02, steps=10, costs=control.Effort(1.0))
+        >>> q, qd, tau = plan.shift()
+        >>> bool((tau[:-1] == plan.tau[1:]).all())
+        True
+        """
+        steps = whole("steps", steps, 0, f"a number of steps of 0 to {len(self.tau)}", len(self.tau))
+
+        def moved(array: _Array, skipped: int) -> _Array:
+            last = np.repeat(array[-1:], min(skipped, len(array)), axis=0)
+            return np.concatenate([array[skipped:], last])[: len(self.tau)]
+
+        return moved(self.q[1:], steps), moved(self.qd[1:], steps), moved(self.tau, steps)
+
+    def resume(
+        self, q: ArrayLike, qd: ArrayLike, *, costs: Any = None, steps: int = 1, iterations: int = 1
+    ) -> Plan:
+        """Plan from a measured state, beginning with this plan shifted: the loop of model predictive control.
+
+        The memory of the search is kept, so this plan can be resumed once at a time. It is faster than
+        Scene.optimize because nothing is set up again.
+
+        Parameters
+        ----------
+        q : (nq,) array_like
+            Measured configuration.
+        qd : (nv,) array_like
+            Measured joint velocities.
+        costs : optional
+            Terms with new targets, as many and of the same kinds as before; None: those of this plan.
+        steps : int, default 1
+            Number of steps that have passed since this plan.
+        iterations : int, default 1
+            Largest number of iterations.
+
+        Returns
+        -------
+        plan : Plan
+            The new plan.
+
+        Raises
+        ------
+        ArgumentError
+            Terms of other kinds.
+        ShapeError, NotFiniteError
+            Invalid arguments.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> from phipsi import control
+        >>> scene = phipsi.scenes.chain(3)
+        >>> plan = scene.optimize([0.1] * 3, dt=0.02, steps=10, costs=control.Effort(1.0))
+        >>> plan.resume(plan.q[1], plan.qd[1]).q.shape
+        (11, 3)
+        """
+        state = _state(self.scene, q, qd)
+        if costs is not None:
+            self._problem.optimizer.retarget(read(self.scene, costs, len(self.tau), state))
+        return self._problem.solve(state, self.shift(steps)[2], None, whole("iterations", iterations, 0))
+
+    def trajectory(self) -> Any:
+        """The motion as a Trajectory of Scene.simulate.
+
+        Returns
+        -------
+        trajectory : Trajectory
+            Times, q and qd of the knots.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> from phipsi import control
+        >>> scene = phipsi.scenes.chain(3)
+        >>> plan = scene.optimize([0.1] * 3, dt=0.02, steps=10, costs=control.Effort(1.0))
+        >>> plan.trajectory().q.shape
+        (11, 3)
+        """
+        return self.scene.simulate(
+            self.q[0], self.qd[0], dt=self.dt, steps=len(self.tau), tau_steps=self.tau, method="implicit-euler", limits="report", friction_speed=self._problem.friction_speed
+        )
+
+    def show(self, **options: Any) -> Any:
+        """Show the motion in the browser, as Scene.show.
+
+        Parameters
+        ----------
+        options
+            Options of Scene.show.
+
+        Returns
+        -------
+        view
+            As Scene.show.
+        """
+        return self.scene.show((self.t, self.q), **options)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the arrays of the plan to a file of NumPy (.npz).
+
+        Parameters
+        ----------
+        path : path-like
+            File.
+
+        Examples
+        --------
+        >>> import numpy as np, pathlib, phipsi, tempfile
+        >>> from phipsi import control
+        >>> scene = phipsi.scenes.chain(3)
+        >>> plan = scene.optimize([0.1] * 3, dt=0.02, steps=10, costs=control.Effort(1.0))
+        >>> path = pathlib.Path(tempfile.mkdtemp(), "plan.npz")
+        >>> plan.save(path)
+        >>> np.load(path)["gains"].shape
+        (10, 3, 6)
+        """
+        np.savez(path, t=self.t, q=self.q, qd=self.qd, tau=self.tau, gains=self.gains, cost=self.cost, converged=self.converged)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """A problem with the memory of its search."""
+
+    scene: Scene
+    dt: float
+    optimizer: _Optimizer
+    effort: _Array
+    friction_speed: float
+
+    def solve(
+        self, state: tuple[_Array, _Array], tau: _Array | None, states: tuple[_Array, _Array] | None, iterations: int
+    ) -> Plan:
+        (q, qd, tau, gains), converged, cost, reason, history = self.optimizer.solve(state, tau, states, iterations)
+        nv = self.scene.nv
+        rate_gains = None
+        if gains.shape[2] > 2 * nv:
+            driven = (self.effort != 0.0).any(axis=0)
+            rate_gains = np.zeros((len(tau), nv, nv))
+            rate_gains[:, :, driven] = gains[:, :, 2 * nv :]
+        each = [Iteration(*row[:-1], int(row[-1])) for row in history.tolist()]
+        plan_gains = np.ascontiguousarray(gains[:, :, : 2 * nv])
+        return Plan(self.dt, q, qd, tau, plan_gains, rate_gains, cost, converged, reason, each, self.scene, self.effort, self)
+
+
+def optimize(
+    scene: Scene,
+    q0: ArrayLike,
+    qd0: ArrayLike | None = None,
+    *,
+    dt: float,
+    steps: int,
+    costs: Any,
+    tau: ArrayLike | None = None,
+    start: Any = None,
+    effort: Any = True,
+    limits: bool = True,
+    iterations: int = 100,
+    tolerance: float = 1e-10,
+    limit_tolerance: float = 1e-6,
+    friction_speed: float = 0.1,
+) -> Plan:
+    """Scene.optimize."""
+    from .._core import _Optimizer
+
+    steps = whole("steps", steps, 1)
+    state = _state(scene, q0, np.zeros(scene.nv) if qd0 is None else qd0)
+    given = read(scene, costs, steps, state)
+    bounds = _effort(scene, effort)
+    settings = tuple(float(value) for value in (tolerance, limit_tolerance, friction_speed))
+    optimizer = _Optimizer(scene, (float(dt), steps), given, bounds.tolist(), bool(limits), settings)
+    first, states = _start(scene, tau, start, steps)
+    problem = _Problem(scene, float(dt), optimizer, bounds, float(friction_speed))
+    return problem.solve(state, first, states, whole("iterations", iterations, 0))
+
+
+def _state(scene: Scene, q: ArrayLike, qd: ArrayLike) -> tuple[_Array, _Array]:
+    state = numbers("q0", q), numbers("qd0", qd)
+    for name, array, width in (("q0", state[0], scene.nq), ("qd0", state[1], scene.nv)):
+        if array.shape != (width,):
+            raise of_argument(ShapeError, name, f"found shape {array.shape}; expected ({width},)")
+    return np.ascontiguousarray(state[0]), np.ascontiguousarray(state[1])
+
+
+def _effort(scene: Scene, effort: Any) -> _Array:
+    """Smallest and largest torques, (2, nv)."""
+    limit = scene.limits.effort if effort is True else np.full(scene.nv, np.inf)
+    if effort is not True and effort is not None:
+        given = numbers("effort", effort)
+        if given.shape not in {(), (scene.nv,), (2, scene.nv)}:
+            raise of_argument(ShapeError, "effort", f"found shape {given.shape}; expected True, None, a number, ({scene.nv},) or (2, {scene.nv})")
+        if given.shape == (2, scene.nv):
+            return given
+        if not (given >= 0.0).all():
+            raise of_argument(ArgumentError, "effort", f"found {given.min()}; expected limits that are zero (no control) or positive")
+        limit = np.broadcast_to(given, (scene.nv,))
+    limit = limit.copy()
+    for joint in scene.joint_names:
+        if scene.joint(joint).type == "floating":
+            limit[scene.v_index(joint)] = 0.0
+    return np.stack([-limit, limit])
+
+
+def _start(scene: Scene, tau: Any, start: Any, steps: int) -> tuple[_Array | None, tuple[_Array, _Array] | None]:
+    """First efforts and states."""
+    states = None
+    if start is not None:
+        if isinstance(start, Plan):
+            start = start.shift(0)
+        if not isinstance(start, tuple) or len(start) not in (2, 3):
+            raise of_argument(ArgumentError, "start", f"found {type(start).__name__}; expected a plan, plan.shift(), or (q, qd) of the knots after the start")
+        states = tuple(np.ascontiguousarray(numbers("start", of)) for of in start[:2])
+        for array, width in zip(states, (scene.nq, scene.nv), strict=True):
+            if array.shape != (steps, width):
+                raise of_argument(ShapeError, "start", f"found shape {array.shape}; expected ({steps}, {width})")
+        if len(start) == 3 and tau is None:
+            tau = start[2]
+    if tau is None:
+        return None, states
+    first = numbers("tau", tau)
+    if first.shape not in {(scene.nv,), (steps, scene.nv)}:
+        raise of_argument(ShapeError, "tau", f"found shape {first.shape}; expected ({scene.nv},) or ({steps}, {scene.nv})")
+    return np.ascontiguousarray(np.broadcast_to(first, (steps, scene.nv))), states

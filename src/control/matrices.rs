@@ -1,0 +1,155 @@
+//! Products and triangles of small dense matrices, row by row, compiled into the functions that call them.
+//!
+//! The order of all sums is fixed, and products are fused where the crate has lanes: results have the same bits on all
+//! processors.
+
+/// a b + c.
+#[inline(always)]
+pub fn fused(a: f64, b: f64, c: f64) -> f64 {
+    if cfg!(feature = "lanes") { a.mul_add(b, c) } else { a * b + c }
+}
+
+/// A matrix that is read: its entry (i, k) is `numbers[i * row + k * column]`.
+#[derive(Clone, Copy)]
+pub struct Read<'a> {
+    pub numbers: &'a [f64],
+    pub row: usize,
+    pub column: usize,
+}
+
+impl<'a> Read<'a> {
+    /// A matrix with `width` columns.
+    #[inline(always)]
+    pub fn rows(numbers: &'a [f64], width: usize) -> Self {
+        Self { numbers, row: width, column: 1 }
+    }
+
+    /// The transpose of a matrix with `width` columns.
+    #[inline(always)]
+    pub fn transposed(numbers: &'a [f64], width: usize) -> Self {
+        Self { numbers, row: 1, column: width }
+    }
+
+    #[inline(always)]
+    fn at(&self, i: usize, k: usize) -> f64 {
+        self.numbers[i * self.row + k * self.column]
+    }
+}
+
+/// Adds `sign` A B to C: `size` rows, inner length and columns; B and C begin at their first entries and have `widths`
+/// columns. With `upper`, entries of C left of the diagonal are not complete.
+#[inline(always)]
+pub fn add_product(
+    c: &mut [f64],
+    (a, b): (Read<'_>, &[f64]),
+    (rows, inner, columns): (usize, usize, usize),
+    (width_b, width_c): (usize, usize),
+    (sign, upper): (f64, bool),
+) {
+    for i in 0..rows {
+        let from = if upper { (i & !3).min(columns) } else { 0 };
+        let c = &mut c[i * width_c..][from..columns];
+        let mut k = 0;
+        while k + 4 <= inner {
+            let [a0, a1, a2, a3] =
+                [sign * a.at(i, k), sign * a.at(i, k + 1), sign * a.at(i, k + 2), sign * a.at(i, k + 3)];
+            let b0 = &b[k * width_b..][from..columns];
+            let b1 = &b[(k + 1) * width_b..][from..columns];
+            let b2 = &b[(k + 2) * width_b..][from..columns];
+            let b3 = &b[(k + 3) * width_b..][from..columns];
+            for ((((c, b0), b1), b2), b3) in c.iter_mut().zip(b0).zip(b1).zip(b2).zip(b3) {
+                *c = fused(a3, *b3, fused(a2, *b2, fused(a1, *b1, fused(a0, *b0, *c))));
+            }
+            k += 4;
+        }
+        for k in k..inner {
+            let a = sign * a.at(i, k);
+            for (c, b) in c.iter_mut().zip(&b[k * width_b..][from..columns]) {
+                *c = fused(a, *b, *c);
+            }
+        }
+    }
+}
+
+/// Adds `sign` A x to `y`.
+#[inline(always)]
+pub fn add_times(y: &mut [f64], a: Read<'_>, x: &[f64], sign: f64) {
+    if a.column == 1 {
+        for (i, y) in y.iter_mut().enumerate() {
+            let row = &a.numbers[i * a.row..][..x.len()];
+            *y += sign * row.iter().zip(x).fold(0.0, |sum, (a, x)| fused(*a, *x, sum));
+        }
+        return;
+    }
+    for (k, x) in x.iter().enumerate() {
+        let x = sign * x;
+        for (y, a) in y.iter_mut().zip(&a.numbers[k * a.column..]) {
+            *y = fused(*a, x, *y);
+        }
+    }
+}
+
+/// Copies the entries above the diagonal below it.
+#[inline(always)]
+pub fn mirror(a: &mut [f64], n: usize) {
+    for i in 0..n {
+        for j in 0..i {
+            a[i * n + j] = a[j * n + i];
+        }
+    }
+}
+
+/// Cholesky's factor L of a positive definite matrix (n x n) in place, below the diagonal. Returns the smallest share
+/// of a pivot in its entry of the diagonal, not positive where the matrix is not positive definite.
+#[inline(always)]
+pub fn factor(a: &mut [f64], n: usize) -> f64 {
+    let mut least = f64::INFINITY;
+    for j in 0..n {
+        let whole = a[j * n + j];
+        let (above, from) = a.split_at_mut(j * n);
+        let row = &mut from[..n];
+        for k in 0..j {
+            let other = &above[k * n..][..k + 1];
+            let sum = row[..k].iter().zip(other).fold(row[k], |sum, (x, y)| fused(-*x, *y, sum));
+            row[k] = sum / other[k];
+        }
+        let pivot = row[..j].iter().fold(whole, |sum, x| fused(-*x, *x, sum));
+        // A comparison that fails for NaN.
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return f64::NEG_INFINITY;
+        }
+        least = least.min(pivot / whole);
+        row[j] = pivot.sqrt();
+    }
+    least
+}
+
+/// L^-1 B in place, with the factor L (n x n) and B (n x columns).
+#[inline(always)]
+pub fn solve_lower(l: &[f64], n: usize, b: &mut [f64], columns: usize) {
+    for i in 0..n {
+        let (above, from) = b.split_at_mut(i * columns);
+        add_product(
+            &mut *from,
+            (Read::rows(&l[i * n..], n), above),
+            (1, i, columns),
+            (columns, columns),
+            (-1.0, false),
+        );
+        let share = 1.0 / l[i * n + i];
+        from[..columns].iter_mut().for_each(|b| *b *= share);
+    }
+}
+
+/// L^-T B in place.
+#[inline(always)]
+pub fn solve_upper(l: &[f64], n: usize, b: &mut [f64], columns: usize) {
+    for i in (0..n).rev() {
+        let (to, below) = b.split_at_mut((i + 1) * columns);
+        let to = &mut to[i * columns..];
+        let column = Read { numbers: &l[((i + 1) * n + i).min(l.len())..], row: 0, column: n };
+        add_product(to, (column, below), (1, n - 1 - i, columns), (columns, columns), (-1.0, false));
+        let share = 1.0 / l[i * n + i];
+        to.iter_mut().for_each(|b| *b *= share);
+    }
+}

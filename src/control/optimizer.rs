@@ -1,0 +1,737 @@
+//! The iterations: derivatives of all steps, the filter from the end to the start, and the motion under its law.
+
+use super::array::write_system;
+use super::boxed::Bounds;
+use super::costs::{Cost, CostScratch, Limit, Motion, Term};
+use super::dynamics::{AT_ONCE, Dynamics};
+use super::rollout::{Laws, Rollouts};
+use super::rows::Rows;
+use super::stage::{Law, Model, Scratch, Sizes, Step, Turn, Value, stage};
+use crate::error::{Error, check_finite, check_length, check_positive};
+use crate::interrupt;
+use crate::joints::JointKind;
+use crate::motion::FRICTION_SPEED;
+use crate::scene::Scene;
+
+/// An optimal control problem of one scene.
+#[derive(Debug)]
+#[non_exhaustive]
+pub struct Problem {
+    /// Time step, s.
+    pub dt: f64,
+    /// Number of steps.
+    pub steps: usize,
+    /// The terms of the cost, and the inequalities.
+    pub costs: Vec<Cost>,
+    /// Smallest and largest efforts, (nv) each; a joint for which both are zero has no control.
+    pub effort: [Vec<f64>; 2],
+    /// Largest number of iterations.
+    pub iterations: usize,
+    /// The search ends when the model promises a decrease of at most this share of the cost.
+    pub tolerance: f64,
+    /// Largest violation of an inequality, in its unit.
+    pub limit_tolerance: f64,
+    /// Velocity below which friction is viscous, rad/s or m/s.
+    pub friction_speed: f64,
+}
+
+impl Problem {
+    /// A problem without costs, with the effort limits of the scene. The joint of a floating base has no control.
+    #[must_use]
+    pub fn new(scene: &Scene, dt: f64, steps: usize) -> Self {
+        let mut effort = vec![f64::INFINITY; scene.nv()];
+        for joint in scene.joints() {
+            let is_base = joint.kind == JointKind::Floating;
+            effort[joint.v.clone()].fill(if is_base { 0.0 } else { joint.limits.effort });
+        }
+        Self {
+            dt,
+            steps,
+            costs: Vec::new(),
+            effort: [effort.iter().map(|most| -most).collect(), effort],
+            iterations: 100,
+            tolerance: 1e-10,
+            limit_tolerance: 1e-6,
+            friction_speed: FRICTION_SPEED,
+        }
+    }
+
+    /// The position and velocity limits of the joints, as inequalities at all knots but the first; `None` if no joint
+    /// has any.
+    #[must_use]
+    pub fn limits_of(scene: &Scene, steps: usize) -> Option<Cost> {
+        let mut limits = Vec::new();
+        for joint in scene.joints() {
+            let (of, row) = (&joint.limits, joint.v.start);
+            let mut add = |is_rate: bool, sign: f64, bound: f64| {
+                if bound.is_finite() {
+                    limits.push(Limit { is_rate, index: if is_rate { row } else { joint.q.start }, row, sign, bound });
+                }
+            };
+            if joint.q.len() == 1 && joint.v.len() == 1 {
+                add(false, -1.0, of.lower);
+                add(false, 1.0, of.upper);
+                add(true, -1.0, -of.velocity);
+                add(true, 1.0, of.velocity);
+            }
+        }
+        let is_any = !limits.is_empty() && steps > 0;
+        is_any.then(|| Cost { term: Term::Limits(limits), first: 1, last: steps, is_limit: true })
+    }
+}
+
+/// The start of a search.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Start<'a> {
+    /// Initial configuration, (nq), and velocity, (nv).
+    pub q: &'a [f64],
+    /// Initial joint velocity, (nv).
+    pub qd: &'a [f64],
+    /// First efforts, (steps x nv); empty for those that hold the robot still.
+    pub tau: &'a [f64],
+    /// First configurations and velocities of the knots after the start, (steps x nq) and (steps x nv): a motion that
+    /// the efforts need not follow. Empty for the motion of the efforts.
+    pub states: Option<[&'a [f64]; 2]>,
+}
+
+/// What an iteration did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Iteration {
+    /// The cost after it.
+    pub cost: f64,
+    /// The decrease that the model promised for the whole step.
+    pub expected: f64,
+    /// The step length; zero if no length decreased the cost.
+    pub length: f64,
+    /// The share of the curvature of the controls that was added to it.
+    pub damping: f64,
+    /// The sum of the magnitudes of all defects after it.
+    pub defects: f64,
+    /// The largest violation of an inequality after it.
+    pub violation: f64,
+    /// The number of stages in array form.
+    pub array_stages: usize,
+}
+
+/// The result of a search; the motion and the law are those of the optimizer.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Outcome {
+    /// True if the model promises no further decrease, the defects vanish and the inequalities hold.
+    pub converged: bool,
+    /// The cost, without that of inequalities.
+    pub cost: f64,
+    /// Each iteration.
+    pub history: Vec<Iteration>,
+    /// Why it ended.
+    pub reason: &'static str,
+}
+
+/// The system and the cost about the motion: for each step A (n x n), B (n x m), and for each knot the second
+/// derivatives of the cost by (x, u).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Linearization {
+    /// A of each step.
+    pub a: Vec<f64>,
+    /// B of each step.
+    pub b: Vec<f64>,
+    /// The Hessian of each knot, ((n + m) x (n + m)).
+    pub hessian: Vec<f64>,
+}
+
+/// The optimizer of one problem: its memory is kept between searches, so that a model predictive controller does not
+/// allocate.
+#[derive(Debug)]
+pub struct Optimizer {
+    problem: Problem,
+    dynamics: Dynamics,
+    sizes: Sizes,
+    motion: Motion,
+    rows: Vec<Rows>,
+    trial_rows: Vec<Rows>,
+    by_state: Vec<f64>,
+    by_control: Vec<f64>,
+    turns: Vec<Turn>,
+    defects: Vec<f64>,
+    gains: Vec<f64>,
+    offsets: Vec<f64>,
+    values: [Value; 2],
+    stage: Scratch,
+    costs: CostScratch,
+    rollouts: Rollouts,
+    bounds: [Vec<f64>; 2],
+    /// Multipliers of the rows of each cost that is an inequality, and the weight of their squares.
+    multipliers: Vec<Vec<f64>>,
+    penalty: f64,
+    /// The weight of defects in the merit of a motion.
+    defect_weight: f64,
+}
+
+/// Step lengths after which a search has failed.
+const SHORTEST: f64 = 1.0 / 1024.0;
+/// The share of the promised decrease that a step must reach.
+const ARMIJO: f64 = 1e-4;
+/// Least and largest damping.
+const DAMPING: [f64; 2] = [1e-9, 1e10];
+/// Largest number of times that multipliers change.
+const MULTIPLIER_ROUNDS: usize = 30;
+
+impl Optimizer {
+    /// The optimizer of `problem` for `scene`.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] and [`Error::Shape`] for a time step that is not positive, no steps, bounds that exclude each
+    /// other, costs that do not fit, and scenes with contacts or friction that is not Coulomb's.
+    pub fn new(scene: &Scene, mut problem: Problem) -> Result<Self, Error> {
+        check_positive("dt", problem.dt)?;
+        check_positive("tolerance", problem.tolerance)?;
+        check_positive("limit_tolerance", problem.limit_tolerance)?;
+        check_positive("friction_speed", problem.friction_speed)?;
+        let (nq, nv, steps) = (scene.nq(), scene.nv(), problem.steps);
+        if steps == 0 {
+            return Err(Error::argument("steps", "0", "at least 1"));
+        }
+        for bounds in &problem.effort {
+            check_length("effort", bounds.len(), nv)?;
+        }
+        let [lower, upper] = &problem.effort;
+        for joint in scene.joints() {
+            for row in joint.v.clone() {
+                // A comparison that fails for NaN.
+                if !(lower[row] <= upper[row]) {
+                    let found = format!("{} to {} for joint {:?}", lower[row], upper[row], joint.name);
+                    return Err(Error::argument("effort", found, "a lower limit that is at most the upper one"));
+                }
+            }
+        }
+        let driven = (0..nv).filter(|&row| lower[row] != 0.0 || upper[row] != 0.0).collect();
+        let dynamics = Dynamics::new(scene, problem.dt, driven, problem.friction_speed)?;
+        for (at, cost) in problem.costs.iter_mut().enumerate() {
+            cost.check(&dynamics, steps, at)?;
+        }
+        let has_rate = problem.costs.iter().any(|cost| matches!(cost.term, Term::EffortRate { .. }));
+        let sizes = dynamics.sizes(has_rate);
+        let (n, m, nan) = (sizes.state(), sizes.controls, |length: usize| vec![f64::NAN; length]);
+        let empty = Turn { first: 0, count: 0, transport: [0.0; 36], jacobian: [0.0; 36] };
+        Ok(Self {
+            motion: Motion { q: nan((steps + 1) * nq), qd: nan((steps + 1) * nv), tau: nan(steps * nv) },
+            rows: vec![Rows::default(); problem.costs.len()],
+            trial_rows: vec![Rows::default(); problem.costs.len()],
+            by_state: nan(steps * 2 * nv * nv),
+            by_control: nan(steps * nv * m),
+            turns: vec![empty; steps * dynamics.turning()],
+            defects: Vec::new(),
+            gains: vec![0.0; steps * m * n],
+            offsets: vec![0.0; steps * m],
+            values: [Value::new(sizes), Value::new(sizes)],
+            stage: Scratch::new(sizes),
+            costs: CostScratch::default(),
+            rollouts: Rollouts::new(nq, nv, steps),
+            bounds: [nan(m), nan(m)],
+            multipliers: vec![Vec::new(); problem.costs.len()],
+            penalty: f64::NAN,
+            defect_weight: 0.0,
+            dynamics,
+            sizes,
+            problem,
+        })
+    }
+
+    /// The motion of the last search.
+    #[must_use]
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// The gains K of u = tau - K x at each step, (steps x controls x state), and the degrees of freedom with a
+    /// control. x = (q (-) `motion.q`, qd - `motion.qd`), and, if the rate of the efforts has a cost, the change of the
+    /// efforts of the step before.
+    #[must_use]
+    pub fn gains(&self) -> (&[f64], &[usize]) {
+        (&self.gains, &self.dynamics.driven)
+    }
+
+    /// The length of x.
+    #[must_use]
+    pub fn state_width(&self) -> usize {
+        self.sizes.state()
+    }
+
+    /// Replaces terms of the cost, of which there are not more than before, to change their targets between two searches.
+    ///
+    /// # Errors
+    ///
+    /// As [`Optimizer::new`], and for a rate of efforts where there was none.
+    pub fn set_costs(&mut self, mut costs: Vec<Cost>) -> Result<(), Error> {
+        let found = format!("{} terms", costs.len());
+        if costs.len() > self.problem.costs.len() {
+            let expected = format!("at most the {} terms of the problem", self.problem.costs.len());
+            return Err(Error::argument("costs", found, expected));
+        }
+        for (at, (cost, old)) in costs.iter_mut().zip(&self.problem.costs).enumerate() {
+            if std::mem::discriminant(&cost.term) != std::mem::discriminant(&old.term) {
+                let (found, expected) = (format!("{:?}", cost.term), format!("{:?}", old.term));
+                return Err(Error::argument(format!("costs[{at}]"), found, format!("{expected}, as before")));
+            }
+            cost.check(&self.dynamics, self.problem.steps, at)?;
+        }
+        for (to, cost) in self.problem.costs.iter_mut().zip(costs) {
+            *to = cost;
+        }
+        Ok(())
+    }
+
+    /// Sets the largest number of iterations of the next searches.
+    pub fn set_iterations(&mut self, iterations: usize) {
+        self.problem.iterations = iterations;
+    }
+
+    /// Searches from a start.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths, numbers that are not finite, and a start whose motion or costs cannot be computed.
+    pub fn solve(&mut self, start: &Start<'_>) -> Result<Outcome, Error> {
+        self.begin(start)?;
+        let mut history = Vec::new();
+        let mut damping = 0.0;
+        let mut rows = std::mem::take(&mut self.rows);
+        let mut done = self.evaluate(&self.motion.clone(), &mut rows);
+        self.rows = rows;
+        let mut violation = done.clone()?;
+        self.begin_multipliers();
+        let mut rounds = 0;
+        let mut reason = "the largest number of iterations";
+        let mut converged = false;
+        // With no iterations, the law about the start.
+        let mut is_law_current = false;
+        for _ in 0..self.problem.iterations {
+            interrupt::check()?;
+            self.linearize()?;
+            let Some((model, array_stages)) = self.backward(damping)? else {
+                damping = raised(damping);
+                if damping > DAMPING[1] {
+                    reason = "the curvature of the controls is not positive: give the efforts a cost";
+                    break;
+                }
+                continue;
+            };
+            is_law_current = true;
+            let merit = self.merit(&self.rows, self.defects_sum());
+            let expected = model.decrease(1.0);
+            let scale = merit.abs().max(f64::MIN_POSITIVE);
+            let is_feasible = self.defects.is_empty();
+            if is_feasible && expected <= self.problem.tolerance * scale {
+                if violation <= self.problem.limit_tolerance {
+                    (converged, reason) = (true, "the model promises no further decrease");
+                    break;
+                }
+                rounds += 1;
+                if rounds > MULTIPLIER_ROUNDS {
+                    reason = "the inequalities contradict each other or the dynamics";
+                    break;
+                }
+                self.update_multipliers(violation);
+                continue;
+            }
+            let slope = self.slope(&model);
+            let (length, cost) = self.search(merit, slope, &model)?;
+            if length > 0.0 {
+                violation = cost;
+                damping = match length {
+                    length if length >= 0.5 => lowered(damping),
+                    length if length < 0.25 => raised(damping),
+                    _ => damping,
+                };
+            } else {
+                done = Ok(violation);
+                damping = raised(damping);
+            }
+            is_law_current = length == 0.0 && is_law_current;
+            history.push(Iteration {
+                cost: self.cost(),
+                expected,
+                length,
+                damping,
+                defects: self.defects_sum(),
+                violation,
+                array_stages,
+            });
+            if length == 0.0 {
+                let rounding = 1e3 * f64::EPSILON * scale;
+                if is_feasible && expected <= rounding && violation <= self.problem.limit_tolerance {
+                    (converged, reason) = (true, "the decrease that is left is rounding");
+                    break;
+                }
+                if damping > DAMPING[1] {
+                    reason = "no step decreases the cost";
+                    break;
+                }
+            }
+        }
+        done?;
+        if !is_law_current {
+            self.linearize()?;
+            while self.backward(damping)?.is_none() {
+                damping = raised(damping);
+                if damping > DAMPING[1] {
+                    break;
+                }
+            }
+        }
+        Ok(Outcome { converged, cost: self.cost(), history, reason })
+    }
+
+    /// The system and the cost about the motion.
+    ///
+    /// # Errors
+    ///
+    /// Those of the derivatives.
+    pub fn linearization(&mut self) -> Result<Linearization, Error> {
+        self.linearize()?;
+        let (steps, n, m) = (self.problem.steps, self.sizes.state(), self.sizes.controls);
+        let all = n + m;
+        let (mut a, mut b) = (vec![0.0; steps * n * n], vec![0.0; steps * n * m]);
+        let mut hessian = vec![0.0; (steps + 1) * all * all];
+        for knot in 0..=steps {
+            if knot < steps {
+                let step = self.step(knot);
+                write_system(self.sizes, &step, &mut a[knot * n * n..][..n * n], &mut b[knot * n * m..][..n * m]);
+            }
+            let to = &mut hessian[knot * all * all..][..all * all];
+            for (_, start, values) in self.rows.iter().flat_map(|rows| rows.of_knot(knot)) {
+                for (i, x) in (start..).zip(values) {
+                    for (j, y) in (start..).zip(values) {
+                        to[i * all + j] += x * y;
+                    }
+                }
+            }
+        }
+        Ok(Linearization { a, b, hessian })
+    }
+
+    /// Reads a start.
+    fn begin(&mut self, start: &Start<'_>) -> Result<(), Error> {
+        let scene = self.dynamics.scene().clone();
+        let (nq, nv, steps) = (scene.nq(), scene.nv(), self.problem.steps);
+        scene.check_configuration("q0", start.q)?;
+        check_length("qd0", start.qd.len(), nv)?;
+        check_finite("qd0", start.qd)?;
+        scene.check_start(start.q, start.qd)?;
+        self.defects.clear();
+        self.defect_weight = 0.0;
+        self.motion.q[..nq].copy_from_slice(start.q);
+        self.motion.qd[..nv].copy_from_slice(start.qd);
+        if start.tau.is_empty() {
+            let mut hold = vec![0.0; nv];
+            scene.gravity_torque(&mut scene.workspace(), start.q, &mut hold)?;
+            self.motion.tau.chunks_exact_mut(nv.max(1)).for_each(|tau| tau.copy_from_slice(&hold));
+        } else {
+            check_length("tau", start.tau.len(), steps * nv)?;
+            check_finite("tau", start.tau)?;
+            self.motion.tau.copy_from_slice(start.tau);
+        }
+        let [lower, upper] = &self.problem.effort;
+        for tau in self.motion.tau.chunks_exact_mut(nv.max(1)) {
+            for row in 0..nv {
+                tau[row] = tau[row].clamp(lower[row], upper[row]);
+            }
+        }
+        if let Some([q, qd]) = start.states {
+            check_length("q", q.len(), steps * nq)?;
+            check_length("qd", qd.len(), steps * nv)?;
+            check_finite("qd", qd)?;
+            for (row, q) in q.chunks_exact(nq.max(1)).enumerate() {
+                scene.check_configuration("q", q).map_err(|error| error.in_state(row))?;
+            }
+            self.motion.q[nq..].copy_from_slice(q);
+            self.motion.qd[nv..].copy_from_slice(qd);
+            return self.measure_defects();
+        }
+        self.gains.fill(0.0);
+        self.offsets.fill(0.0);
+        // With zero gains no deviation is needed: the configurations of the old motion are those of the start.
+        for knot in 1..=steps {
+            self.motion.q.copy_within(..nq, knot * nq);
+            self.motion.qd.copy_within(..nv, knot * nv);
+        }
+        let laws = Laws {
+            about: &self.motion,
+            gains: &self.gains,
+            offsets: &self.offsets,
+            defects: &[],
+            bounds: self.problem.effort.each_ref().map(|bounds| &bounds[..]),
+        };
+        self.rollouts.run(&mut self.dynamics, self.sizes, &laws, &[1.0]);
+        if let Some(error) = self.rollouts.faults[0].take() {
+            return Err(error);
+        }
+        std::mem::swap(&mut self.motion, &mut self.rollouts.motions[0]);
+        Ok(())
+    }
+
+    /// Computes the defects of the motion.
+    fn measure_defects(&mut self) -> Result<(), Error> {
+        let (nq, nv, steps, h) = (self.dynamics.scene().nq(), self.sizes.nv, self.problem.steps, self.problem.dt);
+        self.defects.resize(steps * 2 * nv, 0.0);
+        let mut accelerations = vec![f64::NAN; AT_ONCE * nv];
+        let (mut x, mut moved) = (vec![0.0; nv], vec![0.0; nq]);
+        for first in (0..steps).step_by(AT_ONCE) {
+            let last = (first + AT_ONCE).min(steps);
+            let motion = &self.motion;
+            let states = (first..last)
+                .map(|k| (&motion.q[k * nq..][..nq], &motion.qd[k * nv..][..nv], &motion.tau[k * nv..][..nv]));
+            let out = &mut accelerations[..(last - first) * nv];
+            self.dynamics.accelerations(states, out).map_err(|fault| fault.error.in_state(first + fault.state))?;
+            for k in first..last {
+                let defect = &mut self.defects[k * 2 * nv..][..2 * nv];
+                for i in 0..nv {
+                    let v_next = h.mul_add(accelerations[(k - first) * nv + i], motion.qd[k * nv + i]);
+                    x[i] = h * v_next;
+                    defect[nv + i] = v_next - motion.qd[(k + 1) * nv + i];
+                }
+                self.dynamics.scene().integrate(&motion.q[k * nq..][..nq], &x, &mut moved)?;
+                self.dynamics.scene().difference(&motion.q[(k + 1) * nq..][..nq], &moved, &mut defect[..nv])?;
+            }
+        }
+        if self.defects.iter().all(|&defect| defect == 0.0) {
+            self.defects.clear();
+        }
+        Ok(())
+    }
+
+    /// Computes the rows of all costs; returns the largest violation of an inequality.
+    fn evaluate(&mut self, motion: &Motion, rows: &mut [Rows]) -> Result<f64, Error> {
+        let mut violation: f64 = 0.0;
+        for (cost, (rows, multipliers)) in self.problem.costs.iter().zip(rows.iter_mut().zip(&self.multipliers)) {
+            cost.evaluate(&self.dynamics, self.sizes, motion, &mut self.costs, rows)?;
+            if cost.is_limit {
+                violation = violation.max(rows.largest());
+                if !multipliers.is_empty() {
+                    rows.penalize(multipliers, self.penalty);
+                }
+            }
+        }
+        Ok(violation)
+    }
+
+    /// Begins with multipliers of zero, and with a penalty from the cost of the start.
+    fn begin_multipliers(&mut self) {
+        let cost: f64 = self.costs_of(&self.rows, false);
+        self.penalty = 10.0 * cost.max(1e-3);
+        for (cost, (rows, multipliers)) in
+            self.problem.costs.iter().zip(self.rows.iter_mut().zip(&mut self.multipliers))
+        {
+            if cost.is_limit {
+                multipliers.clear();
+                multipliers.resize(rows.len(), 0.0);
+                rows.penalize(multipliers, self.penalty);
+            }
+        }
+    }
+
+    fn update_multipliers(&mut self, violation: f64) {
+        let mut rows = std::mem::take(&mut self.rows);
+        for (cost, (rows, multipliers)) in self.problem.costs.iter().zip(rows.iter().zip(&mut self.multipliers)) {
+            if cost.is_limit {
+                // The penalized residual is sqrt(penalty) (g + multiplier / penalty), where it is positive.
+                for (multiplier, error) in multipliers.iter_mut().zip(rows.errors()) {
+                    *multiplier = self.penalty.sqrt() * error.max(0.0);
+                }
+            }
+        }
+        let _ = violation;
+        self.penalty *= 4.0;
+        let motion = std::mem::take(&mut self.motion);
+        // The rows of this motion exist already.
+        let _ = self.evaluate(&motion, &mut rows);
+        (self.motion, self.rows) = (motion, rows);
+    }
+
+    fn costs_of(&self, rows: &[Rows], with_limits: bool) -> f64 {
+        let each = self.problem.costs.iter().zip(rows);
+        each.filter(|(cost, _)| with_limits || !cost.is_limit).map(|(_, rows)| rows.cost()).sum()
+    }
+
+    fn cost(&self) -> f64 {
+        self.costs_of(&self.rows, false)
+    }
+
+    fn merit(&self, rows: &[Rows], defects: f64) -> f64 {
+        self.costs_of(rows, true) + self.defect_weight * defects
+    }
+
+    fn defects_sum(&self) -> f64 {
+        self.defects.iter().map(|defect| defect.abs()).sum()
+    }
+
+    /// The derivatives of all steps.
+    fn linearize(&mut self) -> Result<(), Error> {
+        let (nq, nv, steps, m) = (self.dynamics.scene().nq(), self.sizes.nv, self.problem.steps, self.sizes.controls);
+        let motion = &self.motion;
+        for first in (0..steps).step_by(AT_ONCE) {
+            let last = (first + AT_ONCE).min(steps);
+            let states = (first..last).map(|k| {
+                let rates = &motion.qd[k * nv..(k + 2) * nv];
+                (&motion.q[k * nq..][..nq], &rates[..nv], &motion.tau[k * nv..][..nv], &rates[nv..])
+            });
+            let (by_state, by_control) = (
+                &mut self.by_state[first * 2 * nv * nv..last * 2 * nv * nv],
+                &mut self.by_control[first * nv * m..last * nv * m],
+            );
+            let done = self.dynamics.derivatives(states, (by_state, by_control));
+            done.map_err(|fault| fault.error.in_state(first + fault.state))?;
+        }
+        let count = self.dynamics.turning();
+        if count > 0 {
+            for (k, turns) in self.turns.chunks_exact_mut(count).enumerate() {
+                self.dynamics.turns(&motion.qd[(k + 1) * nv..][..nv], turns);
+            }
+        }
+        Ok(())
+    }
+
+    fn step(&self, k: usize) -> Step<'_> {
+        let (nv, m, count) = (self.sizes.nv, self.sizes.controls, self.dynamics.turning());
+        Step {
+            h: self.problem.dt,
+            by_state: &self.by_state[k * 2 * nv * nv..][..2 * nv * nv],
+            by_control: &self.by_control[k * nv * m..][..nv * m],
+            turns: &self.turns[k * count..][..count],
+            defect: if self.defects.is_empty() { &[] } else { &self.defects[k * 2 * nv..][..2 * nv] },
+        }
+    }
+
+    /// The filter from the end to the start. `None` if the curvature of the controls of some step is not positive.
+    fn backward(&mut self, damping: f64) -> Result<Option<(Model, usize)>, Error> {
+        let (nv, n, m, steps) = (self.sizes.nv, self.sizes.state(), self.sizes.controls, self.problem.steps);
+        let [mut value, aside] = std::mem::take(&mut self.values);
+        let mut scratch = std::mem::take(&mut self.stage);
+        let (mut gains, mut offsets) = (std::mem::take(&mut self.gains), std::mem::take(&mut self.offsets));
+        let [mut lower, mut upper] = std::mem::take(&mut self.bounds);
+        value.of_end(self.sizes, self.rows.iter(), steps);
+        let (mut all, mut array_stages) = (Model::default(), 0);
+        let is_bounded =
+            self.dynamics.driven.iter().any(|&row| self.problem.effort.iter().any(|bounds| bounds[row].is_finite()));
+        let mut is_positive = true;
+        for k in (0..steps).rev() {
+            for (control, &row) in self.dynamics.driven.iter().enumerate() {
+                lower[control] = self.problem.effort[0][row] - self.motion.tau[k * nv + row];
+                upper[control] = self.problem.effort[1][row] - self.motion.tau[k * nv + row];
+            }
+            let bounds = is_bounded.then_some(Bounds { lower: &lower, upper: &upper });
+            let mut law = Law { gain: &mut gains[k * m * n..][..m * n], offset: &mut offsets[k * m..][..m] };
+            let step = self.step(k);
+            let found = stage(&mut scratch, &step, (&self.rows, k), (damping, bounds), &mut value, &mut law);
+            let Some((model, is_array)) = found else {
+                is_positive = false;
+                break;
+            };
+            all.slope += model.slope;
+            all.curvature += model.curvature;
+            array_stages += usize::from(is_array);
+        }
+        (self.values, self.stage) = ([value, aside], scratch);
+        (self.gains, self.offsets, self.bounds) = (gains, offsets, [lower, upper]);
+        Ok(is_positive.then_some((all, array_stages)))
+    }
+
+    /// The slope of the merit along the step, and the weight of the defects that makes it negative.
+    fn slope(&mut self, model: &Model) -> f64 {
+        if self.defects.is_empty() {
+            return model.slope;
+        }
+        let (nv, n, m, steps) = (self.sizes.nv, self.sizes.state(), self.sizes.controls, self.problem.steps);
+        let (mut x, mut u, mut next) = (vec![0.0; n], vec![0.0; m], vec![0.0; n]);
+        let (mut a, mut b) = (vec![0.0; n * n], vec![0.0; n * m]);
+        let mut slope = 0.0;
+        for k in 0..=steps {
+            if k < steps {
+                for (i, u) in u.iter_mut().enumerate() {
+                    let gain = &self.gains[(k * m + i) * n..][..n];
+                    *u = self.offsets[k * m + i] - gain.iter().zip(&x).map(|(g, x)| g * x).sum::<f64>();
+                }
+            }
+            for (error, start, values) in self.rows.iter().flat_map(|rows| rows.of_knot(k)) {
+                let of = |at: usize| if at < n { x[at] } else { u[at - n] };
+                slope += error * values.iter().zip(start..).map(|(value, at)| value * of(at)).sum::<f64>();
+            }
+            if k < steps {
+                a.fill(0.0);
+                b.fill(0.0);
+                let step = self.step(k);
+                write_system(self.sizes, &step, &mut a, &mut b);
+                for (i, next) in next.iter_mut().enumerate() {
+                    let of_x: f64 = a[i * n..][..n].iter().zip(&x).map(|(a, x)| a * x).sum();
+                    let of_u: f64 = b[i * m..][..m].iter().zip(&u).map(|(b, u)| b * u).sum();
+                    *next = of_x + of_u + if i < 2 * nv { step.defect[i] } else { 0.0 };
+                }
+                std::mem::swap(&mut x, &mut next);
+            }
+        }
+        let defects = self.defects_sum();
+        // Twice the least weight for which the step decreases the merit by half of the defects.
+        let needed = (slope + 0.5 * model.curvature.max(0.0)) / (0.5 * defects);
+        if self.defect_weight < needed {
+            self.defect_weight = 2.0 * needed;
+        }
+        slope - self.defect_weight * defects
+    }
+
+    /// Tries step lengths until one decreases the merit enough; moves there. Returns the length, zero if there is none,
+    /// and the largest violation of an inequality.
+    fn search(&mut self, _merit: f64, slope: f64, model: &Model) -> Result<(f64, f64), Error> {
+        let merit = self.merit(&self.rows, self.defects_sum());
+        let lanes = self.dynamics.lanes().clamp(1, AT_ONCE);
+        let mut longest = 1.0;
+        let is_feasible = self.defects.is_empty();
+        while longest >= SHORTEST {
+            let mut lengths = [0.0; AT_ONCE];
+            for length in &mut lengths[..lanes] {
+                *length = longest;
+                longest *= 0.5;
+            }
+            let laws = Laws {
+                about: &self.motion,
+                gains: &self.gains,
+                offsets: &self.offsets,
+                defects: &self.defects,
+                bounds: self.problem.effort.each_ref().map(|bounds| &bounds[..]),
+            };
+            self.rollouts.run(&mut self.dynamics, self.sizes, &laws, &lengths[..lanes]);
+            for (lane, &length) in lengths[..lanes].iter().enumerate() {
+                if self.rollouts.faults[lane].is_some() {
+                    continue;
+                }
+                let trial = std::mem::take(&mut self.rollouts.motions[lane]);
+                let mut rows = std::mem::take(&mut self.trial_rows);
+                let violation = self.evaluate(&trial, &mut rows);
+                let left = (1.0 - length) * self.defects_sum();
+                let found = self.merit(&rows, left);
+                (self.trial_rows, self.rollouts.motions[lane]) = (rows, trial);
+                let Ok(violation) = violation else { continue };
+                let promised = if is_feasible { model.decrease(length) } else { -length * slope };
+                if merit - found >= ARMIJO * promised && found.is_finite() {
+                    std::mem::swap(&mut self.motion, &mut self.rollouts.motions[lane]);
+                    std::mem::swap(&mut self.rows, &mut self.trial_rows);
+                    if length >= 1.0 {
+                        self.defects.clear();
+                    }
+                    self.defects.iter_mut().for_each(|defect| *defect *= 1.0 - length);
+                    return Ok((length, violation));
+                }
+            }
+        }
+        Ok((0.0, f64::NAN))
+    }
+}
+
+fn raised(damping: f64) -> f64 {
+    (damping * 10.0).max(1e3 * DAMPING[0])
+}
+
+fn lowered(damping: f64) -> f64 {
+    if damping * 0.1 < DAMPING[0] { 0.0 } else { damping * 0.1 }
+}

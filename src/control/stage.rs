@@ -1,0 +1,423 @@
+//! One stage of the filter through time, in covariance form (D97, D100 to D102 of the notes on optimal control).
+//!
+//! The deviation of the state is x = (dq, dv, p), in the tangent space of q, with the change p of the effort of the
+//! step before where its rate has a cost; u is the change of the efforts. A step is
+//!
+//! ```text
+//! dv' = F x + G u,    dq' = T dq + h J dv',    p' = u
+//! ```
+//!
+//! so that with E = [h J; 1; 0] the value of the next state enters through E* P' and Z = E* P' E alone.
+
+use super::array::ArrayForm;
+use super::boxed::{Bounds, BoxedMinimum};
+use super::matrices::{Read, add_product, add_times, mirror, solve_lower, solve_upper};
+use super::rows::Rows;
+use crate::batch::instruction_set::within_widest;
+
+/// Numbers of the dimensions of a stage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Sizes {
+    /// Degrees of freedom.
+    pub nv: usize,
+    /// Joints with a control.
+    pub controls: usize,
+    /// True if the rate of the effort has a cost.
+    pub has_rate: bool,
+}
+
+impl Sizes {
+    /// The length of x.
+    pub fn state(&self) -> usize {
+        2 * self.nv + if self.has_rate { self.controls } else { 0 }
+    }
+
+    /// The length of (x, u).
+    pub fn all(&self) -> usize {
+        self.state() + self.controls
+    }
+}
+
+/// The Jacobians of the step of a joint with a rotation: its first degree of freedom and their number, then d q'/d q
+/// and d q'/d(h v'), row by row.
+#[derive(Debug, Clone, Copy)]
+pub struct Turn {
+    pub first: usize,
+    pub count: usize,
+    pub transport: [f64; 36],
+    pub jacobian: [f64; 36],
+}
+
+/// A step about one knot.
+#[derive(Debug, Clone, Copy)]
+pub struct Step<'a> {
+    pub h: f64,
+    /// F, (nv x 2 nv), and G, (nv x controls).
+    pub by_state: &'a [f64],
+    pub by_control: &'a [f64],
+    pub turns: &'a [Turn],
+    /// The step from this knot less the next knot, (2 nv); empty if all are zero.
+    pub defect: &'a [f64],
+}
+
+/// The value 1/2 x* P x + p* x of the states of a knot.
+#[derive(Debug, Clone, Default)]
+pub struct Value {
+    pub hessian: Vec<f64>,
+    pub gradient: Vec<f64>,
+    /// The triangle R and z of the array form, P = R* R and p = R* z; empty in covariance form.
+    pub root: Vec<f64>,
+}
+
+/// The law u = k - K x of a stage, with what it changes in the cost.
+#[derive(Debug)]
+pub struct Law<'a> {
+    /// K, (controls x state).
+    pub gain: &'a mut [f64],
+    /// k, (controls).
+    pub offset: &'a mut [f64],
+}
+
+/// The change of the quadratic model along the offsets k: its slope and its curvature.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Model {
+    pub slope: f64,
+    pub curvature: f64,
+}
+
+impl Model {
+    /// The decrease of the model for a step length.
+    pub fn decrease(&self, length: f64) -> f64 {
+        -length * (self.slope + 0.5 * length * self.curvature)
+    }
+}
+
+/// Scratch of a stage.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    sizes: Sizes,
+    /// E* P', Z, and Z F + E* P' T.
+    carried: Vec<f64>,
+    z: Vec<f64>,
+    w: Vec<f64>,
+    zg: Vec<f64>,
+    /// E* P' T, (nv x nv).
+    turned: Vec<f64>,
+    pub(super) q_xx: Vec<f64>,
+    pub(super) q_ux: Vec<f64>,
+    pub(super) q_uu: Vec<f64>,
+    q_x: Vec<f64>,
+    q_u: Vec<f64>,
+    ahead: Vec<f64>,
+    along: Vec<f64>,
+    /// L^-1 of the free rows of q_ux, and then the gains of these.
+    y: Vec<f64>,
+    pub(super) boxed: BoxedMinimum,
+    array: ArrayForm,
+}
+
+impl Scratch {
+    pub fn sizes(&self) -> Sizes {
+        self.sizes
+    }
+
+    pub fn new(sizes: Sizes) -> Self {
+        let (nv, n, m) = (sizes.nv, sizes.state(), sizes.controls);
+        let nan = |length: usize| vec![f64::NAN; length];
+        Self {
+            sizes,
+            carried: nan(nv * n),
+            z: nan(nv * nv),
+            w: nan(nv * 2 * nv),
+            zg: nan(nv * m),
+            turned: nan(nv * nv),
+            q_xx: nan(n * n),
+            q_ux: nan(m * n),
+            q_uu: nan(m * m),
+            q_x: nan(n),
+            q_u: nan(m),
+            ahead: nan(n),
+            along: nan(nv),
+            y: nan(m * n),
+            boxed: BoxedMinimum::new(m),
+            array: ArrayForm::default(),
+        }
+    }
+}
+
+impl Value {
+    pub fn new(sizes: Sizes) -> Self {
+        let n = sizes.state();
+        Self { hessian: vec![0.0; n * n], gradient: vec![0.0; n], root: Vec::new() }
+    }
+
+    /// The value of the end: that of its rows alone.
+    pub fn of_end<'a>(&mut self, sizes: Sizes, rows: impl Iterator<Item = &'a Rows>, knot: usize) {
+        let n = sizes.state();
+        self.hessian.fill(0.0);
+        self.gradient.fill(0.0);
+        self.root.clear();
+        for rows in rows {
+            for (error, start, values) in rows.of_knot(knot) {
+                for (i, &a) in values.iter().enumerate().take(n.saturating_sub(start)) {
+                    self.gradient[start + i] += a * error;
+                    for (j, &b) in values.iter().enumerate().take(n - start) {
+                        self.hessian[(start + i) * n + start + j] += a * b;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Rounding of a stage relative to its result, beyond which the array form computes it again.
+const ACCEPTED: f64 = 1e-12;
+
+/// The value of a knot from that of the next, and the law between them. `rows` are the terms of the cost; `damping` is
+/// the share of each control's curvature that is added to it. Returns the model's change along k, and whether the array
+/// form was used; `None` if the curvature of the controls is not positive.
+pub fn stage(
+    s: &mut Scratch,
+    step: &Step<'_>,
+    rows: (&[Rows], usize),
+    (damping, bounds): (f64, Option<Bounds<'_>>),
+    value: &mut Value,
+    law: &mut Law<'_>,
+) -> Option<(Model, bool)> {
+    let mut model = Model::default();
+    let mut margin = f64::NAN;
+    let both = (&mut *law.gain, &mut *law.offset);
+    in_covariance_form(s, step, rows, (damping, bounds), (&*value, both), (&mut model, &mut margin));
+    if !(margin > 0.0) {
+        return None;
+    }
+    let is_array = margin * ACCEPTED < f64::EPSILON;
+    if is_array {
+        let mut array = std::mem::take(&mut s.array);
+        array.stage(s, step, rows, damping, value, law);
+        s.array = array;
+    } else {
+        std::mem::swap(&mut value.hessian, &mut s.q_xx);
+        std::mem::swap(&mut value.gradient, &mut s.q_x);
+        value.root.clear();
+    }
+    Some((model, is_array))
+}
+
+within_widest! {
+    fn in_covariance_form<'a>(
+        s: &'a mut Scratch,
+        step: &'a Step<'a>,
+        rows: (&'a [Rows], usize),
+        law: (f64, Option<Bounds<'a>>),
+        value: (&'a Value, (&'a mut [f64], &'a mut [f64])),
+        found: (&'a mut Model, &'a mut f64),
+    ) {
+        quadratic_model(s, step, rows, law.0, value.0);
+        minimize(s, law.1, value.1, found);
+    }
+}
+
+/// Columns of a matrix with `width` columns times the block of a joint: column j of the result is the sum of columns i
+/// times `block[i][j]`.
+#[inline(always)]
+fn turn_columns(m: &mut [f64], width: usize, (first, count): (usize, usize), block: &[f64; 36]) {
+    for row in m.chunks_exact_mut(width) {
+        let mut old = [0.0; 6];
+        old[..count].copy_from_slice(&row[first..first + count]);
+        for j in 0..count {
+            row[first + j] = (0..count).map(|i| old[i] * block[i * count + j]).sum();
+        }
+    }
+}
+
+/// Rows of a matrix from the transposed block of a joint: row j of the result is the sum of rows i times
+/// `block[i][j]`.
+#[inline(always)]
+fn turn_rows(m: &mut [f64], width: usize, (first, count): (usize, usize), block: &[f64; 36]) {
+    for column in 0..width {
+        let mut old = [0.0; 6];
+        for i in 0..count {
+            old[i] = m[(first + i) * width + column];
+        }
+        for j in 0..count {
+            m[(first + j) * width + column] = (0..count).map(|i| old[i] * block[i * count + j]).sum();
+        }
+    }
+}
+
+/// The quadratic model of a stage: second derivatives and gradient by x and u.
+#[inline(always)]
+fn quadratic_model(s: &mut Scratch, step: &Step<'_>, (rows, knot): (&[Rows], usize), damping: f64, value: &Value) {
+    let Sizes { nv, controls: m, has_rate } = s.sizes;
+    let (n, nx, h) = (s.sizes.state(), 2 * nv, step.h);
+    let (f, g, next) = (step.by_state, step.by_control, &value.hessian);
+    // E* P': J* applies to the first nv rows of P', h to these, and the rows of the velocities are added.
+    s.carried.copy_from_slice(&next[..nv * n]);
+    for turn in step.turns {
+        turn_rows(&mut s.carried, n, (turn.first, turn.count), &turn.jacobian);
+    }
+    for (to, of_rate) in s.carried.iter_mut().zip(&next[nv * n..]) {
+        *to = h.mul_add(*to, *of_rate);
+    }
+    // Z = E* P' E, and E* P' T.
+    for i in 0..nv {
+        let row = &s.carried[i * n..][..n];
+        s.turned[i * nv..][..nv].copy_from_slice(&row[..nv]);
+        s.z[i * nv..][..nv].copy_from_slice(&row[..nv]);
+    }
+    for turn in step.turns {
+        turn_columns(&mut s.z, nv, (turn.first, turn.count), &turn.jacobian);
+        turn_columns(&mut s.turned, nv, (turn.first, turn.count), &turn.transport);
+    }
+    for i in 0..nv {
+        for (z, of_rate) in s.z[i * nv..][..nv].iter_mut().zip(&s.carried[i * n + nv..]) {
+            *z = h.mul_add(*z, *of_rate);
+        }
+    }
+    // W = Z F + [E* P' T, 0].
+    s.w.fill(0.0);
+    for i in 0..nv {
+        s.w[i * nx..][..nv].copy_from_slice(&s.turned[i * nv..][..nv]);
+    }
+    add_product(&mut s.w, (Read::rows(&s.z, nv), f), (nv, nv, nx), (nx, nx), (1.0, false));
+    // Q_xx = F* W + [T* (E* P')*, 0]* F + T* P' T, above the diagonal.
+    s.q_xx.fill(0.0);
+    for i in 0..nv {
+        s.q_xx[i * n..][..nv].copy_from_slice(&next[i * n..][..nv]);
+    }
+    for turn in step.turns {
+        turn_rows(&mut s.q_xx[..nv * n], n, (turn.first, turn.count), &turn.transport);
+        turn_columns(&mut s.q_xx[..nv * n], n, (turn.first, turn.count), &turn.transport);
+    }
+    add_product(&mut s.q_xx, (Read::transposed(f, nx), &s.w), (nx, nv, nx), (nx, n), (1.0, true));
+    add_product(&mut s.q_xx, (Read::transposed(&s.turned, nv), f), (nv, nv, nx), (nx, n), (1.0, true));
+    // Q_ux = G* W, Q_uu = G* Z G; with rates, u is also the last part of the next state.
+    s.q_ux.fill(0.0);
+    add_product(&mut s.q_ux, (Read::transposed(g, m), &s.w), (m, nv, nx), (nx, n), (1.0, false));
+    s.zg.fill(0.0);
+    add_product(&mut s.zg, (Read::rows(&s.z, nv), g), (nv, nv, m), (m, m), (1.0, false));
+    s.q_uu.fill(0.0);
+    add_product(&mut s.q_uu, (Read::transposed(g, m), &s.zg), (m, nv, m), (m, m), (1.0, false));
+    if has_rate {
+        let of_effort = Read { numbers: &s.carried[nx..], row: 1, column: n };
+        add_product(&mut s.q_ux, (of_effort, f), (m, nv, nx), (nx, n), (1.0, false));
+        // P'_pq T.
+        let mut by_q = vec![0.0; m * nv];
+        for i in 0..m {
+            by_q[i * nv..][..nv].copy_from_slice(&next[(nx + i) * n..][..nv]);
+        }
+        for turn in step.turns {
+            turn_columns(&mut by_q, nv, (turn.first, turn.count), &turn.transport);
+        }
+        for i in 0..m {
+            for (to, more) in s.q_ux[i * n..][..nv].iter_mut().zip(&by_q[i * nv..]) {
+                *to += more;
+            }
+        }
+        let mut cross = vec![0.0; m * m];
+        add_product(&mut cross, (of_effort, g), (m, nv, m), (m, m), (1.0, false));
+        for i in 0..m {
+            for j in 0..m {
+                s.q_uu[i * m + j] += cross[i * m + j] + cross[j * m + i] + next[(nx + i) * n + nx + j];
+            }
+        }
+    }
+    // P' c + p', and its products with E*, F* and G*.
+    s.ahead.copy_from_slice(&value.gradient);
+    if !step.defect.is_empty() {
+        add_times(&mut s.ahead, Read::rows(next, n), step.defect, 1.0);
+    }
+    s.along.copy_from_slice(&s.ahead[..nv]);
+    for turn in step.turns {
+        turn_rows(&mut s.along, 1, (turn.first, turn.count), &turn.jacobian);
+    }
+    for (along, of_rate) in s.along.iter_mut().zip(&s.ahead[nv..]) {
+        *along = h.mul_add(*along, *of_rate);
+    }
+    s.q_x.fill(0.0);
+    s.q_x[..nv].copy_from_slice(&s.ahead[..nv]);
+    for turn in step.turns {
+        turn_rows(&mut s.q_x[..nv], 1, (turn.first, turn.count), &turn.transport);
+    }
+    add_times(&mut s.q_x[..nx], Read::transposed(f, nx), &s.along, 1.0);
+    s.q_u.fill(0.0);
+    add_times(&mut s.q_u, Read::transposed(g, m), &s.along, 1.0);
+    if has_rate {
+        for (to, of_effort) in s.q_u.iter_mut().zip(&s.ahead[nx..]) {
+            *to += of_effort;
+        }
+    }
+    for rows in rows {
+        for (error, start, values) in rows.of_knot(knot) {
+            for (i, &a) in values.iter().enumerate() {
+                let row = start + i;
+                let same = values[i..].iter().map(|b| a * b);
+                if row < n {
+                    s.q_x[row] += a * error;
+                    let within = (n - row).min(values.len() - i);
+                    for (to, more) in s.q_xx[row * n + row..][..within].iter_mut().zip(same) {
+                        *to += more;
+                    }
+                    continue;
+                }
+                let row = row - n;
+                s.q_u[row] += a * error;
+                for (j, &b) in values.iter().enumerate() {
+                    let column = start + j;
+                    if column < n {
+                        s.q_ux[row * n + column] += a * b;
+                    } else {
+                        s.q_uu[row * m + column - n] += a * b;
+                    }
+                }
+            }
+        }
+    }
+    for i in 0..m {
+        s.q_uu[i * m + i] *= 1.0 + damping;
+    }
+}
+
+/// The law that minimizes the model, and the value that it leaves, in `q_xx` and `q_x`. The margin is the smallest
+/// share that remains in a subtraction.
+#[inline(always)]
+fn minimize(
+    s: &mut Scratch,
+    bounds: Option<Bounds<'_>>,
+    (gain, offset): (&mut [f64], &mut [f64]),
+    (model, margin): (&mut Model, &mut f64),
+) {
+    let (n, m) = (s.sizes.state(), s.sizes.controls);
+    *margin = s.boxed.minimize(&s.q_uu, &s.q_u, bounds, &mut *offset);
+    if !(*margin > 0.0) {
+        return;
+    }
+    let free = s.boxed.free();
+    let count = free.len();
+    let y = &mut s.y[..count * n];
+    for (row, &i) in y.chunks_exact_mut(n.max(1)).zip(free) {
+        row.copy_from_slice(&s.q_ux[i * n..][..n]);
+    }
+    solve_lower(s.boxed.factor(), count, y, n);
+    let before: f64 = (0..n).map(|i| s.q_xx[i * n + i]).fold(0.0, f64::max);
+    let mut remaining = f64::INFINITY;
+    for i in 0..n {
+        let whole = s.q_xx[i * n + i];
+        let less = (0..count).fold(whole, |sum, k| sum - y[k * n + i] * y[k * n + i]);
+        if whole > before * f64::EPSILON {
+            remaining = remaining.min(less / whole);
+        }
+    }
+    *margin = margin.min(remaining.max(f64::MIN_POSITIVE));
+    add_product(&mut s.q_xx, (Read::transposed(y, n), y), (n, count, n), (n, n), (-1.0, true));
+    mirror(&mut s.q_xx, n);
+    add_times(&mut s.q_x, Read::transposed(&s.q_ux, n), &*offset, 1.0);
+    solve_upper(s.boxed.factor(), count, y, n);
+    gain.fill(0.0);
+    for (row, &i) in y.chunks_exact(n.max(1)).zip(free) {
+        gain[i * n..][..n].copy_from_slice(row);
+    }
+    model.slope = offset.iter().zip(&s.q_u).map(|(k, q)| k * q).sum();
+    model.curvature = (0..m).map(|i| offset[i] * (0..m).map(|j| s.q_uu[i * m + j] * offset[j]).sum::<f64>()).sum();
+}
