@@ -56,7 +56,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives kinematics leaving-out inverse-kinematics closed-loops loops-and-contacts servos populations jax-calls contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives kinematics leaving-out inverse-kinematics closed-loops loops-and-contacts optimal-control servos populations jax-calls contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
 
 # A separate environment; the packages of the system are not changed.
 $(BIN)/python:
@@ -259,6 +259,13 @@ jax-calls: $(VENV)-jax/there
 
 populations: $(VENV)/test
 	$(BIN)/python benches/populations.py --markdown docs/measured/populations.md
+
+# Crocoddyl's wheel is built with Pinocchio 4.0.
+optimal-control: $(VENV)/wheel
+	python3 -m venv $(VENV)-crocoddyl
+	$(VENV)-crocoddyl/bin/pip install --quiet crocoddyl==3.2.1 pin==4.0.0 example-robot-data mpmath numpy
+	$(VENV)-crocoddyl/bin/pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
+	$(VENV)-crocoddyl/bin/python benches/optimal_control.py --markdown docs/measured/optimal-control.md
 
 servos: $(VENV)/test
 	$(BIN)/python benches/servos.py --markdown docs/measured/servos.md

@@ -136,6 +136,8 @@ pub struct Linearization {
     pub a: Vec<f64>,
     /// B of each step.
     pub b: Vec<f64>,
+    /// The derivatives of the next (q, qd) by a torque of every joint, (2 nv x nv), for torque noise.
+    pub by_torque: Vec<f64>,
     /// The Hessian of each knot, ((n + m) x (n + m)).
     pub hessian: Vec<f64>,
 }
@@ -174,8 +176,11 @@ const SHORTEST: f64 = 1.0 / 1024.0;
 const ARMIJO: f64 = 1e-4;
 /// Least and largest damping.
 const DAMPING: [f64; 2] = [1e-9, 1e10];
-/// Largest number of times that multipliers change.
-const MULTIPLIER_ROUNDS: usize = 30;
+/// Largest number of times that multipliers change, and of iterations between two changes.
+const MULTIPLIER_ROUNDS: i32 = 30;
+const ITERATIONS_OF_A_ROUND: usize = 20;
+/// The expected decrease, relative to the cost, at which multipliers change first.
+const LOOSEST: f64 = 1e-3;
 
 impl Optimizer {
     /// The optimizer of `problem` for `scene`.
@@ -302,7 +307,7 @@ impl Optimizer {
         self.rows = rows;
         let mut violation = done.clone()?;
         self.begin_multipliers();
-        let mut rounds = 0;
+        let (mut rounds, mut in_round, mut least_violation) = (0, 0, f64::INFINITY);
         let mut reason = "the largest number of iterations";
         let mut converged = false;
         // With no iterations, the law about the start.
@@ -323,17 +328,22 @@ impl Optimizer {
             let expected = model.decrease(1.0);
             let scale = merit.abs().max(f64::MIN_POSITIVE);
             let is_feasible = self.defects.is_empty();
-            if is_feasible && expected <= self.problem.tolerance * scale {
-                if violation <= self.problem.limit_tolerance {
-                    (converged, reason) = (true, "the model promises no further decrease");
-                    break;
-                }
-                rounds += 1;
+            let is_within = violation <= self.problem.limit_tolerance;
+            if is_feasible && is_within && expected <= self.problem.tolerance * scale {
+                (converged, reason) = (true, "the model promises no further decrease");
+                break;
+            }
+            // The first multipliers are far from the last ones: the minimum for them is not worth many digits.
+            in_round += 1;
+            let loose = self.problem.tolerance.max(LOOSEST * 0.1_f64.powi(rounds));
+            if is_feasible && !is_within && (expected <= loose * scale || in_round > ITERATIONS_OF_A_ROUND) {
+                (rounds, in_round) = (rounds + 1, 0);
                 if rounds > MULTIPLIER_ROUNDS {
                     reason = "the inequalities contradict each other or the dynamics";
                     break;
                 }
-                self.update_multipliers(violation);
+                self.update_multipliers(violation, least_violation)?;
+                least_violation = least_violation.min(violation);
                 continue;
             }
             let slope = self.slope(&model);
@@ -394,6 +404,7 @@ impl Optimizer {
         let (steps, n, m) = (self.problem.steps, self.sizes.state(), self.sizes.controls);
         let all = n + m;
         let (mut a, mut b) = (vec![0.0; steps * n * n], vec![0.0; steps * n * m]);
+        let by_torque = self.by_torque()?;
         let mut hessian = vec![0.0; (steps + 1) * all * all];
         for knot in 0..=steps {
             if knot < steps {
@@ -409,7 +420,27 @@ impl Optimizer {
                 }
             }
         }
-        Ok(Linearization { a, b, hessian })
+        Ok(Linearization { a, b, by_torque, hessian })
+    }
+
+    /// As B, for all joints, by the derivatives of one step after another.
+    fn by_torque(&mut self) -> Result<Vec<f64>, Error> {
+        let (nq, nv) = (self.dynamics.scene().nq(), self.sizes.nv);
+        let sizes = Sizes { nv, controls: nv, has_rate: false };
+        let driven = std::mem::replace(&mut self.dynamics.driven, (0..nv).collect());
+        let mut all = vec![0.0; self.problem.steps * 2 * nv * nv];
+        let (mut f, mut g, mut a) = (vec![0.0; 2 * nv * nv], vec![0.0; nv * nv], vec![0.0; 4 * nv * nv]);
+        let mut done = Ok(());
+        for (k, by_torque) in all.chunks_exact_mut((2 * nv * nv).max(1)).enumerate() {
+            let (motion, rates) = (&self.motion, &self.motion.qd[k * nv..(k + 2) * nv]);
+            let state = (&motion.q[k * nq..][..nq], &rates[..nv], &motion.tau[k * nv..][..nv], &rates[nv..]);
+            let found = self.dynamics.derivatives(std::iter::once(state), (&mut f, &mut g));
+            done = done.and(found.map_err(|fault| fault.error.in_state(k)));
+            let step = Step { by_state: &f, by_control: &g, ..self.step(k) };
+            write_system(sizes, &step, &mut a, by_torque);
+        }
+        self.dynamics.driven = driven;
+        done.map(|()| all)
     }
 
     /// Reads a start.
@@ -532,7 +563,8 @@ impl Optimizer {
         }
     }
 
-    fn update_multipliers(&mut self, violation: f64) {
+    /// Updates the multipliers, and the penalty if the violation did not become a quarter of the least one before.
+    fn update_multipliers(&mut self, violation: f64, before: f64) -> Result<(), Error> {
         let mut rows = std::mem::take(&mut self.rows);
         for (cost, (rows, multipliers)) in self.problem.costs.iter().zip(rows.iter().zip(&mut self.multipliers)) {
             if cost.is_limit {
@@ -542,12 +574,13 @@ impl Optimizer {
                 }
             }
         }
-        let _ = violation;
-        self.penalty *= 4.0;
+        if violation > 0.25 * before {
+            self.penalty *= 10.0;
+        }
         let motion = std::mem::take(&mut self.motion);
-        // The rows of this motion exist already.
-        let _ = self.evaluate(&motion, &mut rows);
+        let done = self.evaluate(&motion, &mut rows);
         (self.motion, self.rows) = (motion, rows);
+        done.map(|_| ())
     }
 
     fn costs_of(&self, rows: &[Rows], with_limits: bool) -> f64 {

@@ -219,16 +219,18 @@ impl PyOptimizer {
         Ok((arrays, outcome.converged, outcome.cost, outcome.reason, history))
     }
 
-    /// A (steps, n, n), B (steps, n, m) and the second derivatives of the cost by (x, u) (steps + 1, n + m, n + m) about
-    /// the last motion, and the degrees of freedom with a control.
-    fn linearization<'py>(&self, py: Python<'py>) -> PyResult<([Object<'py>; 3], Vec<usize>)> {
+    /// A (steps, n, n), B (steps, n, m), the derivatives of (q, qd) by torques (steps, 2 nv, nv) and the second
+    /// derivatives of the cost by (x, u) (steps + 1, n + m, n + m) about the last motion, and the degrees of freedom
+    /// with a control.
+    fn linearization<'py>(&self, py: Python<'py>) -> PyResult<([Object<'py>; 4], Vec<usize>)> {
         let mut optimizer = self.optimizer()?;
         let found = optimizer.linearization()?;
         let (n, driven) = (optimizer.state_width(), optimizer.gains().1.to_vec());
-        let (m, steps) = (driven.len(), self.steps);
+        let (m, steps, nv) = (driven.len(), self.steps, self.scene.get().scene.nv());
         let arrays = [
             from_numbers(py, &found.a, &[steps, n, n])?,
             from_numbers(py, &found.b, &[steps, n, m])?,
+            from_numbers(py, &found.by_torque, &[steps, 2 * nv, nv])?,
             from_numbers(py, &found.hessian, &[steps + 1, n + m, n + m])?,
         ];
         Ok((arrays, driven))

@@ -9,6 +9,7 @@
 True
 """
 
+from ._expected import Expected
 from ._plan import Iteration, Plan
 from ._regulators import Regulator, lqr, tracking
 from ._terms import During, Effort, EffortRate, Function, NotPositive, State, Terminal
@@ -17,6 +18,7 @@ __all__ = [
     "During",
     "Effort",
     "EffortRate",
+    "Expected",
     "Function",
     "Iteration",
     "NotPositive",

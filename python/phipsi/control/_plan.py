@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers, whole
 from ..errors import ArgumentError, ShapeError, of_argument
+from ._expected import Expected, expected
 from ._terms import read
 
 if TYPE_CHECKING:
@@ -233,6 +234,46 @@ class Plan:
         if costs is not None:
             self._problem.optimizer.retarget(read(self.scene, costs, len(self.tau), state))
         return self._problem.solve(state, self.shift(steps)[2], None, whole("iterations", iterations, 0))
+
+    def expected(self, uncertainty: Any) -> Expected:
+        """Expected cost and error bands of the motion under the feedback law, to first order.
+
+        Parameters
+        ----------
+        uncertainty : phipsi.estimation.MotionUncertainty or covariance
+            Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
+            alone, as in Scene.simulate(covariance=...).
+
+        Returns
+        -------
+        expected : Expected
+            Expected cost, and standard deviations of q, qd and tau.
+
+        Raises
+        ------
+        ArgumentError
+            A matrix that is not a covariance; check, which needs simulations.
+        ShapeError, NotFiniteError
+            Invalid arguments.
+
+        Notes
+        -----
+        Errors of parameters are constant along the motion, torque noise is white. The expected excess of the cost is
+        half the trace of its second derivatives (those of Gauss and Newton) times the covariance of (x, u) under the
+        law u = -K x. No limit of effort may be reached by it. O(steps nv^3).
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> from phipsi import control, estimation
+        >>> scene = phipsi.scenes.chain(3)
+        >>> goal = control.Terminal(control.State([0.5] * 3, position=0.01, velocity=0.1))
+        >>> plan = scene.optimize([0.0] * 3, dt=0.02, steps=50, costs=[control.Effort(10.0), goal])
+        >>> found = plan.expected(estimation.MotionUncertainty(torque_noise=1e-3))
+        >>> bool(found.cost > plan.cost)
+        True
+        """
+        return expected(self, uncertainty)
 
     def trajectory(self) -> Any:
         """The motion as a Trajectory of Scene.simulate.

@@ -1,0 +1,530 @@
+"""Optimal control: the linear-quadratic part against dense least squares with 60 digits, steps against the simulation,
+laws against optima from other starts, limits, inequalities, shooting, and the expected cost against sampled runs.
+"""
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import phipsi
+import tolerances
+from phipsi import control, estimation, tasks
+from phipsi.errors import ArgumentError, ConstraintError, NotFiniteError, ShapeError
+
+LINKS = 3
+
+
+def line(seed=0):
+    """A row of masses on springs: its dynamics are linear, with a mass matrix that is not diagonal."""
+    rng = np.random.default_rng(seed)
+    builder, last = phipsi.SceneBuilder().link("base"), "base"
+    for i in range(LINKS):
+        builder = builder.link(f"l{i}", mass=float(rng.uniform(0.5, 2)))
+        spring = {"stiffness": float(rng.uniform(0, 20)), "damping": float(rng.uniform(0, 2))}
+        builder = builder.joint(f"j{i}", "prismatic", last, f"l{i}", axis="x", **spring)
+        last = f"l{i}"
+    return builder.build()
+
+
+def ball():
+    """A spherical joint with a spring, then a hinge with friction."""
+    inertia = np.diag([0.1, 0.2, 0.25])
+    builder = phipsi.SceneBuilder().link("a").link("b", mass=1, inertia=inertia)
+    builder = builder.link("c", mass=1, com=(0, 0, 0.2), inertia=inertia)
+    builder = builder.joint("s", "spherical", "a", "b", stiffness=3.0, damping=0.4)
+    spring = {"stiffness": 5.0, "damping": 0.2, "friction": 0.3}
+    return builder.joint("r", "revolute", "b", "c", axis="x", xyz=(0, 0.1, 0.3), **spring).build()
+
+
+def pendulum(links, effort):
+    """Slender links of 1 m and 1 kg that hang."""
+    builder, last = phipsi.SceneBuilder().link("base"), "base"
+    for i in range(links):
+        builder = builder.link(f"l{i}", mass=1.0, com=(0, 0, -0.5), inertia=np.diag([1 / 12, 1 / 12, 1e-3]))
+        xyz = (0, 0, -1.0 if i else 0.0)
+        builder = builder.joint(f"j{i}", "revolute", last, f"l{i}", axis="y", xyz=xyz, effort=effort[i])
+        last = f"l{i}"
+    return builder.build()
+
+
+def four_bar():
+    """A parallelogram: two cranks and a coupler, the third joint closed by a connection."""
+    builder, last = phipsi.SceneBuilder().link("base"), "base"
+    for i, (x, z) in enumerate([(0, 0), (0, -0.4), (0.6, 0)]):
+        builder = builder.link(f"l{i}", mass=1.0, com=(0.1, 0, -0.1), inertia=np.diag([0.02, 0.02, 0.02]))
+        builder = builder.joint(f"j{i}", "revolute", last, f"l{i}", axis="y", xyz=(x, 0, z))
+        last = f"l{i}"
+    return builder.connect("closure", "point", "l2", xyz=(0, 0, 0.4), other_xyz=(0.6, 0, 0)).build()
+
+
+SCENES = {
+    "arm": lambda: phipsi.load(phipsi.BUNDLED_ARM),
+    "floating": lambda: phipsi.load(phipsi.BUNDLED_ARM, floating_base=True),
+    "ball": ball,
+    "line": line,
+    "loop": four_bar,
+}
+
+FREE = {"limits": False, "effort": None}
+
+
+def random_plan(scene, *, steps=3, seed=0, **keywords):
+    """The motion and the law of random torques from a random state."""
+    rng = np.random.default_rng(seed)
+    if scene.constraint_names:
+        q, qd = scene.neutral(), np.zeros(scene.nv)
+    else:
+        q = scene.integrate(scene.neutral(), 0.3 * rng.normal(size=scene.nv))
+        qd = 0.5 * rng.normal(size=scene.nv)
+    given = {"costs": control.Effort(1.0), "tau": rng.normal(size=(steps, scene.nv)), "iterations": 0} | FREE
+    return scene.optimize(q, qd, dt=0.02, steps=steps, **(given | keywords))
+
+
+def linearization(plan):
+    (a, b, by_torque, hessian), driven = plan._problem.optimizer.linearization()
+    return a, b, by_torque, hessian, driven
+
+
+@pytest.mark.parametrize("kind", ["arm", "ball", "line"])
+def test_motion_is_that_of_the_simulation(kind):
+    plan = random_plan(SCENES[kind](), steps=30)
+    path = plan.trajectory()
+    scale = tolerances.product(30 * plan.scene.nv, 1.0 + abs(plan.qd).max())
+    assert abs(path.q - plan.q).max() <= scale
+    assert abs(path.qd - plan.qd).max() <= scale * 50.0
+
+
+@pytest.mark.parametrize("kind", list(SCENES))
+def test_derivatives_are_those_of_the_step(kind):
+    scene = SCENES[kind]()
+    costs = [control.Effort(1.0), control.EffortRate(2.0)]
+    plan = random_plan(scene, costs=costs)
+    a, b, by_torque, _, driven = linearization(plan)
+    nv = scene.nv
+    assert list(driven) == [row for row in range(nv) if kind != "floating" or row >= 6]
+
+    def after(q, qd, tau, k):
+        # Efforts of a floating base move it too, but are no controls.
+        moved = scene.optimize(q, qd, dt=0.02, steps=1, costs=control.Effort(1.0), tau=tau[None], iterations=0, **FREE)
+        return np.concatenate([scene.difference(plan.q[k + 1], moved.q[1]), moved.qd[1]])
+
+    for k in (0, 2):
+        found = np.zeros((2 * nv, 3 * nv))
+        for column in range(3 * nv):
+            step = np.zeros(3 * nv)
+            step[column] = tolerances.STEP
+            ends = [
+                after(scene.integrate(plan.q[k], s * step[:nv]), plan.qd[k] + s * step[nv : 2 * nv], plan.tau[k] + s * step[2 * nv :], k)
+                for s in ((1.0, -1.0) if not scene.constraint_names or column >= nv else (0.0, 0.0))
+            ]
+            found[:, column] = (ends[0] - ends[1]) / (2.0 * tolerances.STEP)
+        bound = 1e3 * tolerances.STEP**2 * abs(found).max()
+        assert abs(found[:, 2 * nv :][:, driven] - b[k, : 2 * nv]).max() <= bound
+        assert abs(b[k, : 2 * nv] - by_torque[k][:, driven]).max() <= bound
+        assert abs(found[:, nv : 2 * nv] - a[k, : 2 * nv, nv : 2 * nv]).max() <= bound
+        if not scene.constraint_names:
+            assert abs(found[:, :nv] - a[k, : 2 * nv, :nv]).max() <= bound
+        assert (a[k, 2 * nv :] == 0.0).all()
+        assert (b[k, 2 * nv :] == np.eye(len(driven))).all()
+
+
+def dense_optimum(a, b, weights, x0, goal):
+    """The controls of a linear-quadratic problem by one dense least-squares problem with 60 digits.
+
+    `weights` are those of the states of the way, of the controls, of their rate and of the end.
+    """
+    of_state, of_control, of_rate, of_end = weights
+    steps, n, m = b.shape
+    with mp.workdps(60):
+        state, by = mp.matrix(x0[:, None].tolist()), mp.matrix(n, steps * m)
+        normal, right = mp.matrix(steps * m, steps * m), mp.matrix(steps * m, 1)
+
+        def add(row, value, weight):
+            used = [j for j in range(steps * m) if row[j] != 0]
+            for i in used:
+                right[i] -= weight * row[i] * value
+                for j in used:
+                    normal[i, j] += weight * row[i] * row[j]
+
+        for k in range(steps + 1):
+            for i in range(n):
+                add(by[i, :], state[i] - mp.mpf(goal[i]), mp.mpf(of_end if k == steps else of_state))
+            if k == steps:
+                break
+            for j in range(m):
+                row = mp.matrix(1, steps * m)
+                row[k * m + j] = 1
+                add(row, mp.mpf(0), mp.mpf(of_control))
+                if k > 0 and of_rate:
+                    row[(k - 1) * m + j] = -1
+                    add(row, mp.mpf(0), mp.mpf(of_rate))
+            step, gain = mp.matrix(a[k].tolist()), mp.matrix(b[k].tolist())
+            state, by = step * state, step * by
+            for i in range(n):
+                for j in range(m):
+                    by[i, k * m + j] += gain[i, j]
+        found = mp.lu_solve(normal, right)
+        return np.array([float(entry) for entry in found]).reshape(steps, m)
+
+
+@pytest.mark.parametrize(("ratio", "rate"), [(1.0, 0.0), (1e6, 0.0), (1e12, 0.0), (1.0, 0.3), (1e6, 0.3)])
+def test_linear_quadratic_part_is_dense_least_squares(ratio, rate):
+    scene, steps, dt = line(), 8, 0.05
+    x0, goal = np.array([0.3, -0.2, 0.1, 0.0, 0.1, 0.0]), np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0])
+    end = 1.0 / np.sqrt(ratio)
+    costs = [control.Effort(0.5), control.State(goal[:3], 0.0, 2.0, 2.0)]
+    costs.append(control.Terminal(control.State(goal[:3], 0.0, end, end)))
+    if rate:
+        costs.append(control.EffortRate(1.0 / rate))
+    plan = scene.optimize(x0[:3], x0[3:], dt=dt, steps=steps, costs=costs, tolerance=1e-14, **FREE)
+    a, b, *_ = linearization(plan)
+    weights = (0.25 * dt, 4.0 * dt, rate**2 / dt, ratio)
+    exact = dense_optimum(a[:, :6, :6], b[:, :6], weights, x0, goal)
+    assert plan.converged
+    assert plan.iterations <= 2
+    # The covariance form would lose all digits at 1e12: the stages that lose some are computed in array form.
+    assert (plan.history[0].array_stages > 0) == (ratio > 1e6)
+    assert abs(plan.tau - exact).max() <= 1e-10 * abs(exact).max()
+
+
+def test_gains_are_the_change_of_the_optimum():
+    scene = line()
+    x0 = np.array([0.3, -0.2, 0.1, 0.0, 0.1, 0.0])
+    goal = control.State([1.0, 2.0, 3.0], 0.0, 0.1, 0.2)
+    given = {"dt": 0.05, "steps": 8, "costs": [control.Effort(0.5), control.Terminal(goal)], "tolerance": 1e-14} | FREE
+    plan = scene.optimize(x0[:3], x0[3:], **given)
+    for column in range(6):
+        moved = x0 + 0.5 * np.eye(6)[column]
+        other = scene.optimize(moved[:3], moved[3:], **given)
+        bound = tolerances.inverse(1e4, abs(plan.tau).max())
+        assert abs(other.tau[0] - (plan.tau[0] - plan.gains[0] @ (moved - x0))).max() <= bound
+        assert abs(plan.policy(0, moved[:3], moved[3:]) - other.tau[0]).max() <= bound
+    assert abs(plan.gains[0]).max() > 1.0
+
+
+def reach(scene, **keywords):
+    costs = [control.Effort(10.0), control.State(velocity=1.0)]
+    costs.append(control.Terminal(tasks.Position("link6", (0.5, 0.1, 0.4), position=0.01)))
+    costs.append(control.Terminal(control.State(velocity=0.1)))
+    return scene.optimize(np.full(6, 0.1), **({"dt": 0.02, "steps": 30, "costs": costs} | keywords))
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return phipsi.load(phipsi.BUNDLED_ARM).with_properties(friction=0.0)
+
+
+def test_arm_reaches(arm):
+    plan = reach(arm)
+    assert plan.converged
+    assert "converged" in repr(plan)
+    assert abs(arm.placement(plan.q[-1], "link6")[:3, 3] - [0.5, 0.1, 0.4]).max() < 0.01
+    # The gradient of the cost by the efforts vanishes: no effort changes it to first order.
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        change = 0.02 * rng.normal(size=plan.tau.shape)
+        costs = [reach(arm, tau=plan.tau + s * change, iterations=0, **FREE).cost for s in (1.0, -1.0)]
+        assert min(costs) > plan.cost
+        assert abs(costs[0] - costs[1]) < 0.01 * (sum(costs) - 2.0 * plan.cost)
+
+
+def test_states_that_the_efforts_do_not_reach_lead_to_the_same_minimum(arm):
+    plan = reach(arm)
+    path = np.linspace(plan.q[0], plan.q[-1], 31)[1:]
+    shot = reach(arm, start=(path, np.zeros((30, 6))))
+    assert shot.converged
+    assert shot.history[-1].defects == 0.0
+    assert abs(shot.cost / plan.cost - 1.0) < 1e-8
+    assert abs(shot.q - plan.q).max() < 1e-3
+    assert abs(shot.trajectory().q - shot.q).max() <= tolerances.product(1000, 1.0)
+
+
+def test_effort_limits_hold_and_held_controls_have_no_gains():
+    scene = pendulum(1, [1.0])
+    goal = control.Terminal(control.State([np.pi], 0.0, 0.02, 0.1))
+    plan = scene.optimize([0.0], dt=0.05, steps=100, costs=[control.Effort(10.0), goal], tolerance=1e-6)
+    assert plan.converged
+    assert abs(plan.q[-1] - np.pi).max() < 0.05
+    # 1 N m does not hold the link, which needs 4.9: it swings.
+    assert plan.q.min() < -0.3
+    held = abs(plan.tau[:, 0]) == 1.0
+    assert held.any()
+    assert (abs(plan.tau) <= 1.0).all()
+    assert (plan.gains[held] == 0.0).all()
+    assert (plan.gains[~held] != 0.0).any()
+    assert abs(plan.policy(40, [1.0], [30.0])) == 1.0
+
+
+def test_acrobot_swings_up():
+    scene = pendulum(2, [0.0, 20.0])
+    goal = control.Terminal(control.State([np.pi, 0.0], 0.0, 0.02, 0.1))
+    given = {"tau": [0.0, 0.1], "limits": False, "iterations": 200, "tolerance": 1e-3}
+    plan = scene.optimize([0.0, 0.0], dt=0.05, steps=60, costs=[control.Effort(5.0), goal], **given)
+    assert (plan.tau[:, 0] == 0.0).all()
+    assert (plan.gains[:, 0] == 0.0).all()
+    assert abs(plan.q[-1] - [np.pi, 0.0]).max() < 0.1
+    assert plan.converged
+
+
+def test_position_limits_hold(arm):
+    free = reach(arm, limits=False)
+    limit = free.q[:, 1].min() + 0.02
+    below = control.NotPositive(control.Function(lambda q, qd, tau: limit - q[:, 1:2], lambda q, qd, tau: (-np.ones((len(q), 1, 1)) * np.eye(6)[1], None, None)))
+    costs = [control.Effort(10.0), control.State(velocity=1.0), control.Terminal(tasks.Position("link6", (0.5, 0.1, 0.4), position=0.01))]
+    costs += [control.Terminal(control.State(velocity=0.1)), below]
+    plan = reach(arm, costs=costs)
+    assert plan.converged
+    assert plan.cost > free.cost
+    assert plan.q[1:, 1].min() >= limit - 1e-6
+    assert plan.q[1:, 1].min() < limit + 1e-4
+    assert plan.history[-1].violation <= 1e-6
+
+
+def test_limits_of_the_joints_are_inequalities():
+    builder = phipsi.SceneBuilder().link("base").link("l", mass=1.0, com=(0, 0, -0.5), inertia=np.eye(3) * 0.1)
+    scene = builder.joint("j", "revolute", "base", "l", axis="y", lower=-1.0, upper=0.6, velocity=1.5, effort=50.0).build()
+    goal = control.Terminal(control.State([1.0], 0.0, 0.01, 1.0))
+    free = scene.optimize([0.0], dt=0.02, steps=50, costs=[control.Effort(5.0), goal], limits=False)
+    plan = scene.optimize([0.0], dt=0.02, steps=50, costs=[control.Effort(5.0), goal])
+    assert free.q.max() > 0.9
+    assert plan.converged
+    assert plan.q.max() <= 0.6 + 1e-6
+    assert abs(plan.qd).max() <= 1.5 + 1e-6
+
+
+def test_functions_are_costs(arm):
+    plan = reach(arm)
+
+    def residuals(q, qd, tau):
+        return qd
+
+    def derivatives(q, qd, tau):
+        return None, np.broadcast_to(np.eye(6), (len(q), 6, 6)), None
+
+    for by in (derivatives, None):
+        costs = [control.Effort(10.0), control.Function(residuals, by)]
+        costs.append(control.Terminal(tasks.Position("link6", (0.5, 0.1, 0.4), position=0.01)))
+        costs.append(control.Terminal(control.Function(lambda q, qd, tau: 10.0 * qd)))
+        other = reach(arm, costs=costs)
+        assert abs(other.cost / plan.cost - 1.0) < 1e-8
+
+
+def test_targets_of_each_knot(arm):
+    plan = reach(arm)
+    path = np.stack([arm.placement(q, "link6")[:3, 3] for q in plan.q])
+    costs = [control.Effort(100.0), tasks.Position("link6", path[:-1], position=0.001)]
+    follow = arm.optimize(plan.q[0], dt=0.02, steps=30, costs=costs)
+    assert abs(np.stack([arm.placement(q, "link6")[:3, 3] for q in follow.q[:-1]]) - path[:-1]).max() < 0.005
+
+
+def test_rate_of_efforts_is_smooth(arm):
+    plain = reach(arm)
+    costs = [control.Effort(10.0), control.State(velocity=1.0), control.EffortRate(5.0)]
+    costs.append(control.Terminal(tasks.Position("link6", (0.5, 0.1, 0.4), position=0.01)))
+    smooth = reach(arm, costs=costs)
+    assert smooth.converged
+    assert smooth.rate_gains.shape == (30, 6, 6)
+    assert abs(np.diff(smooth.tau, axis=0)).max() < 0.5 * abs(np.diff(plain.tau, axis=0)).max()
+    before = smooth.tau[4] + 0.1
+    assert abs(smooth.policy(5, smooth.q[5], smooth.qd[5], before=before) - smooth.tau[5]).max() > 0.0
+
+
+def test_connections_hold():
+    scene = four_bar()
+    goal = control.Terminal(control.State([0.4, -0.4, 0.4], 0.0, 0.02, 0.2))
+    plan = scene.optimize(scene.neutral(), dt=0.01, steps=40, costs=[control.Effort(5.0), goal])
+    assert plan.converged
+    error = max(abs(scene.loops.error(q)).max() if hasattr(scene, "loops") else abs(scene.constraint_error(q)).max() for q in plan.q)
+    assert error < 5e-3
+    assert abs(plan.q[-1] - plan.q[0]).max() > 0.2
+
+
+def test_model_predictive_loop_follows(arm):
+    rng = np.random.default_rng(3)
+
+    def costs(target):
+        goal = tasks.Position("link6", target, position=0.02)
+        return [control.Effort(20.0), control.State(velocity=1.0), goal, control.Terminal(goal)]
+
+    target = np.array([0.5, 0.1, 0.4])
+    plan = arm.optimize(np.full(6, 0.1), dt=0.02, steps=20, costs=costs(target))
+    q, qd = plan.q[0], plan.qd[0]
+    for _ in range(60):
+        tau = plan.policy(0, q, qd) + 0.05 * rng.normal(size=6)
+        moved = arm.simulate(q, qd, dt=0.02, steps=1, tau=tau)
+        q, qd = moved.q[-1], moved.qd[-1]
+        plan = plan.resume(q, qd, costs=costs(target))
+    assert plan.iterations == 1
+    assert abs(arm.placement(q, "link6")[:3, 3] - target).max() < 0.02
+    assert (plan.q[0] == q).all()
+
+
+def test_expected_cost_is_the_mean_of_noisy_runs(arm):
+    plan = reach(arm, **FREE)
+    runs, bodies, dt = 2000, len(arm.body_names), plan.dt
+    covariance = np.zeros((bodies, 10, 10))
+    covariance[:, 0, 0] = (0.02 * arm.inertial_parameters[:, 0]) ** 2
+    unsure = estimation.MotionUncertainty(parameters=covariance, torque_noise=1e-3, initial=np.full(12, 1e-6))
+    stated = plan.expected(unsure)
+    rng = np.random.default_rng(0)
+    q = arm.integrate(np.broadcast_to(plan.q[0], (runs, 6)), 1e-3 * rng.normal(size=(runs, 6)))
+    qd = 1e-3 * rng.normal(size=(runs, 6))
+    models = np.repeat(np.array(arm.inertial_parameters)[None], runs, axis=0)
+    models[:, :, 0] *= 1.0 + 0.02 * rng.normal(size=(runs, bodies))
+    damping = np.broadcast_to(arm.damping, (6,))
+    armature = np.broadcast_to(arm.armature + dt * damping, (runs, 6))
+    cost = np.zeros(runs)
+    for k in range(len(plan.tau)):
+        deviation = np.concatenate([arm.difference(plan.q[k], q), qd - plan.qd[k]], axis=1)
+        tau = plan.tau[k] - deviation @ plan.gains[k].T
+        cost += 0.5 * dt * (((tau / 10.0) ** 2).sum(1) + (qd**2).sum(1))
+        noisy = tau + np.sqrt(1e-3 / dt) * rng.normal(size=(runs, 6)) - damping * qd
+        qd = qd + dt * arm.forward_dynamics(q, qd, noisy, inertias=models, armature=armature)
+        q = arm.integrate(q, dt * qd)
+    hand = arm.placement(q, "link6")[:, :3, 3] - [0.5, 0.1, 0.4]
+    cost += 0.5 * (((hand / 0.01) ** 2).sum(1) + ((qd / 0.1) ** 2).sum(1))
+    error = cost.std() / np.sqrt(runs)
+    # First order: a few percent of the excess are of higher order.
+    excess = stated.cost - plan.cost
+    assert excess > 20.0 * error
+    assert abs(cost.mean() - stated.cost) <= tolerances.SIGMAS * error + 0.05 * excess
+    assert 0.97 < cost.mean() / stated.cost < 1.03
+    ends = arm.difference(plan.q[-1], q).std(axis=0) / stated.q[-1]
+    assert abs(ends - 1.0).max() <= tolerances.SIGMAS / np.sqrt(2.0 * runs) + 0.02
+
+
+def test_regulators_solve_their_riccati_equations(arm):
+    q, zero = np.full(6, 0.3), np.zeros(6)
+    system = arm.linearize(q, zero, arm.gravity_torque(q))
+    weights, efforts = np.linspace(1.0, 10.0, 12), np.linspace(0.1, 1.0, 6)
+    found = control.lqr(system.A, system.B, weights, efforts)
+    value, gains = found.value, found.gains
+    rest = system.A.T @ value + value @ system.A - gains.T @ np.diag(efforts) @ gains + np.diag(weights)
+    assert abs(rest).max() <= tolerances.inverse(np.linalg.cond(value), abs(value).max())
+    assert abs(gains - (system.B.T @ value) / efforts[:, None]).max() <= tolerances.product(12, abs(gains).max())
+    assert (found.poles.real < 0.0).all()
+    held = control.lqr(system.A, system.B, weights, efforts, dt=0.001)
+    assert (abs(held.poles) < 1.0).all()
+    assert abs(held.gains / gains - 1.0).max() > 1e-4
+    assert abs(held.gains - gains).max() < 0.1 * abs(gains).max()
+
+
+def test_constant_path_has_the_gains_of_the_steady_regulator(arm):
+    q, zero = np.full(6, 0.3), np.zeros((2001, 6))
+    tau = np.repeat(arm.gravity_torque(q)[None], 2000, axis=0)
+    plan = control.tracking(arm, np.repeat(q[None], 2001, axis=0), zero, tau, dt=0.001, position=0.1, velocity=1.0, effort=5.0)
+    a, b, *_ = linearization(plan)
+    steady = plan.gains[0]
+    closed = a[0] - b[0] @ steady
+    assert (abs(np.linalg.eigvals(closed)) < 1.0).all()
+    system = arm.linearize(q, np.zeros(6), tau[0])
+    found = control.lqr(system.A, system.B, np.repeat([100.0, 1.0], 6), np.full(6, 0.04))
+    assert abs(steady - found.gains).max() < 0.05 * abs(found.gains).max()
+
+
+def test_shift_and_file(arm, tmp_path):
+    plan = reach(arm)
+    q, qd, tau = plan.shift(3)
+    assert (q[:-3] == plan.q[4:]).all()
+    assert (qd[:-3] == plan.qd[4:]).all()
+    assert (tau[:-3] == plan.tau[3:]).all()
+    assert (tau[-3:] == plan.tau[-1]).all()
+    plan.save(tmp_path / "plan.npz")
+    saved = np.load(tmp_path / "plan.npz")
+    assert all((saved[name] == getattr(plan, name)).all() for name in ("t", "q", "qd", "tau", "gains", "cost"))
+
+
+def test_results_have_the_same_bits_on_any_number_of_threads(arm):
+    first = reach(arm)
+    phipsi.set_num_threads(2)
+    try:
+        second = reach(arm)
+    finally:
+        phipsi.set_num_threads(None)
+    assert (first.tau == second.tau).all()
+    assert (first.gains == second.gains).all()
+
+
+EFFORT = control.Effort(1.0)
+
+WRONG = [
+    ({"dt": 0.0}, ArgumentError, "dt"),
+    ({"dt": np.nan}, ArgumentError, "dt"),
+    ({"steps": 0}, ArgumentError, "steps"),
+    ({"costs": [EFFORT, 3.0]}, ArgumentError, r"costs\[1\]"),
+    ({"costs": [control.Effort(-1.0)]}, ArgumentError, r"costs\[0\].deviation"),
+    ({"costs": [control.Effort([1.0, 2.0])]}, ShapeError, r"costs\[0\].deviation"),
+    ({"costs": [control.Effort(1.0, np.zeros((3, 6)))]}, ShapeError, r"costs\[0\].tau"),
+    ({"costs": [control.State(np.zeros(5), position=1.0)]}, ShapeError, r"costs\[0\].q"),
+    ({"costs": [control.State(np.full(6, np.nan), position=1.0)]}, NotFiniteError, r"costs\[0\]"),
+    ({"costs": [control.During(EFFORT, 5, 3)]}, ArgumentError, r"costs\[0\]"),
+    ({"costs": [control.During(EFFORT, 0, 99)]}, ArgumentError, r"costs\[0\]"),
+    ({"costs": [control.Terminal(EFFORT)]}, ArgumentError, r"costs\[0\]"),
+    ({"costs": [control.Terminal(control.During(EFFORT, 0, 1))]}, ArgumentError, r"costs\[0\]"),
+    ({"costs": [control.NotPositive(EFFORT)]}, ArgumentError, r"costs\[0\]"),
+    ({"costs": [control.Function(3.0)]}, ArgumentError, r"costs\[0\].residuals"),
+    ({"costs": [control.Function(lambda q, qd, tau: q[0])]}, ShapeError, r"costs\[0\].residuals"),
+    ({"costs": [control.Function(lambda q, qd, tau: q, lambda q, qd, tau: (q, q))]}, ShapeError, r"costs\[0\].derivatives"),
+    ({"costs": [tasks.Position("nowhere", (0, 0, 0))]}, ValueError, "nowhere"),
+    ({"costs": [tasks.Position("link6", np.zeros((3, 3)))]}, ShapeError, r"costs\[0\]"),
+    ({"tau": np.zeros((3, 6))}, ShapeError, "tau"),
+    ({"tau": np.full(6, np.inf)}, NotFiniteError, "tau"),
+    ({"start": 3}, ArgumentError, "start"),
+    ({"start": (np.zeros((3, 6)), np.zeros((3, 6)))}, ShapeError, "start"),
+    ({"effort": -1.0}, ArgumentError, "effort"),
+    ({"effort": np.zeros(4)}, ShapeError, "effort"),
+    ({"effort": np.array([np.ones(6), -np.ones(6)])}, ArgumentError, "effort"),
+    ({"iterations": -1}, ArgumentError, "iterations"),
+    ({"tolerance": 0.0}, ArgumentError, "tolerance"),
+    ({"friction_speed": 0.0}, ArgumentError, "friction_speed"),
+    ({"q0": np.zeros(5)}, ShapeError, "q0"),
+    ({"qd0": np.full(6, np.nan)}, NotFiniteError, "qd0"),
+]
+
+
+@pytest.mark.parametrize("at", range(len(WRONG)))
+def test_wrong_calls_name_the_argument(arm, at):
+    change, error, text = WRONG[at]
+    given = {"q0": np.zeros(6), "dt": 0.02, "steps": 10, "costs": EFFORT}
+    assert arm.optimize(**given).converged
+    with pytest.raises(error, match=text):
+        arm.optimize(**(given | change))
+
+
+def test_inequalities_that_cannot_hold_are_said(arm):
+    above = control.NotPositive(control.Function(lambda q, qd, tau: 0.3 - q[:, 1:2]))
+    plan = reach(arm, costs=[control.Effort(10.0), above], steps=5)
+    assert not plan.converged
+    assert "inequalities" in plan.reason
+    assert "not converged" in repr(plan)
+    assert plan.history[-1].violation > 0.01
+
+
+def test_wrong_scenes_are_refused_by_name():
+    ground = phipsi.SceneBuilder().link("base").link("l", mass=1.0, inertia=np.eye(3)).joint("j", "prismatic", "base", "l", axis="z")
+    with pytest.raises(ArgumentError, match="connections"):
+        ground.contact("foot", "l", friction=0.5).build().optimize([1.0], dt=0.02, steps=5, costs=EFFORT)
+    scene = four_bar()
+    with pytest.raises(ConstraintError, match="closure"):
+        scene.optimize([0.4, 0.0, 0.0], dt=0.02, steps=5, costs=EFFORT)
+
+
+def test_exceptions_of_functions_are_those_of_the_caller(arm):
+    calls = []
+
+    def residuals(q, qd, tau):
+        calls.append(len(q))
+        if len(calls) > 3:
+            raise RuntimeError("the caller's own")
+        return q
+
+    with pytest.raises(RuntimeError, match="the caller's own"):
+        arm.optimize(np.zeros(6), dt=0.02, steps=5, costs=[EFFORT, control.Function(residuals)])
+
+
+def test_resuming_with_other_terms_is_refused(arm):
+    plan = reach(arm)
+    with pytest.raises(ArgumentError, match="costs"):
+        plan.resume(plan.q[1], plan.qd[1], costs=[control.State(velocity=1.0)])
+    with pytest.raises(ArgumentError, match="k"):
+        plan.policy(30, plan.q[0], plan.qd[0])
