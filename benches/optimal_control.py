@@ -100,15 +100,16 @@ def row(problem: Problem) -> tuple[str, float]:
     solver.solve(states, efforts, 200, True)
     optimizer, zero = plan._problem.optimizer, np.zeros(problem.scene.nv)
     first = np.ascontiguousarray(np.broadcast_to(zero if problem.tau is None else problem.tau, plan.tau.shape))
-    count, times = min(plan.iterations, solver.iter, 5), [np.inf, np.inf]
+    cost, iterations = solver.cost, solver.iter
+    count, times = max(1, min(plan.iterations, iterations, 5)), np.full(2, np.inf)
     for _ in range(TURNS):
         begin = time.perf_counter()
         optimizer.solve((problem.q0, zero), first, None, count)
         middle = time.perf_counter()
         solver.solve(states, efforts, count, True)
-        times = np.minimum(times, [(middle - begin) / count, (time.perf_counter() - middle) / solver.iter])
-    gap = plan.cost / solver.cost - 1.0
-    numbers = [f"{1e3 * times[0]:.2f}", f"{1e3 * times[1]:.2f}", f"{times[1] / times[0]:.1f}", str(plan.iterations), str(solver.iter), f"{plan.cost:.10g}", f"{gap:.1e}"]
+        times = np.minimum(times, [(middle - begin) / count, (time.perf_counter() - middle) / max(solver.iter, 1)])
+    gap = plan.cost / cost - 1.0
+    numbers = [f"{1e3 * times[0]:.2f}", f"{1e3 * times[1]:.2f}", f"{times[1] / times[0]:.1f}", str(plan.iterations), str(iterations), f"{plan.cost:.10g}", f"{gap:.1e}"]
     return f"| {problem.name} | " + " | ".join(numbers) + " |", times[1] / times[0]
 
 

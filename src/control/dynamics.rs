@@ -139,7 +139,7 @@ impl Dynamics {
             for row in 0..nv {
                 let chord = self.chord(row, v[row]);
                 of_state[row] -= chord * v[row];
-                self.noise[at * nv + row] = self.h.mul_add(chord, self.armature[row]);
+                self.noise[at * nv + row] = self.h * chord + self.armature[row];
             }
         }
         self.torque = torque;
@@ -223,7 +223,7 @@ impl Dynamics {
                         for j in 0..nv {
                             // d/dv of c v' with the velocity v' of the end, of which h da/dv is implicit already.
                             let chord = self.chord(j, v[j]);
-                            let square = v[j].mul_add(v[j], self.friction_speed * self.friction_speed);
+                            let square = v[j] * v[j] + self.friction_speed * self.friction_speed;
                             row[nv + j] -= (chord - chord * v[j] / square * v_next[j]) * inverse[j];
                         }
                     }

@@ -310,8 +310,6 @@ impl Optimizer {
         let (mut rounds, mut in_round, mut least_violation) = (0, 0, f64::INFINITY);
         let mut reason = "the largest number of iterations";
         let mut converged = false;
-        // With no iterations, the law about the start.
-        let mut is_law_current = false;
         for _ in 0..self.problem.iterations {
             interrupt::check()?;
             self.linearize()?;
@@ -323,7 +321,6 @@ impl Optimizer {
                 }
                 continue;
             };
-            is_law_current = true;
             let merit = self.merit(&self.rows, self.defects_sum());
             let expected = model.decrease(1.0);
             let scale = merit.abs().max(f64::MIN_POSITIVE);
@@ -359,7 +356,6 @@ impl Optimizer {
                 done = Ok(violation);
                 damping = raised(damping);
             }
-            is_law_current = length == 0.0 && is_law_current;
             history.push(Iteration {
                 cost: self.cost(),
                 expected,
@@ -382,13 +378,10 @@ impl Optimizer {
             }
         }
         done?;
-        if !is_law_current {
+        if self.problem.iterations == 0 {
             self.linearize()?;
-            while self.backward(damping)?.is_none() {
+            while self.backward(damping)?.is_none() && damping <= DAMPING[1] {
                 damping = raised(damping);
-                if damping > DAMPING[1] {
-                    break;
-                }
             }
         }
         Ok(Outcome { converged, cost: self.cost(), history, reason })
@@ -519,7 +512,7 @@ impl Optimizer {
             for k in first..last {
                 let defect = &mut self.defects[k * 2 * nv..][..2 * nv];
                 for i in 0..nv {
-                    let v_next = h.mul_add(accelerations[(k - first) * nv + i], motion.qd[k * nv + i]);
+                    let v_next = h * accelerations[(k - first) * nv + i] + motion.qd[k * nv + i];
                     x[i] = h * v_next;
                     defect[nv + i] = v_next - motion.qd[(k + 1) * nv + i];
                 }

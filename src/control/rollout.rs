@@ -4,6 +4,7 @@ use super::costs::Motion;
 use super::dynamics::{AT_ONCE, Dynamics};
 use super::matrices::{Read, add_times};
 use super::stage::Sizes;
+use crate::batch::instruction_set::within_widest;
 use crate::error::Error;
 
 /// The laws of all steps about a motion.
@@ -30,6 +31,13 @@ pub struct Rollouts {
     accelerations: Vec<f64>,
     increment: Vec<f64>,
     moved: Vec<f64>,
+}
+
+within_widest! {
+    /// Subtracts K x from `change`.
+    fn subtract_times<'a>(change: &'a mut [f64], gain: &'a [f64], x: &'a [f64]) {
+        add_times(change, Read::rows(gain, x.len()), x, -1.0);
+    }
 }
 
 impl Rollouts {
@@ -123,7 +131,7 @@ impl Rollouts {
         for (change, offset) in change.iter_mut().zip(&laws.offsets[step * m..]) {
             *change = length * offset;
         }
-        add_times(change, Read::rows(&laws.gains[step * m * n..(step + 1) * m * n], n), x, -1.0);
+        subtract_times(change, &laws.gains[step * m * n..(step + 1) * m * n], x);
         let tau = &mut motion.tau[own.clone()];
         tau.copy_from_slice(&about.tau[own]);
         for (change, &row) in change.iter().zip(&dynamics.driven) {
@@ -144,7 +152,7 @@ impl Rollouts {
         let (before, after) = motion.qd.split_at_mut((step + 1) * nv);
         let (v, v_next, x) = (&before[step * nv..], &mut after[..nv], &mut self.increment[..nv]);
         for i in 0..nv {
-            v_next[i] = dynamics.h.mul_add(self.accelerations[lane * nv + i], v[i]);
+            v_next[i] = dynamics.h * self.accelerations[lane * nv + i] + v[i];
             x[i] = dynamics.h * v_next[i];
         }
         let (before, after) = motion.q.split_at_mut((step + 1) * nq);

@@ -11,7 +11,7 @@
 
 use super::array::ArrayForm;
 use super::boxed::{Bounds, BoxedMinimum};
-use super::matrices::{Read, add_product, add_times, mirror, solve_lower, solve_upper};
+use super::matrices::{Read, add_product, add_times, fused, mirror, solve_lower, solve_upper};
 use super::rows::Rows;
 use crate::batch::instruction_set::within_widest;
 
@@ -108,6 +108,8 @@ pub struct Scratch {
     pub(super) q_uu: Vec<f64>,
     q_x: Vec<f64>,
     q_u: Vec<f64>,
+    /// The diagonal of `q_xx` before the gain of information is subtracted.
+    before: Vec<f64>,
     ahead: Vec<f64>,
     along: Vec<f64>,
     /// L^-1 of the free rows of q_ux, and then the gains of these.
@@ -136,6 +138,7 @@ impl Scratch {
             q_uu: nan(m * m),
             q_x: nan(n),
             q_u: nan(m),
+            before: nan(n),
             ahead: nan(n),
             along: nan(nv),
             y: nan(m * n),
@@ -258,7 +261,7 @@ fn quadratic_model(s: &mut Scratch, step: &Step<'_>, (rows, knot): (&[Rows], usi
         turn_rows(&mut s.carried, n, (turn.first, turn.count), &turn.jacobian);
     }
     for (to, of_rate) in s.carried.iter_mut().zip(&next[nv * n..]) {
-        *to = h.mul_add(*to, *of_rate);
+        *to = fused(h, *to, *of_rate);
     }
     // Z = E* P' E, and E* P' T.
     for i in 0..nv {
@@ -272,7 +275,7 @@ fn quadratic_model(s: &mut Scratch, step: &Step<'_>, (rows, knot): (&[Rows], usi
     }
     for i in 0..nv {
         for (z, of_rate) in s.z[i * nv..][..nv].iter_mut().zip(&s.carried[i * n + nv..]) {
-            *z = h.mul_add(*z, *of_rate);
+            *z = fused(h, *z, *of_rate);
         }
     }
     // W = Z F + [E* P' T, 0].
@@ -333,7 +336,7 @@ fn quadratic_model(s: &mut Scratch, step: &Step<'_>, (rows, knot): (&[Rows], usi
         turn_rows(&mut s.along, 1, (turn.first, turn.count), &turn.jacobian);
     }
     for (along, of_rate) in s.along.iter_mut().zip(&s.ahead[nv..]) {
-        *along = h.mul_add(*along, *of_rate);
+        *along = fused(h, *along, *of_rate);
     }
     s.q_x.fill(0.0);
     s.q_x[..nv].copy_from_slice(&s.ahead[..nv]);
@@ -400,17 +403,19 @@ fn minimize(
         row.copy_from_slice(&s.q_ux[i * n..][..n]);
     }
     solve_lower(s.boxed.factor(), count, y, n);
-    let before: f64 = (0..n).map(|i| s.q_xx[i * n + i]).fold(0.0, f64::max);
+    let mut largest: f64 = 0.0;
+    for i in 0..n {
+        s.before[i] = s.q_xx[i * n + i];
+        largest = largest.max(s.before[i]);
+    }
+    add_product(&mut s.q_xx, (Read::transposed(y, n), y), (n, count, n), (n, n), (-1.0, true));
     let mut remaining = f64::INFINITY;
     for i in 0..n {
-        let whole = s.q_xx[i * n + i];
-        let less = (0..count).fold(whole, |sum, k| sum - y[k * n + i] * y[k * n + i]);
-        if whole > before * f64::EPSILON {
-            remaining = remaining.min(less / whole);
+        if s.before[i] > largest * f64::EPSILON {
+            remaining = remaining.min(s.q_xx[i * n + i] / s.before[i]);
         }
     }
     *margin = margin.min(remaining.max(f64::MIN_POSITIVE));
-    add_product(&mut s.q_xx, (Read::transposed(y, n), y), (n, count, n), (n, n), (-1.0, true));
     mirror(&mut s.q_xx, n);
     add_times(&mut s.q_x, Read::transposed(&s.q_ux, n), &*offset, 1.0);
     solve_upper(s.boxed.factor(), count, y, n);
