@@ -134,6 +134,7 @@ __all__ = [
     "Violation",
     "__version__",
     "compare",
+    "control",
     "errors",
     "estimation",
     "get_num_threads",

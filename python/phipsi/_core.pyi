@@ -43,6 +43,8 @@ from .estimation import (
     Observer,
     Sensor,
 )
+from .control import Plan
+from .control._terms import Term as _Term
 from .estimation._identification import Identification
 from .operators import Factor
 from .shapes import ColliderShape, Shape
@@ -4637,6 +4639,24 @@ class Scene:
     def _sensor_prediction(
         self, given: tuple[Any, ...], state: list[_Array], tau: _Array
     ) -> tuple[list[_Array], list[bool]]: ...
+    def optimize(
+        self,
+        q0: ArrayLike,
+        qd0: ArrayLike | None = None,
+        *,
+        dt: float,
+        steps: int,
+        costs: _Term | Iterable[_Term],
+        tau: ArrayLike | None = None,
+        start: Plan | tuple[ArrayLike, ...] | None = None,
+        effort: bool | ArrayLike | None = True,
+        limits: bool = True,
+        iterations: int = 100,
+        tolerance: float = 1e-10,
+        limit_tolerance: float = 1e-6,
+        friction_speed: float = 0.1,
+    ) -> Plan:
+        """X."""
     def identify(
         self,
         q: ArrayLike,
@@ -6135,6 +6155,27 @@ def _rotate_chosen(triangle: _Array, wide: _Array, chosen: list[int], last: _Arr
 def _rotate_rows(triangle: _Array, rows: _Array, /) -> None: ...
 def _log_likelihood(time: _Array, position: _Array, variance: _Array, density: float, prior: tuple[float, float, float], /) -> tuple[float, float, int]: ...
 def _smooth_log(time: _Array, position: _Array, variance: _Array, density: float, prior: tuple[float, float, float], /) -> _Array: ...
+
+@final
+class _Optimizer:
+    def __new__(
+        cls,
+        scene: Scene,
+        times: tuple[float, int],
+        terms: list[tuple[str, int, int, bool, Any]],
+        effort: list[list[float]] | None,
+        has_limits: bool,
+        settings: tuple[float, float, float],
+    ) -> _Optimizer: ...
+    def retarget(self, terms: list[tuple[str, int, int, bool, Any]]) -> None: ...
+    def solve(
+        self,
+        state: tuple[_Array, _Array],
+        tau: _Array | None,
+        states: tuple[_Array, _Array] | None,
+        iterations: int,
+    ) -> tuple[list[_Array], bool, float, str, _Array]: ...
+    def linearization(self) -> tuple[list[_Array], list[int]]: ...
 
 @final
 class _Observer:

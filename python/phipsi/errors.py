@@ -51,6 +51,7 @@ __all__ = [
     "SimulationInterrupted",
     "SingularJointError",
     "SingularTaskError",
+    "PlanWarning",
     "UncertaintyWarning",
     "UnitsWarning",
     "UnknownTagWarning",
@@ -305,6 +306,12 @@ class MimicWarning(UserWarning):
 class ModelWarning(UserWarning):
     """Parts of a MuJoCo model that a scene cannot represent are omitted: contacts, limits of tendons and ball joints,
     air, soft constraints. Or the start and the keyframes of a scene, which URDF cannot represent.
+    """
+
+
+class PlanWarning(UserWarning):
+    """A plan of Scene.optimize whose motion touches something, which it does not know, or leaves the connections of the
+    scene.
     """
 
 

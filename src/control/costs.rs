@@ -169,7 +169,7 @@ impl Cost {
                 }
                 for set in sets {
                     for task in set {
-                        *task = task.checked(scene, 0).map_err(|error| error.of_argument(&format!("costs[{at}]")))?;
+                        *task = task.checked(dynamics.whole(), 0).map_err(|error| error.of_argument(&format!("costs[{at}]")))?;
                     }
                 }
                 Ok(())
@@ -217,7 +217,8 @@ impl Cost {
         if let Term::Own(own) = &self.term {
             self.evaluate_own(own.as_ref(), (nq, nv), motion, s)?;
         }
-        let workspace = s.workspace.get_or_insert_with(|| scene.workspace());
+        let whole = dynamics.whole();
+        let workspace = s.workspace.get_or_insert_with(|| whole.workspace());
         rows.clear();
         for knot in 0..knots {
             if knot < self.first || knot > self.last {
@@ -230,7 +231,7 @@ impl Cost {
             match &self.term {
                 Term::Tasks(sets) => {
                     let each = &sets[if sets.len() == 1 { 0 } else { at }];
-                    Tasks { scene, each, posture: None }.evaluate(workspace, q, &mut s.rows)?;
+                    Tasks { scene: whole, each, posture: None }.evaluate(workspace, q, &mut s.rows)?;
                     for (error, entries) in s.rows.errors.iter().zip(s.rows.jacobian.chunks_exact(nv.max(1))) {
                         rows.push(weight * error, 0, entries.iter().map(|entry| weight * entry));
                     }

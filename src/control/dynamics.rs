@@ -19,7 +19,9 @@ pub const AT_ONCE: usize = 8;
 /// The step of one scene, with its scratch.
 #[derive(Debug)]
 pub struct Dynamics {
-    /// The scene with r beside the armature, without friction.
+    /// The scene of the caller.
+    whole: Scene,
+    /// Its motion: with r beside the armature, without friction and contacts.
     scene: Scene,
     evaluator: Evaluator,
     pub h: f64,
@@ -43,13 +45,11 @@ impl Dynamics {
     ///
     /// # Errors
     ///
-    /// Contacts, friction that is not Coulomb's, and friction of scenes with mimic joints, each by name.
+    /// Friction that is not Coulomb's, and friction of scenes with mimic joints, each by name.
     pub fn new(scene: &Scene, h: f64, driven: Vec<usize>, friction_speed: f64) -> Result<Self, Error> {
-        if scene.tree().touches() {
-            let expected = "a scene without contacts: hold points that stay in contact by connections \
-                            (SceneBuilder.connect), and remove the contacts and colliders from the scene";
-            return Err(Error::argument("scene", "a scene with contacts", expected));
-        }
+        let whole = scene.clone();
+        let plain = scene.tree().touches().then(|| scene.without_contacts()).transpose()?;
+        let scene = plain.as_ref().unwrap_or(scene);
         let (nv, forces) = (scene.nv(), scene.joint_forces());
         let joint = |row: usize| {
             scene.tree().joints().iter().find(|joint| joint.v.contains(&row)).map_or("", |joint| &joint.name)
@@ -100,11 +100,17 @@ impl Dynamics {
             noise: vec![f64::NAN; AT_ONCE * nv],
             three: vec![f64::NAN; AT_ONCE * 3 * nv * nv],
             scene: stepping,
+            whole,
         })
     }
 
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// The scene with its colliders.
+    pub fn whole(&self) -> &Scene {
+        &self.whole
     }
 
     /// States that the kernels compute at once.

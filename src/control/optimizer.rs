@@ -188,7 +188,7 @@ impl Optimizer {
     /// # Errors
     ///
     /// [`Error::Argument`] and [`Error::Shape`] for a time step that is not positive, no steps, bounds that exclude each
-    /// other, costs that do not fit, and scenes with contacts or friction that is not Coulomb's.
+    /// other, costs that do not fit, and friction that is not Coulomb's.
     pub fn new(scene: &Scene, mut problem: Problem) -> Result<Self, Error> {
         check_positive("dt", problem.dt)?;
         check_positive("tolerance", problem.tolerance)?;

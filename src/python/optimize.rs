@@ -54,14 +54,17 @@ methods_in_python! {
     ///     q, qd, tau, gains, cost, converged, reason and history, with policy, shift, resume, show and save.
     #[doc = section!(Raises)]
     /// ArgumentError
-    ///     Scenes with contacts (hold points that stay in contact by connections), friction curves, and friction of joints
-    ///     that others follow; terms and limits that do not fit.
+    ///     Friction curves, and friction of joints that others follow; terms and limits that do not fit.
     /// ConstraintError
     ///     A start that violates the connections.
     #[doc = entries!(arguments)]
+    #[doc = section!(Warns)]
+    /// PlanWarning
+    ///     A contact or two shapes that touch along the plan, which is made without contacts: points that stay in contact
+    ///     are connections. Connections that the steps of the plan leave by more than 1 mm.
     #[doc = section!(Notes)]
     /// A step is v' = v + dt a, q' = integrate(q, dt v'), that of simulate(method="implicit-euler"): springs, damping and
-    /// friction act at its end. Where it is from a stop or from contacts, the plan is not that of simulate.
+    /// friction act at its end, and accelerations satisfy the connections. With limits=False joints pass their stops.
     ///
     /// The Riccati recursion of the linear-quadratic model about the motion is the Kalman filter of the dynamics, run
     /// from the end of the time to its start; the second derivatives are those of Gauss and Newton. Stages that lose

@@ -9,7 +9,7 @@ import pytest
 import phipsi
 import tolerances
 from phipsi import control, estimation, tasks
-from phipsi.errors import ArgumentError, ConstraintError, NotFiniteError, ShapeError
+from phipsi.errors import ArgumentError, ConstraintError, NotFiniteError, PlanWarning, ShapeError
 
 LINKS = 3
 
@@ -334,9 +334,26 @@ def test_connections_hold():
     goal = control.Terminal(control.State([0.4, -0.4, 0.4], 0.0, 0.02, 0.2))
     plan = scene.optimize(scene.neutral(), dt=0.01, steps=40, costs=[control.Effort(5.0), goal])
     assert plan.converged
-    error = max(abs(scene.loops.error(q)).max() if hasattr(scene, "loops") else abs(scene.constraint_error(q)).max() for q in plan.q)
-    assert error < 5e-3
+    assert abs(scene.loops.error(plan.q)).max() < 1e-3
     assert abs(plan.q[-1] - plan.q[0]).max() > 0.2
+
+
+def test_contacts_that_the_plan_touches_are_named(arm):
+    plain = reach(arm)
+    far = arm.to_builder().contact("hand", "link6", friction=0.5, offset=-100.0).build()
+    assert (reach(far).tau == plain.tau).all()
+    near = arm.to_builder().contact("hand", "link6", friction=0.5, offset=0.45).build()
+    with pytest.warns(PlanWarning, match="contact 'hand' .* mm below its surface"):
+        plan = reach(near)
+    assert (plan.tau == plain.tau).all()
+    shapes = arm.to_builder().collider("hand", phipsi.shapes.Sphere(0.05), link="link6")
+    shapes = shapes.collider("ball", phipsi.shapes.Sphere(0.1), xyz=(0.5, 0.1, 0.45)).build()
+    with pytest.warns(PlanWarning, match="shapes 'hand' and 'ball' that overlap"):
+        reach(shapes)
+    costs = [control.Effort(10.0), tasks.Distance(("hand", "ball"), 0.02, position=0.001)]
+    costs.append(control.Terminal(tasks.Position("link6", (0.5, 0.1, 0.25), position=0.01)))
+    plan = shapes.optimize(np.full(6, 0.1), dt=0.02, steps=30, costs=costs)
+    assert shapes.distances(plan.q).distance.min() > 0.0
 
 
 def test_model_predictive_loop_follows(arm):
@@ -502,8 +519,8 @@ def test_inequalities_that_cannot_hold_are_said(arm):
 
 def test_wrong_scenes_are_refused_by_name():
     ground = phipsi.SceneBuilder().link("base").link("l", mass=1.0, inertia=np.eye(3)).joint("j", "prismatic", "base", "l", axis="z")
-    with pytest.raises(ArgumentError, match="connections"):
-        ground.contact("foot", "l", friction=0.5).build().optimize([1.0], dt=0.02, steps=5, costs=EFFORT)
+    with pytest.raises(ArgumentError, match="stribeck"):
+        ground.build().with_properties(friction=1.0, stribeck=1.0).optimize([1.0], dt=0.02, steps=5, costs=EFFORT)
     scene = four_bar()
     with pytest.raises(ConstraintError, match="closure"):
         scene.optimize([0.4, 0.0, 0.0], dt=0.02, steps=5, costs=EFFORT)

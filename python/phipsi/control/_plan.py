@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers, whole
-from ..errors import ArgumentError, ShapeError, of_argument
+from ..errors import ArgumentError, PlanWarning, ShapeError, of_argument, warn
 from ._expected import Expected, expected
 from ._terms import read
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 __all__ = ["Iteration", "Plan", "optimize"]
 
 _Array = NDArray[np.float64]
+
+#: Overlap of shapes and error of connections without a warning, m or rad.
+CLOSE = 1e-3
 
 
 class Iteration(NamedTuple):
@@ -382,11 +385,36 @@ def optimize(
     state = _state(scene, q0, np.zeros(scene.nv) if qd0 is None else qd0)
     given = read(scene, costs, steps, state)
     bounds = _effort(scene, effort)
-    settings = tuple(float(value) for value in (tolerance, limit_tolerance, friction_speed))
+    settings = float(tolerance), float(limit_tolerance), float(friction_speed)
     optimizer = _Optimizer(scene, (float(dt), steps), given, bounds.tolist(), bool(limits), settings)
     first, states = _start(scene, tau, start, steps)
     problem = _Problem(scene, float(dt), optimizer, bounds, float(friction_speed))
-    return problem.solve(state, first, states, whole("iterations", iterations, 0))
+    plan = problem.solve(state, first, states, whole("iterations", iterations, 0))
+    _warn_of_motion(plan)
+    return plan
+
+
+def _warn_of_motion(plan: Plan) -> None:
+    """Warn of what the plan touches, and of connections that its steps leave."""
+    scene, q = plan.scene, plan.q
+    found = ""
+    if scene.contacts.names:
+        gaps = scene.contacts.gaps(q)
+        knot, at = np.unravel_index(np.argmin(gaps), gaps.shape)
+        if gaps[knot, at] < -CLOSE:
+            found = f"contact {scene.contacts.names[at]!r} {1e3 * -gaps[knot, at]:.3g} mm below its surface at step {knot}"
+    if not found and scene.contacts.collider_names:
+        apart = scene.distances(q, limit=0.0)
+        if apart.distance.size and apart.distance.min() < -CLOSE:
+            knot, at = np.unravel_index(np.argmin(apart.distance), apart.distance.shape)
+            pair = " and ".join(repr(name) for name in apart.pairs[at])
+            found = f"shapes {pair} that overlap by {1e3 * -apart.distance[knot, at]:.3g} mm at step {knot}"
+    if found:
+        warn(f"plan: found {found}; expected a motion that touches nothing, by tasks.Distance, or connections for points that stay in contact", PlanWarning)
+    if scene.loops.names:
+        error = np.abs(scene.loops.error(q)).max(axis=1)
+        if error.max() > CLOSE:
+            warn(f"plan: found an error of the connections of {error.max():.2g} (m or rad) at step {error.argmax()}; expected at most {CLOSE:g}: shorter steps", PlanWarning)
 
 
 def _state(scene: Scene, q: ArrayLike, qd: ArrayLike) -> tuple[_Array, _Array]:

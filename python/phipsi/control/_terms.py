@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers, whole
 from ..errors import ArgumentError, ShapeError, of_argument
-from ..tasks import KINDS
+from ..tasks import KINDS, Task
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -132,7 +132,7 @@ class NotPositive(NamedTuple):
     """Function, or During of one."""
 
 
-Term = State | Effort | EffortRate | Function | Terminal | During | NotPositive
+Term: TypeAlias = State | Effort | EffortRate | Function | Terminal | During | NotPositive | Task
 
 #: A term on the Rust side: kind, first and last knot, whether it is an inequality, and its arguments.
 _Given = tuple[str, int, int, bool, Any]
