@@ -3558,6 +3558,40 @@ class Scene:
         3.5
         """
 
+    def rerooted(self, link: str, *, floating_base: bool | None = None) -> Scene:
+        """Create the scene of the same robot with another link as its root.
+
+        Parameters
+        ----------
+        link : str
+            Name of the link.
+        floating_base : bool, optional
+            If true, the base moves freely. None: as in this scene.
+
+        Returns
+        -------
+        scene : Scene
+            The new scene.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown link; a planar, universal or spherical joint between the two roots; a free joint with armature,
+            losses or a spring; starts with velocities; connections, contacts and colliders of a fixed base.
+
+        Notes
+        -----
+        The joints between the two roots carry the links on their other side, about the opposite axes: joint positions,
+        velocities and torques, limits and losses are the same, but their order in q is that of the new tree. Each of
+        these joints carries a massless link, named after the link and the joint. The free joint of a floating base
+        carries the new root, also in starts and keyframes; without one, the frame of the base is that of the new root.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> scene.rerooted("link2").joint_names
+        ('j2', 'j1', 'j0')
+        """
     def subtree(self, link: str, *, floating_base: bool = False) -> Scene:
         """Create the scene of the part of the robot that a link carries, with this link as its root.
 

@@ -203,7 +203,6 @@ impl PyLoops {
 
 #[pymethods]
 impl PyScene {
-
     /// Create the scene of the same kinematic tree without the connections, for methods that support trees only.
     #[doc = section!(Returns)]
     /// scene : Scene

@@ -21,7 +21,7 @@ TASKS = {
     "Read a robot": ("from_urdf", "from_mujoco", "from_pinocchio", "file", "to_urdf", "to_builder"),
     "Names and sizes": ("nq", "nv", "joint_names", "body_names", "link_names", "q_index", "v_index", "joint", "joints", "link", "links", "plan"),
     "Properties": ("gravity", "limits", "actuators", "armature", "damping", "friction", "friction_terms", "stiffness", "rest", "total_mass", "inertial_parameters"),
-    "Modified copies": ("with_properties", "with_payload", "with_inertias", "with_inertial_parameters", "lock", "subtree", "without_constraints", "without_contacts"),
+    "Modified copies": ("with_properties", "with_payload", "with_inertias", "with_inertial_parameters", "lock", "subtree", "rerooted", "without_constraints", "without_contacts"),
     "Configurations": ("neutral", "initial", "initial_velocity", "keyframes", "random_configuration", "integrate", "difference"),
     "Forward kinematics: where is a link, such as the end effector": ("placement", "poses", "placements"),
     "Velocities, accelerations and Jacobians of links": (
