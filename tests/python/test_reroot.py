@@ -99,6 +99,33 @@ def test_a_robot_held_at_another_link(seed: int) -> None:
     assert_near(turned.gravity_torque(there)[at], expected, product(1000, 100.0 * size(expected)))
 
 
+def test_a_loop_between_links_remains() -> None:
+    tree, random = robot(0, True), np.random.default_rng(1)
+    one, other = tree.body_names[-1], tree.body_names[1]
+    q = tree.random_configuration(2)
+    length = float(np.linalg.norm(tree.placement(q, one)[:3, 3] - tree.placement(q, other)[:3, 3]))
+    scene = tree.to_builder().connect("rod", "distance", one, other, other_xyz=(0, 0, 0), length=length).build()
+    turned = scene.rerooted(one)
+    there, t = mapped(scene, turned, one, q)
+    qd, tau = scene.loops.project(q, random.normal(size=scene.nv)).qd, random.normal(size=turned.nv)
+    assert turned.loops.names == ("rod",) and abs(turned.loops.error(there)[0]) < 1e-12
+    qdd, found = scene.forward_dynamics(q, qd, t.T @ tau), turned.forward_dynamics(there, t @ qd, tau)
+    names = scene.joint_names[1:]
+    assert_near(found[rows(turned, names)], qdd[rows(scene, names)], 1e4 * product(scene.nv, size(qdd)))
+
+
+def test_coupled_joints_remain() -> None:
+    builder = phipsi.SceneBuilder().link("palm", 0.4, inertia=1e-3 * np.eye(3))
+    for name, side, follows in (("left", 1, {}), ("right", -1, {"mimic": "left_joint", "mimic_multiplier": 0.5, "mimic_offset": 0.01})):
+        builder.link(name, 0.1, (0, 0, 0.02), 1e-4 * np.eye(3))
+        builder.joint(f"{name}_joint", "prismatic", "palm", name, xyz=(0, 0.02 * side, 0.05), axis=(0, side, 0), **follows)
+    scene = builder.build(floating_base=True, mimic="couple")
+    turned, q = scene.rerooted("right"), scene.random_configuration(1)
+    there, t = mapped(scene, turned, "right", q)
+    mass = scene.mass_matrix(q)
+    assert_near(t.T @ turned.mass_matrix(there) @ t, mass, product(100, 10.0 * size(mass)))
+
+
 def test_limits_losses_actuators_contacts_and_starts_come_with_it() -> None:
     builder = robot(0, True).to_builder().start({"joint2": 0.3, "root_joint": [0, 0, 1, 0, 0, 0, 1]}).start({"joint2": 0.1}, keyframe="low")
     scene = builder.contact("tip", "link8", friction=0.5).actuator("motor", "joint2", gear=10.0).build()

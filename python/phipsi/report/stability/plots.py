@@ -29,7 +29,7 @@ def draw(found: Stability) -> list[Plot]:
 
 
 def _inks(found: Stability) -> dict[str, str]:
-    """A color per method, without auto, whose errors are those of the form that it selects."""
+    """A color per method. auto is not drawn: its errors equal the errors of the form that it selects."""
     return dict(zip((form for form in _core.FORMS if form != AUTO), COLORS, strict=False)) | {other.name: other.color for other in found.others}
 
 
