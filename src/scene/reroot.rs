@@ -59,8 +59,8 @@ impl Scene {
         }
         if is_free && !way.is_empty() {
             let name = free.map_or_else(|| source.root_joint_name(), |at| source.joints[at].name.clone());
-            let known = source.starts.iter().map(|start| start.keyframe.clone());
-            let keyframes: Vec<_> = [None].into_iter().chain(known.filter(Option::is_some)).collect();
+            let known = source.starts.iter().filter_map(|start| start.keyframe.clone());
+            let keyframes: Vec<_> = [None].into_iter().chain(known.map(Some)).collect();
             for keyframe in keyframes {
                 if self.initial_velocity(keyframe.as_deref())?.iter().any(|v| *v != 0.0) {
                     let of = keyframe.map_or_else(|| "the start".to_owned(), |of| format!("the keyframe {of:?}"));
@@ -78,8 +78,9 @@ impl Scene {
                 if !source.starts.iter().any(|start| start.keyframe == keyframe) {
                     source.starts.push(Start::new(keyframe.as_deref()));
                 }
-                let start = source.starts.iter_mut().find(|start| start.keyframe == keyframe);
-                start.into_iter().for_each(|start| drop(start.q.insert(name.clone(), Vec::clone(&values))));
+                if let Some(start) = source.starts.iter_mut().find(|start| start.keyframe == keyframe) {
+                    start.q.insert(name.clone(), values);
+                }
             }
         }
         for &at in &way {
