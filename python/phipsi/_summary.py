@@ -11,6 +11,8 @@ __all__ = ["short", "summarized"]
 C = TypeVar("C", bound=type)
 #: Names that a text lists.
 MOST = 8
+#: Units of numbers, where a name stands for one.
+UNITS = {"position_error": " m", "rotation_error": " rad", "kinetic": " J", "potential": " J"}
 
 
 def summarized(kind: C) -> C:
@@ -35,12 +37,12 @@ def _text(name: str, value: Any) -> str:
     value = value[()] if isinstance(value, np.ndarray) and not value.ndim else value
     if not isinstance(value, np.ndarray):  # also arrays of JAX and PyTorch, whose values need not be known
         shape = getattr(value, "shape", ())
-        return str(tuple(shape)) if shape else f"{value:.3g}" if isinstance(value, float | np.floating) else str(value)
+        return str(tuple(shape)) if shape else f"{value:.3g}{UNITS.get(name, '')}" if isinstance(value, float | np.floating) else str(value)
     if value.dtype.kind == "b":
         return f"{np.count_nonzero(value)} of {value.size}"
     if value.dtype.kind in "UT":
         return " and ".join(f"{count} {one}" for one, count in zip(*np.unique(value, return_counts=True), strict=True))
     is_finite = value.dtype.kind != "f" or not np.isnan(value).any()
     if is_finite and value.size and ("error" in name or "residual" in name):
-        return f"up to {value.max():.2g}"
+        return f"up to {value.max():.2g}{UNITS.get(name, '')}"
     return f"{value.shape}{'' if is_finite else ' with NaN'}"
