@@ -43,7 +43,7 @@ def held(file: str, links: list[str], kind: str) -> phipsi.Scene:
 def states(scene: phipsi.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     random = np.random.default_rng(0)
     q = scene.integrate(scene.neutral(), random.uniform(-0.05, 0.05, (STATES, scene.nv)))
-    found = scene.project(q, random.uniform(-0.2, 0.2, (STATES, scene.nv)))
+    found = scene.loops.project(q, random.uniform(-0.2, 0.2, (STATES, scene.nv)))
     return found.q, found.qd, random.uniform(-5.0, 5.0, (STATES, scene.nv))
 
 
@@ -52,7 +52,7 @@ def held_at_rest(scene: phipsi.Scene, q: np.ndarray) -> np.ndarray:
     still = np.zeros((len(q), scene.nv))
     motors = np.ones(scene.nv, dtype=bool)
     motors[:6] = False
-    return scene.constrained_inverse_dynamics(q, still, still, actuated=motors).tau
+    return scene.loops.inverse_dynamics(q, still, still, actuated=motors).tau
 
 
 def theirs(scene: phipsi.Scene, file: str, links: list[str], kind: str, at: tuple[np.ndarray, ...]) -> Callable[[int], np.ndarray]:
@@ -94,7 +94,7 @@ def products() -> list[str]:
         builder.connect("rod", "distance", tree.link_names[-1], xyz=(0.0, 0.0, 0.1), other_xyz=(0.3, 0.2, 0.4))
         scene = builder.build()
         random = np.random.default_rng(0)
-        q, qd = scene.project(random.uniform(-0.3, 0.3, joints), random.uniform(-0.5, 0.5, joints))[:2]
+        q, qd = scene.loops.project(random.uniform(-0.3, 0.3, joints), random.uniform(-0.5, 0.5, joints))[:2]
         tau, *seeds = random.uniform(-1.0, 1.0, (5, joints))
         times = []
         for name, needed in (("vjp", seeds[:1]), ("jvp", seeds[:3]), ("hvp", seeds)):
@@ -134,7 +134,7 @@ def main() -> None:
             lambda tree=tree, at=at: [tree.forward_dynamics(at[0][i], at[1][i], at[2][i]) for i in range(STATES)],
         )
         one, their, batch, at_rest, fallen, alone = (1e6 * seconds / STATES for seconds in (one, their, batch, at_rest, fallen, alone))
-        rows = len(scene.constraint_error(at[0][0]))
+        rows = len(scene.loops.error(at[0][0]))
         lines.append(
             f"| {name} | {scene.nv}, {rows} | {apart:.0e} | {one:.1f} | {their:.1f} | {their / one:.1f} | {batch:.1f} | {their / batch:.1f} | {at_rest:.1f} | {fallen:.1f} | {alone:.1f} |"
         )

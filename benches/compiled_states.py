@@ -83,7 +83,7 @@ def of_loops(count: int, turns: int) -> Iterator[str]:
         tree = scene.without_constraints()
         few = closed_loops.states(scene)
         at = tuple(np.tile(array, (count // closed_loops.STATES + 1, 1))[:count] for array in few)
-        rows = len(scene.constraint_error(at[0][0]))
+        rows = len(scene.loops.error(at[0][0]))
         for function in ("forward_dynamics", "constrained_dynamics"):
             with tempfile.TemporaryDirectory() as directory:
                 begin = time.perf_counter()

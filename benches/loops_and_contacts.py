@@ -57,7 +57,7 @@ def connected(states: int | None = None) -> tuple[phipsi.Scene, tuple[np.ndarray
     loops = builder.build()
     random, shape = np.random.default_rng(0), (loops.nv,) if states is None else (states, loops.nv)
     q = loops.integrate(loops.neutral(), random.uniform(-0.05, 0.05, shape))
-    found = loops.project(q, random.uniform(-0.2, 0.2, shape))
+    found = loops.loops.project(q, random.uniform(-0.2, 0.2, shape))
     return loops, (found.q, found.qd)
 
 
@@ -76,7 +76,7 @@ def in_loops(lines: list[str]) -> None:
         one, one_loops = one / STEPS, one_loops / STEPS
         many, many_loops = many / IN_BATCHES / STATES, many_loops / IN_BATCHES / STATES
         path = loops.simulate(q[0], qd[0], dt=DT, steps=1000, record_every=1000, method=method, limits="report")
-        error = np.abs(loops.constraint_error(path.q[-1])).max()
+        error = np.abs(loops.loops.error(path.q[-1])).max()
         lines.append(f"| solo12 on four points, {method} | {one:.1f} | {one_loops:.1f} | {one_loops / one:.1f} | {many:.2f} | {many_loops:.2f} | {many_loops / many:.1f} | {error:.0e} |")
         print(lines[-1], flush=True)
 
@@ -89,7 +89,7 @@ def standing() -> tuple[phipsi.Scene, np.ndarray]:
     scene = builder.build()
     scene = scene.with_properties(armature=np.zeros(scene.nv))
     q = legs(scene)
-    q[2] -= scene.contact_gaps(q).min()
+    q[2] -= scene.contacts.gaps(q).min()
     return scene, q
 
 
@@ -129,9 +129,9 @@ def theirs(scene: phipsi.Scene, q: np.ndarray, tolerance: float) -> tuple[mujoco
 
 def residual(scene: phipsi.Scene, q: np.ndarray, after: np.ndarray, impulses: np.ndarray) -> float:
     """|F| / r of Alart and Curnier, the largest of a contact, relative to the largest velocity without impulses."""
-    jacobian = scene.contact_velocities(np.broadcast_to(q, (scene.nv, len(q))), np.eye(scene.nv)).reshape(scene.nv, -1).T
+    jacobian = scene.contacts.velocities(np.broadcast_to(q, (scene.nv, len(q))), np.eye(scene.nv)).reshape(scene.nv, -1).T
     delassus = jacobian @ scene.mass_matrix_inverse(q) @ jacobian.T
-    gap = np.maximum(scene.contact_gaps(q), 0.0)
+    gap = np.maximum(scene.contacts.gaps(q), 0.0)
     u, p, worst = jacobian @ after, impulses.ravel(), 0.0
     scale = np.abs(u - delassus @ p).max()
     for i in range(len(gap)):
@@ -216,7 +216,7 @@ def own_residual(scene: phipsi.Scene, start: tuple[np.ndarray, np.ndarray], targ
         one.step()
         after = one.qd.copy()
         after[:3] = scene.placement(before, "base_link")[:3, :3].T @ scene.placement(one.q, "base_link")[:3, :3] @ after[:3]
-        impulses = DT * np.array([one.contacts.force[name] for name in scene.contact_names])
+        impulses = DT * np.array([one.contacts.force[name] for name in scene.contacts.names])
         worst = max(worst, residual(scene, before, after, impulses))
     return worst
 

@@ -29,7 +29,8 @@ OPERATIONS = ("Forward dynamics", "Inverse dynamics", "Mass matrix", "Derivative
 CALLED = {"Forward dynamics": "pin.aba", "Inverse dynamics": "pin.rnea", "Mass matrix": "pin.crba"}
 KINEMATICS = ("Pose of one link", "Poses of all links", "Jacobian of one link")
 METHODS = {
-    "square-root form": "phipsi, square-root form (fallback of `auto`)",
+    "auto": "phipsi, `form=\"auto\"` (default)",
+    "square-root form": "phipsi, `form=\"square-root\"`",
     "covariance form": "phipsi, `form=\"covariance\"`",
     "Pinocchio, local": "Pinocchio",
     "Drake": "Drake",

@@ -29,6 +29,8 @@ from ._compare import Comparison, Difference, compare
 from ._compile import Compiled, compile
 from ._core import (
     BUNDLED_ARM,
+    Contacts,
+    Loops,
     RandomModel,
     Scene,
     SceneBuilder,
@@ -97,6 +99,7 @@ __all__ = [
     "ContactGradients",
     "ContactMotion",
     "ContactState",
+    "Contacts",
     "Difference",
     "Distances",
     "Energy",
@@ -112,6 +115,7 @@ __all__ = [
     "Limits",
     "LinearSystem",
     "Link",
+    "Loops",
     "MassEstimate",
     "Mimic",
     "ModeChange",

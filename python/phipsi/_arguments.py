@@ -428,7 +428,7 @@ def has_followers(scene: Scene) -> bool:
 
 def check_tree(scene: Scene, what: str) -> None:
     """Refuse a scene with connections in functions that support only trees."""
-    if scene.constraint_names:
-        names = ", ".join(map(repr, scene.constraint_names[:8]))
+    if scene.loops.names:
+        names = ", ".join(map(repr, scene.loops.names[:8]))
         message = f"found a scene with connections ({names}); expected a tree: scene.without_constraints() is the same one without them"
         raise of_argument(ArgumentError, what, message)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,6 +68,10 @@ class Comparison:
     dynamics: tuple[Difference, ...]
     locked: tuple[str, ...]
     note: str = ""
+
+    def __repr__(self) -> str:
+        found = "no difference" if self.same else ", ".join(f"{len(getattr(self, of))} of {of}" for of in ("properties", "poses", "dynamics"))
+        return f"<phipsi.Comparison: {found}{f'; first {self.first}' if self.first else ''}>"
 
     @property
     def same(self) -> bool:
@@ -144,8 +149,8 @@ def compare(first: Scene, second: Scene, *, states: int = 16, seed: int = 0, tol
 
 def _properties(first: Scene, second: Scene, tolerance: float) -> Iterator[Difference]:
     """Differences of names, joints and links, from the base outward."""
-    for what, names in (("joints", "joint_names"), ("links", "link_names"), ("connections", "constraint_names"), ("contacts", "contact_names"), ("colliders", "collider_names")):
-        one, two = getattr(first, names), getattr(second, names)
+    for what, names in (("joints", "joint_names"), ("links", "link_names"), ("connections", "loops.names"), ("contacts", "contacts.names"), ("colliders", "collider_names")):
+        one, two = attrgetter(names)(first), attrgetter(names)(second)
         if set(one) != set(two):
             yield Difference("scene", f"{what} of one robot only", tuple(sorted(set(one) - set(two))), tuple(sorted(set(two) - set(one))), np.nan)
         elif what == "joints" and one != two:

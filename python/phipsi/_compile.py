@@ -30,7 +30,7 @@ from . import _xla
 from ._arguments import names_of
 from ._batches import Batches, Entry, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
-from ._functions import ARGUMENTS, COMPILED, IN_FORM, THROUGH_CONNECTIONS, Function, Functions, functions_of, parts, row_count, rows_of, said, shapes, symbol
+from ._functions import ARGUMENTS, COMPILED, IN_FORM, THROUGH_CONNECTIONS, Function, Functions, functions_of, method_of, parts, row_count, rows_of, said, shapes, symbol
 from ._results import ConstrainedDynamics, by_connection
 from .errors import ArgumentError, CacheWarning, ConstraintError, LinkageWarning, LongCodeWarning, of_argument, warn
 
@@ -130,9 +130,9 @@ class Compiled(Functions[_Array]):
 
         def again(*states: _Array) -> Any:
             if name != "constrained_dynamics":
-                return getattr(self.scene, name)(*states, **self._fixed(of))
+                return method_of(self.scene, name)(*states, **self._fixed(of))
             *state, compliance = states
-            found = self.scene.constrained_dynamics(*state, compliance=compliance if compliance.any() else None, **self._fixed(of))
+            found = self.scene.loops.dynamics(*state, compliance=compliance if compliance.any() else None, **self._fixed(of))
             return found.qdd, np.concatenate([*found.forces.values()], axis=-1), found.rank, found.residual
 
         if known.margin is not None:
@@ -151,7 +151,7 @@ class Compiled(Functions[_Array]):
                 return found
             if out is None and errors == "raise" and not self._is_rounded:
                 # The short way: a state at a time is what most calls are of.
-                return getattr(self.scene, function[0])(*given, *function[1:2], **self._keywords[function])
+                return method_of(self.scene, function[0])(*given, *function[1:2], **self._keywords[function])
         return self._by_scene(function, given, out, errors, more)
 
     def _through_connections(self, state: tuple[Any, ...], compliance: Any, wrenches: Any, errors: _Errors) -> ConstrainedDynamics:
@@ -163,7 +163,7 @@ class Compiled(Functions[_Array]):
             if found is not None:
                 vector, forces, rank, residual = found
                 return ConstrainedDynamics(*by_connection(vector, forces, rank, residual, self._rows))
-        return self.scene.constrained_dynamics(*state, compliance=compliance, wrenches=wrenches, errors=errors, **self._keywords[("constrained_dynamics",)])
+        return self.scene.loops.dynamics(*state, compliance=compliance, wrenches=wrenches, errors=errors, **self._keywords[("constrained_dynamics",)])
 
     def _several_placements(self, q: Any, links: tuple[str, ...], errors: _Errors) -> Any:
         functions = [("placement", link) for link in links]
@@ -182,7 +182,7 @@ class Compiled(Functions[_Array]):
         keywords = {**keywords, **(more or {}), "errors": errors}
         if out is not None and not rounds:
             keywords["out"] = out
-        found = getattr(self.scene, name)(*given, *function[1:2], **keywords)
+        found = method_of(self.scene, name)(*given, *function[1:2], **keywords)
         if rounds:
             found = _in_dtype(found, self.dtype)
             if out is not None:
@@ -316,12 +316,12 @@ def compile(  # noqa: A001  # phipsi.compile
         raise of_argument(ArgumentError, "tolerance", f"found {tolerance!r} with form 'covariance', which takes its result as it is; expected form='auto' (of float64, on the CPU), or no tolerance")
     names = None if functions is None else names_of(functions)
     known = functions_of(scene) if names is None else tuple(dict.fromkeys(names))
-    through = [name for name in known if name in THROUGH_CONNECTIONS] if scene.constraint_names else []
+    through = [name for name in known if name in THROUGH_CONNECTIONS] if scene.loops.names else []
     if through and dtype != "float64":
-        found = f"{dtype!r} for {through[0]} with connections ({', '.join(scene.constraint_names[:8])}), whose states cannot be checked in it"
+        found = f"{dtype!r} for {through[0]} with connections ({', '.join(scene.loops.names[:8])}), whose states cannot be checked in it"
         raise of_argument(ArgumentError, "dtype", f"found {found}; expected 'float64', or other functions")
     if through and device == "cuda":
-        found = f"{through[0]} with connections ({', '.join(scene.constraint_names[:8])}), whose states are not checked on a GPU"
+        found = f"{through[0]} with connections ({', '.join(scene.loops.names[:8])}), whose states are not checked on a GPU"
         raise of_argument(ArgumentError, "functions", f"found {found}; expected other functions, or device='cpu'")
     if through and (dependent := _dependent(scene)):
         message = f"functions: found {dependent} in {through[0]}; expected independent rows: the scene computes all states, so that compiled code takes more time"
@@ -365,7 +365,7 @@ def _entry(scene: Scene, function: Function, form: str) -> Entry:
     name, reads = of[0], [scene.nq, *[scene.nv] * (len(ARGUMENTS[of[0]]) - 1)]
     if name == "constrained_dynamics":
         reads[-1] = row_count(scene)
-    tells = name in WATCHED and (form == "auto" or (name in THROUGH_CONNECTIONS and bool(scene.constraint_names)))
+    tells = name in WATCHED and (form == "auto" or (name in THROUGH_CONNECTIONS and bool(scene.loops.names)))
     margin = "" if tells else f"robot_{WATCH}_batch" if form == "auto" and name in WATCHES else None
     return Entry(said([of]), f"robot_{WATCHED[name] if tells else symbol(function)}_batch", tuple(reads), tuple(shapes(of, scene)), margin)
 
@@ -383,11 +383,11 @@ def _dependent(scene: Scene) -> str | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LinkageWarning)
-            closed = other.project(scene.integrate(scene.neutral(), steps))
+            closed = other.loops.project(scene.integrate(scene.neutral(), steps))
     except ConstraintError:
         # No configuration is known, so neither is the rank.
         return None
-    rows = np.abs(other.constraint_jacobian(closed.q)).max(axis=-1)
+    rows = np.abs(other.loops.jacobian(closed.q)).max(axis=-1)
     moving = np.count_nonzero(rows > 1e-9 * rows.max(), axis=-1)
     if not np.all(closed.rank < moving):
         return None

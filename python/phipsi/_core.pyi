@@ -53,8 +53,10 @@ from .view import Viewer
 
 __all__ = [
     "BUNDLED_ARM",
+    "Contacts",
     "Exact",
     "FORMS",
+    "Loops",
     "METHODS",
     "QUANTITIES",
     "ROUTES",
@@ -457,13 +459,6 @@ class Scene:
         """
 
     @property
-    def parameters(self) -> _Array:
-        """Inertial parameters of each link of body_names, in the order of regressor and identify, (bodies, 10).
-
-        (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), I about the link origin, in the link frame; each body includes
-        the links fixed to it.
-        """
-    @property
     def link_names(self) -> tuple[str, ...]:
         """Names of all links in depth-first order, including links on fixed joints."""
 
@@ -685,7 +680,7 @@ class Scene:
 
         Notes
         -----
-        Equations 4.4 to 4.11. With connections, the result is that of constrained_dynamics, without an error estimate.
+        Equations 4.4 to 4.11. With connections, the result is that of loops.dynamics, without an error estimate.
         Contacts act in simulations only. If the call raises, `out` may be partly written.
 
         Examples
@@ -944,7 +939,7 @@ class Scene:
         progress : callable, optional
             Function of (steps done, steps), called at most 20 times per second.
         compliance : float or (..., m) array_like, optional
-            Compliance of each row of the connections in the order of constraint_rows, (m/s^2)/N or (rad/s^2)/(N m), not
+            Compliance of each row of the connections in the order of loops.rows, (m/s^2)/N or (rad/s^2)/(N m), not
             negative. None: the connections are rigid.
         limits : {"stop", "report"}, optional
             "stop" (default): position limits are stops. "report": Trajectory.violations() lists them.
@@ -981,7 +976,7 @@ class Scene:
         frame : {"link", "world"}, default "link"
             Axes of the wrenches: those of the link, with which they rotate, or those of the base.
         contact_friction, contact_restitution : float or (..., n) array_like, optional
-            Coefficients of the contacts of contact_names and then the colliders of collider_names, instead of those of
+            Coefficients of the contacts of contacts.names and then the colliders of collider_names, instead of those of
             the scene, for all states or for each.
 
         Returns
@@ -998,7 +993,7 @@ class Scene:
         SimulationInterrupted
             Ctrl-C (a KeyboardInterrupt), with .trajectory. Other exceptions of signal handlers are raised unchanged.
         ConstraintError
-            The start violates the connections; see project.
+            The start violates the connections; see loops.project.
         OutOfMemoryError
             A result that does not fit in memory. The message names the argument that determines its size.
         ShapeError, NotFiniteError, ArgumentError
@@ -1464,7 +1459,7 @@ class Scene:
         Notes
         -----
         forward_dynamics multiplies by the inverse in O(N) without forming it. The error estimate is that of the factor
-        of M. constrained_mass_matrix_inverse includes the connections.
+        of M. loops.mass_matrix_inverse includes the connections.
 
         Examples
         --------
@@ -2790,7 +2785,7 @@ class Scene:
         Notes
         -----
         Defined in singular configurations too, unlike operational_inertia. With connections, M^-1 is
-        constrained_mass_matrix_inverse, and with joints that follow others J and M^-1 are those of the independent
+        loops.mass_matrix_inverse, and with joints that follow others J and M^-1 are those of the independent
         joints; both cost O(N^3). Contacts have no effect: the wrenches are the only ones on the links.
 
         Examples
@@ -2860,39 +2855,6 @@ class Scene:
         array([ 4.3, 25.3, 39. ])
         """
 
-    @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """Names of the connections in the order of their creation: the keys of the forces of constrained_dynamics."""
-
-    @property
-    def tolerance(self) -> float:
-        """Geometric tolerance of linkages, an angle in rad or a relative length; see SceneBuilder.build."""
-
-    def constraint_rows(self, connection: str, /) -> slice[int, int, int]:
-        """Slice of the rows of a connection in constraint_error, constraint_bias and constraint_jacobian.
-
-        Parameters
-        ----------
-        connection : str
-            Name of the connection.
-
-        Returns
-        -------
-        slice
-            Position of the rows.
-
-        Raises
-        ------
-        ArgumentError
-            An unknown name. The message lists the names that exist.
-
-        Examples
-        --------
-        >>> builder = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2")
-        >>> builder.couple("gear", "j2", "j1").build().constraint_rows("gear")
-        slice(3, 4, 1)
-        """
-
     def without_constraints(self) -> Scene:
         """Create the scene of the same kinematic tree without the connections, for methods that support trees only.
 
@@ -2904,50 +2866,13 @@ class Scene:
         Examples
         --------
         >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-        >>> scene.without_constraints().constraint_names
+        >>> scene.without_constraints().loops.names
         ()
         """
 
     @property
-    def contact_names(self) -> tuple[str, ...]:
-        """Names of the contacts in the order of their creation, that of contact_gaps and of Trajectory.contacts."""
-
-    @property
     def collider_names(self) -> tuple[str, ...]:
         """Names of the colliders in the order of their creation."""
-    def contact_gaps(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Distance of each contact from its surface; negative below the surface.
-
-        Parameters
-        ----------
-        q : (..., nq) array_like
-            Joint positions, rad or m.
-        errors : {"raise", "nan"}, default "raise"
-            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
-
-        Returns
-        -------
-        gaps : (..., contacts) ndarray
-            Distance, m, in the order of contact_names.
-
-        Raises
-        ------
-        ShapeError, NotFiniteError, ArgumentError
-            An invalid argument or an unknown name. The message names the argument and the state.
-
-        Notes
-        -----
-        O(depth) per contact.
-
-        Examples
-        --------
-        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
-        >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
-        >>> scene.contact_gaps([[0, 0, 0.3, 0, 0, 0, 1], [0, 0, 0.05, 0, 0, 0, 1]]).round(3)
-        array([[ 0.2 ],
-               [-0.05]])
-        """
-
     def distances(
         self,
         q: ArrayLike,
@@ -3002,86 +2927,6 @@ class Scene:
         >>> found.pairs, found.distance.round(3), found.gradient.round(3)
         ((('ball', 'ground'),), array([0.2]), array([[0., 0., 1., 0., 0., 0.]]))
         """
-    def contact_velocities(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Velocity of each contact relative to its surface, at the point of the link nearest to it, in the base frame.
-
-        Parameters
-        ----------
-        q : (..., nq) array_like
-            Joint positions, rad or m.
-        qd : (..., nv) array_like
-            Joint velocities, rad/s or m/s.
-        errors : {"raise", "nan"}, default "raise"
-            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
-
-        Returns
-        -------
-        v : (..., contacts, 3) ndarray
-            Velocity, m/s, in the order of contact_names.
-
-        Raises
-        ------
-        ShapeError, NotFiniteError, ArgumentError
-            An invalid argument or an unknown name. The message names the argument and the state.
-
-        Notes
-        -----
-        O(depth) per contact.
-
-        Examples
-        --------
-        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
-        >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
-        >>> scene.contact_velocities([0, 0, 0.1, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0])
-        array([[1., 0., 0.]])
-        """
-
-    def contact_gram(
-        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, errors: _Errors = "raise"
-    ) -> _Array:
-        """J M^-1 J^T of the points of all contacts: their velocities, in the base frame, due to unit impulses on them.
-
-        Parameters
-        ----------
-        q : (..., nq) array_like
-            Joint positions, rad or m.
-        form : {"auto", "covariance", "square-root"}, default "auto"
-            Form of the covariance P; see forward_dynamics.
-        tolerance : float, optional
-            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
-        errors : {"raise", "nan"}, default "raise"
-            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
-
-        Returns
-        -------
-        gram : (..., contacts, 3, contacts, 3) ndarray
-            Velocity of contact i along axis a of the base frame due to a unit impulse on contact j along axis b, 1/kg,
-            in the order of contact_names. Symmetric.
-
-        Raises
-        ------
-        ArgumentError
-            Connections or mimic joints, and as below.
-        SingularJointError
-            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
-        ShapeError, NotFiniteError, ArgumentError
-            An invalid argument or an unknown name. The message names the argument and the state.
-
-        Notes
-        -----
-        J qd are the velocities of contact_velocities. All contacts are included, open ones too. The factor of M and one
-        right-hand side per row, O(m N + m^2 nv) for m rows.
-
-        Examples
-        --------
-        >>> builder = phipsi.SceneBuilder().link("ball", mass=2.0, inertia=0.004 * np.eye(3))
-        >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
-        >>> scene.contact_gram([0, 0, 0.1, 0, 0, 0, 1])[0, :, 0, :].round(3)
-        array([[3. , 0. , 0. ],
-               [0. , 3. , 0. ],
-               [0. , 0. , 0.5]])
-        """
-
     def without_contacts(self) -> Scene:
         """Create the same scene without the contacts, for methods that do not support contacts.
 
@@ -3094,357 +2939,8 @@ class Scene:
         --------
         >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
         >>> scene = builder.contact("foot", "ball", friction=0.5).build(floating_base=True)
-        >>> scene.without_contacts().contact_names
+        >>> scene.without_contacts().contacts.names
         ()
-        """
-
-    def constraint_error(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Constraint error of each row of the connections; zero if the connections are closed.
-
-        Parameters
-        ----------
-        q : (..., nq) array_like
-            Joint positions, rad or m.
-        errors : {"raise", "nan"}, default "raise"
-            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
-
-        Returns
-        -------
-        error : (..., m) ndarray
-            Errors, rad or m; constraint_rows has the rows of each connection, angular rows first.
-
-        Raises
-        ------
-        ConstraintError
-            A rod of length zero.
-        ShapeError, NotFiniteError, ArgumentError
-            An invalid argument or an unknown name. The message names the argument and the state.
-
-        Notes
-        -----
-        Origins: m, in the axes of the first frame. Rotations: 2 sin(t/2) about the axis, with the angle t. Direction of
-        an axis: the two components across it. Distance: current length minus `length`. Coupling: coordinate minus its
-        nominal value.
-
-        Examples
-        --------
-        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-        >>> scene.constraint_error([0.0, 0.1, 0.3]).round(3)
-        array([0.2])
-        """
-
-    def constraint_jacobian(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Constraint Jacobian J of the connections: J qd is the time derivative of constraint_error, at every q.
-
-        Parameters
-        ----------
-        q : (..., nq) array_like
-            Joint positions, rad or m.
-        errors : {"raise", "nan"}, default "raise"
-            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
-
-        Returns
-        -------
-        J : (..., m, nv) ndarray
-            Jacobian, SI units.
-
-        Raises
-        ------
-        ShapeError, NotFiniteError, ArgumentError
-            An invalid argument or an unknown name. The message names the argument and the state.
-
-        Notes
-        -----
-        O(m depth) operations.
-
-        Examples
-        --------
-        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-        >>> scene.constraint_jacobian([0.0, 0.1, 0.3])
-        array([[ 0., -1.,  1.]])
-        """
-
-    def constraint_bias(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """Constraint bias J' qd: the second time derivative of constraint_error at zero joint accelerations.
-
-        Parameters
-        ----------
-        q : (..., nq) array_like
-            Joint positions, rad or m.
-        qd : (..., nv) array_like
-            Joint velocities, rad/s or m/s.
-        errors : {"raise", "nan"}, default "raise"
-            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
-
-        Returns
-        -------
-        bias : (..., m) ndarray
-            Acceleration of each row, rad/s^2 or m/s^2.
-
-        Raises
-        ------
-        ShapeError, NotFiniteError, ArgumentError
-            An invalid argument or an unknown name. The message names the argument and the state.
-
-        Notes
-        -----
-        O(N + m depth) operations.
-
-        Examples
-        --------
-        >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2").build()
-        >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
-        >>> ahead, behind = (scene.constraint_jacobian(q + h * qd) @ qd for h in (1e-6, -1e-6))
-        >>> np.allclose(scene.constraint_bias(q, qd), (ahead - behind) / 2e-6)
-        True
-        """
-
-    def constrained_dynamics(
-        self,
-        q: ArrayLike,
-        qd: ArrayLike,
-        tau: ArrayLike,
-        *,
-        compliance: ArrayLike | None = None,
-        form: _Form = "auto",
-        tolerance: float | None = None,
-        wrenches: Mapping[str, ArrayLike] | None = None,
-        inertias: ArrayLike | None = None,
-        armature: ArrayLike | None = None,
-        errors: _Errors = "raise",
-    ) -> ConstrainedDynamics:
-        """Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
-
-        Parameters
-        ----------
-        q : (..., nq) array_like
-            Joint positions, rad or m.
-        qd : (..., nv) array_like
-            Joint velocities, rad/s or m/s.
-        tau : (..., nv) array_like
-            Joint torques, N m or N; those of a free joint are (force, moment).
-        compliance : float or (..., m) array_like, optional
-            Compliance of each row of the connections in the order of constraint_rows, (m/s^2)/N or (rad/s^2)/(N m), not
-            negative. None: the connections are rigid.
-        form : {"auto", "covariance", "square-root"}, default "auto"
-            Form of the covariance P; see forward_dynamics.
-        tolerance : float, optional
-            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
-        wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
-            the link, N m and N.
-        inertias : (..., bodies, 10) array_like, optional
-            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
-            model per state.
-        armature : (..., nv) array_like or float, optional
-            Armature of each state instead of that of the scene, kg m^2 or kg.
-        errors : {"raise", "nan"}, default "raise"
-            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
-
-        Returns
-        -------
-        dynamics : ConstrainedDynamics
-            Named tuple: qdd (..., nv); forces, a dict from connection names to (..., rows); rank (...) and residual
-            (...).
-
-        Raises
-        ------
-        ConstraintError
-            No forces satisfy all rows (contradicting connections), or positions or velocities violate the connections
-            by more than 1e-3 (m or rad; relative to the fastest joint velocity above 1) without compliance. Attributes:
-            .connections, .residual and .state. Scene.project closes the connections.
-        SingularJointError
-            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
-        ShapeError, NotFiniteError, ArgumentError
-            An invalid argument or an unknown name. The message names the argument and the state.
-
-        Notes
-        -----
-        O(N + m^2 depth + m^3) for m rows: unit forces along the rows run inward through the filter of the tree, and
-        their Gram matrix is J M^-1 J^T. With compliance, the rows are measurements with that noise, J qdd + J' qd =
-        -compliance f: contradicting rows compromise, and dependent rows share their force.
-
-        A force acts from the connection on `link`, (moment, force) in the rows that it has, at the origin and in the
-        axes of its first frame; the other link receives the opposite. The force of a rod is positive in compression;
-        that of a coupling acts along its joint. If rows are dependent, qdd is unique and the forces have the least sum
-        (J M^-1 J^T)_ii f_i^2.
-
-        Examples
-        --------
-        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-        >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
-        >>> np.allclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
-        (True, (1,))
-        """
-
-    def project(
-        self,
-        q: ArrayLike,
-        qd: ArrayLike | None = None,
-        *,
-        compliance: ArrayLike | None = None,
-        errors: _Errors = "raise",
-    ) -> Projection:
-        """Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
-
-        Parameters
-        ----------
-        q : (..., nq) array_like
-            Joint positions, rad or m.
-        qd : (..., nv) array_like, optional
-            Joint velocities, rad/s or m/s.
-        compliance : float or (..., m) array_like, optional
-            Compliance of each row of the connections in the order of constraint_rows, (m/s^2)/N or (rad/s^2)/(N m), not
-            negative. None: the connections are rigid.
-        errors : {"raise", "nan"}, default "raise"
-            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
-
-        Returns
-        -------
-        projection : Projection
-            Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
-
-        Raises
-        ------
-        ConstraintError
-            An error remains: no small displacement closes the connections. Attributes: .connections, .residual and
-            .state.
-        SingularJointError
-            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
-        ShapeError, NotFiniteError, ArgumentError
-            An invalid argument or an unknown name. The message names the argument and the state.
-
-        Warns
-        -----
-        LinkageWarning
-            Once per scene: rows count as dependent that are not dependent within rounding, or axes of a loop are nearly
-            parallel.
-
-        Notes
-        -----
-        Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy and at most 0.5 rad or m per joint;
-        velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
-        half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
-
-        Combinations of rows that move joints by less than Scene.tolerance count as dependent if the rank of the
-        intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
-        at most 10 times the tolerance; constraint_error has them.
-
-        Examples
-        --------
-        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-        >>> closed = scene.project([0.0, 0.1, 0.3])
-        >>> np.allclose(scene.constraint_error(closed.q), 0.0)
-        True
-        """
-
-    def constrained_inverse_dynamics(
-        self,
-        q: ArrayLike,
-        qd: ArrayLike,
-        qdd: ArrayLike,
-        *,
-        actuated: Iterable[str] | ArrayLike | None = None,
-        form: _Form = "auto",
-        tolerance: float | None = None,
-        wrenches: Mapping[str, ArrayLike] | None = None,
-        errors: _Errors = "raise",
-    ) -> ConstrainedInverseDynamics:
-        """Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
-
-        Parameters
-        ----------
-        q : (..., nq) array_like
-            Joint positions, rad or m.
-        qd : (..., nv) array_like
-            Joint velocities, rad/s or m/s.
-        qdd : (..., nv) array_like
-            Joint accelerations, rad/s^2 or m/s^2.
-        actuated : iterable of str or (nv,) array_like of bool, optional
-            Names of the actuated joints, or a mask; the torque of all others is zero. None: all joints.
-        form : {"auto", "covariance", "square-root"}, default "auto"
-            Form of the covariance P; see forward_dynamics.
-        tolerance : float, optional
-            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
-        wrenches : dict of str to (..., 6) array_like, optional
-            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
-            the link, N m and N.
-        errors : {"raise", "nan"}, default "raise"
-            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
-
-        Returns
-        -------
-        dynamics : ConstrainedInverseDynamics
-            Named tuple: tau (..., nv); forces and rank as in constrained_dynamics; residual (...), the largest entry of
-            J qdd + J' qd, which is not rounding if no torques cause these accelerations.
-
-        Raises
-        ------
-        ArgumentError
-            A joint outside of `actuated` needs a torque, or an invalid argument.
-        SingularJointError
-            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
-        ShapeError, NotFiniteError, ArgumentError
-            An invalid argument or an unknown name. The message names the argument and the state.
-
-        Notes
-        -----
-        If there is a choice, tau minimizes tau^T M^-1 tau: torques that do not load the connections.
-
-        Examples
-        --------
-        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-        >>> q, qd, qdd = [0.0, 0.1, 0.1], np.zeros(3), np.ones(3)
-        >>> dynamics = scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
-        >>> float(dynamics.tau[2])
-        0.0
-        """
-
-    def constrained_mass_matrix_inverse(
-        self,
-        q: ArrayLike,
-        *,
-        form: _Form = "auto",
-        tolerance: float | None = None,
-        errors: _Errors = "raise",
-    ) -> _Array:
-        """Inverse mass matrix through the connections: M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
-
-        Parameters
-        ----------
-        q : (..., nq) array_like
-            Joint positions, rad or m.
-        form : {"auto", "covariance", "square-root"}, default "auto"
-            Form of the covariance P; see forward_dynamics.
-        tolerance : float, optional
-            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
-        errors : {"raise", "nan"}, default "raise"
-            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
-
-        Returns
-        -------
-        inverse : (..., nv, nv) ndarray
-            Change of the joint accelerations per joint torque, SI units; symmetric, of rank nv minus that of J.
-
-        Raises
-        ------
-        SingularJointError
-            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
-        ArgumentError
-            A scene of more than 4000 degrees of freedom, too many for dense matrices.
-        ShapeError, NotFiniteError, ArgumentError
-            An invalid argument or an unknown name. The message names the argument and the state.
-
-        Notes
-        -----
-        O(nv^3), as a Gram matrix without a subtraction: no eigenvalue is negative beyond rounding.
-
-        Examples
-        --------
-        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-        >>> inverse = scene.constrained_mass_matrix_inverse([0.0, 0.1, 0.1])
-        >>> np.allclose(scene.constraint_jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
-        True
         """
 
     def energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> Energy:
@@ -4064,6 +3560,40 @@ class Scene:
         3.5
         """
 
+    def rerooted(self, link: str, *, floating_base: bool | None = None) -> Scene:
+        """Create the scene of the same robot with another link as its root.
+
+        Parameters
+        ----------
+        link : str
+            Name of the link.
+        floating_base : bool, optional
+            If true, the base moves freely. None: as in this scene.
+
+        Returns
+        -------
+        scene : Scene
+            The new scene.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown link; a planar, universal or spherical joint between the two roots; a free joint with armature,
+            losses or a spring; starts with velocities; connections, contacts and colliders of a fixed base.
+
+        Notes
+        -----
+        The joints between the two roots carry the links on their other side, about the opposite axes: joint positions,
+        velocities and torques, limits and losses are the same, but their order in q is that of the new tree. Each of
+        these joints carries a massless link, named after the link and the joint. The free joint of a floating base
+        carries the new root, also in starts and keyframes; without one, the frame of the base is that of the new root.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3)
+        >>> scene.rerooted("link2").joint_names
+        ('j2', 'j1', 'j0')
+        """
     def subtree(self, link: str, *, floating_base: bool = False) -> Scene:
         """Create the scene of the part of the robot that a link carries, with this link as its root.
 
@@ -4252,7 +3782,8 @@ class Scene:
             targets are then near each other, and a target that no start reaches has the local minimum next to the
             solution before. Axes before that of the path are a batch of paths.
         starts : int, optional
-            Largest number of starts; None: 100, or 20 with a posture. Those after the first are drawn within the
+            Largest number of starts; None: 100, or 20 with a posture, and with follow 3 after a target that was not
+            reached, until one is reached. Those after the first are drawn within the
             limits, of several draws the one nearest to the tasks. The search ends early when the tasks are reached, or
             when 40 starts have found the same least minimum, because the target is then probably out of reach.
         posture : float, optional
@@ -4382,7 +3913,7 @@ class Scene:
         d(pi), with Y the regressor at the qdd that forward dynamics gives. The variances are those of a filter and
         smoother whose gains were made for another noise. First order in the errors. With connections or joints that
         follow others, A Y Sigma Y* A* by dense matrices, O(N^3), with A the inverse mass matrix through the connections
-        (constrained_mass_matrix_inverse) or of the independent joints. Contacts are ignored: their forces depend on the
+        (loops.mass_matrix_inverse) or of the independent joints. Contacts are ignored: their forces depend on the
         motion before.
 
         Parameters
@@ -4611,7 +4142,7 @@ class Scene:
         ArgumentError
             An invalid argument, an unknown link or joint, two sensors with the same name.
         ConstraintError
-            Initial positions or velocities that violate the connections; see project.
+            Initial positions or velocities that violate the connections; see loops.project.
         ShapeError, NotFiniteError
             An invalid array. The message names the argument.
 
@@ -5259,13 +4790,13 @@ class Scene:
         """
 
     def random_configuration(
-        self, rng: int | np.random.Generator | None = None, *, size: int | tuple[int, ...] = ()
+        self, seed: int | np.random.Generator | None = None, *, size: int | tuple[int, ...] = ()
     ) -> _Array:
         """Draw random configurations: joint positions uniformly within the limits, orientations uniformly.
 
         Parameters
         ----------
-        rng : int or numpy.random.Generator, optional
+        seed : int or numpy.random.Generator, optional
             Seed or generator; None: fresh entropy.
         size : int or tuple of int, default ()
             Batch axes.
@@ -5274,12 +4805,12 @@ class Scene:
         -------
         q : (*size, nq) ndarray
             Configurations. Without limits, or with a limit beyond 20 rad or m, an angle is drawn from (-pi, pi) and a
-            length from (-1, 1) m. Coupled joints and connections are not considered; see project.
+            length from (-1, 1) m. Coupled joints and connections are not considered; see loops.project.
 
         Raises
         ------
         ArgumentError
-            Any other rng or size.
+            Any other seed or size.
 
         Examples
         --------
@@ -5377,6 +4908,525 @@ class Scene:
     def __copy__(self) -> Scene: ...
     def __deepcopy__(self, memo: Any, /) -> Scene: ...
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
+
+    @property
+    def loops(self) -> Loops:
+        """The connections of a scene, which close kinematic loops and couple joints."""
+
+    @property
+    def contacts(self) -> Contacts:
+        """The contacts of a scene that have names: points and spheres on planes, spheres and boxes."""
+
+@final
+class Loops:
+    """The connections of a scene, which close kinematic loops and couple joints."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the connections in the order of their creation: the keys of the forces of dynamics."""
+
+    @property
+    def tolerance(self) -> float:
+        """Geometric tolerance of linkages, an angle in rad or a relative length; see SceneBuilder.build."""
+
+    def rows(self, connection: str, /) -> slice[int, int, int]:
+        """Slice of the rows of a connection in error, bias and jacobian.
+
+        Parameters
+        ----------
+        connection : str
+            Name of the connection.
+
+        Returns
+        -------
+        slice
+            Position of the rows.
+
+        Raises
+        ------
+        ArgumentError
+            An unknown name. The message lists the names that exist.
+
+        Examples
+        --------
+        >>> builder = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2")
+        >>> builder.couple("gear", "j2", "j1").build().loops.rows("gear")
+        slice(3, 4, 1)
+        """
+
+    def error(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """Constraint error of each row of the connections; zero if the connections are closed.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        error : (..., m) ndarray
+            Errors, rad or m; rows has the rows of each connection, angular rows first.
+
+        Raises
+        ------
+        ConstraintError
+            A rod of length zero.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        Origins: m, in the axes of the first frame. Rotations: 2 sin(t/2) about the axis, with the angle t. Direction of
+        an axis: the two components across it. Distance: current length minus `length`. Coupling: coordinate minus its
+        nominal value.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> scene.loops.error([0.0, 0.1, 0.3]).round(3)
+        array([0.2])
+        """
+
+    def jacobian(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """Constraint Jacobian J of the connections: J qd is the time derivative of error, at every q.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        J : (..., m, nv) ndarray
+            Jacobian, SI units.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(m depth) operations.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> scene.loops.jacobian([0.0, 0.1, 0.3])
+        array([[ 0., -1.,  1.]])
+        """
+
+    def bias(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """Constraint bias J' qd: the second time derivative of error at zero joint accelerations.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        bias : (..., m) ndarray
+            Acceleration of each row, rad/s^2 or m/s^2.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N + m depth) operations.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2").build()
+        >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
+        >>> ahead, behind = (scene.loops.jacobian(q + h * qd) @ qd for h in (1e-6, -1e-6))
+        >>> np.allclose(scene.loops.bias(q, qd), (ahead - behind) / 2e-6)
+        True
+        """
+
+    def dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        compliance: ArrayLike | None = None,
+        form: _Form = "auto",
+        tolerance: float | None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> ConstrainedDynamics:
+        """Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        tau : (..., nv) array_like
+            Joint torques, N m or N; those of a free joint are (force, moment).
+        compliance : float or (..., m) array_like, optional
+            Compliance of each row of the connections in the order of loops.rows, (m/s^2)/N or (rad/s^2)/(N m), not
+            negative. None: the connections are rigid.
+        form : {"auto", "covariance", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        dynamics : ConstrainedDynamics
+            Named tuple: qdd (..., nv); forces, a dict from connection names to (..., rows); rank (...) and residual
+            (...).
+
+        Raises
+        ------
+        ConstraintError
+            No forces satisfy all rows (contradicting connections), or positions or velocities violate the connections
+            by more than 1e-3 (m or rad; relative to the fastest joint velocity above 1) without compliance. Attributes:
+            .connections, .residual and .state. project closes the connections.
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(N + m^2 depth + m^3) for m rows: unit forces along the rows run inward through the filter of the tree, and
+        their Gram matrix is J M^-1 J^T. With compliance, the rows are measurements with that noise, J qdd + J' qd =
+        -compliance f: contradicting rows compromise, and dependent rows share their force.
+
+        A force acts from the connection on `link`, (moment, force) in the rows that it has, at the origin and in the
+        axes of its first frame; the other link receives the opposite. The force of a rod is positive in compression;
+        that of a coupling acts along its joint. If rows are dependent, qdd is unique and the forces have the least sum
+        (J M^-1 J^T)_ii f_i^2.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> dynamics = scene.loops.dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
+        >>> np.allclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
+        (True, (1,))
+        """
+
+    def project(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        *,
+        compliance: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> Projection:
+        """Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like, optional
+            Joint velocities, rad/s or m/s.
+        compliance : float or (..., m) array_like, optional
+            Compliance of each row of the connections in the order of loops.rows, (m/s^2)/N or (rad/s^2)/(N m), not
+            negative. None: the connections are rigid.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        projection : Projection
+            Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
+
+        Raises
+        ------
+        ConstraintError
+            An error remains: no small displacement closes the connections. Attributes: .connections, .residual and
+            .state.
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Warns
+        -----
+        LinkageWarning
+            Once per scene: rows count as dependent that are not dependent within rounding, or axes of a loop are nearly
+            parallel.
+
+        Notes
+        -----
+        Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy and at most 0.5 rad or m per joint;
+        velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
+        half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
+
+        Combinations of rows that move joints by less than tolerance count as dependent if the rank of the
+        intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
+        at most 10 times the tolerance; error has them.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> closed = scene.loops.project([0.0, 0.1, 0.3])
+        >>> np.allclose(scene.loops.error(closed.q), 0.0)
+        True
+        """
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        actuated: Iterable[str] | ArrayLike | None = None,
+        form: _Form = "auto",
+        tolerance: float | None = None,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> ConstrainedInverseDynamics:
+        """Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        qdd : (..., nv) array_like
+            Joint accelerations, rad/s^2 or m/s^2.
+        actuated : iterable of str or (nv,) array_like of bool, optional
+            Names of the actuated joints, or a mask; the torque of all others is zero. None: all joints.
+        form : {"auto", "covariance", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        wrenches : dict of str to (..., 6) array_like, optional
+            External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
+            the link, N m and N.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        dynamics : ConstrainedInverseDynamics
+            Named tuple: tau (..., nv); forces and rank as in dynamics; residual (...), the largest entry of
+            J qdd + J' qd, which is not rounding if no torques cause these accelerations.
+
+        Raises
+        ------
+        ArgumentError
+            A joint outside of `actuated` needs a torque, or an invalid argument.
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        If there is a choice, tau minimizes tau^T M^-1 tau: torques that do not load the connections.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> q, qd, qdd = [0.0, 0.1, 0.1], np.zeros(3), np.ones(3)
+        >>> dynamics = scene.loops.inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
+        >>> float(dynamics.tau[2])
+        0.0
+        """
+
+    def mass_matrix_inverse(
+        self,
+        q: ArrayLike,
+        *,
+        form: _Form = "auto",
+        tolerance: float | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """Inverse mass matrix through the connections: M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        form : {"auto", "covariance", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        inverse : (..., nv, nv) ndarray
+            Change of the joint accelerations per joint torque, SI units; symmetric, of rank nv minus that of J.
+
+        Raises
+        ------
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ArgumentError
+            A scene of more than 4000 degrees of freedom, too many for dense matrices.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(nv^3), as a Gram matrix without a subtraction: no eigenvalue is negative beyond rounding.
+
+        Examples
+        --------
+        >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+        >>> inverse = scene.loops.mass_matrix_inverse([0.0, 0.1, 0.1])
+        >>> np.allclose(scene.loops.jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
+        True
+        """
+
+    def __reduce__(self) -> tuple[Any, ...]: ...
+
+@final
+class Contacts:
+    """The contacts of a scene that have names: points and spheres on planes, spheres and boxes."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the contacts in the order of their creation, that of gaps and of Trajectory.contacts."""
+
+    def gaps(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """Distance of each contact from its surface; negative below the surface.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        gaps : (..., contacts) ndarray
+            Distance, m, in the order of names.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(depth) per contact.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+        >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+        >>> scene.contacts.gaps([[0, 0, 0.3, 0, 0, 0, 1], [0, 0, 0.05, 0, 0, 0, 1]]).round(3)
+        array([[ 0.2 ],
+               [-0.05]])
+        """
+
+    def velocities(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """Velocity of each contact relative to its surface, at the point of the link nearest to it, in the base frame.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        qd : (..., nv) array_like
+            Joint velocities, rad/s or m/s.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        v : (..., contacts, 3) ndarray
+            Velocity, m/s, in the order of names.
+
+        Raises
+        ------
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        O(depth) per contact.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
+        >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+        >>> scene.contacts.velocities([0, 0, 0.1, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0])
+        array([[1., 0., 0.]])
+        """
+
+    def gram(
+        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, errors: _Errors = "raise"
+    ) -> _Array:
+        """J M^-1 J^T of the points of all contacts: their velocities, in the base frame, due to unit impulses on them.
+
+        Parameters
+        ----------
+        q : (..., nq) array_like
+            Joint positions, rad or m.
+        form : {"auto", "covariance", "square-root"}, default "auto"
+            Form of the covariance P; see forward_dynamics.
+        tolerance : float, optional
+            Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        errors : {"raise", "nan"}, default "raise"
+            "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
+
+        Returns
+        -------
+        gram : (..., contacts, 3, contacts, 3) ndarray
+            Velocity of contact i along axis a of the base frame due to a unit impulse on contact j along axis b, 1/kg,
+            in the order of names. Symmetric.
+
+        Raises
+        ------
+        ArgumentError
+            Connections or mimic joints, and as below.
+        SingularJointError
+            A joint without inertia along its axis: its pivot D(k) is lost in rounding.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Notes
+        -----
+        J qd are the those of velocities. All contacts are included, open ones too. The factor of M and one
+        right-hand side per row, O(m N + m^2 nv) for m rows.
+
+        Examples
+        --------
+        >>> builder = phipsi.SceneBuilder().link("ball", mass=2.0, inertia=0.004 * np.eye(3))
+        >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
+        >>> scene.contacts.gram([0, 0, 0.1, 0, 0, 0, 1])[0, :, 0, :].round(3)
+        array([[3. , 0. , 0. ],
+               [0. , 3. , 0. ],
+               [0. , 0. , 0.5]])
+        """
+
+    def __reduce__(self) -> tuple[Any, ...]: ...
 
 @final
 class SceneBuilder:
@@ -5625,7 +5675,7 @@ class SceneBuilder:
         Examples
         --------
         >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
-        >>> scene.constraint_names, scene.constraint_jacobian([0.3, 0.2, 0.1]).shape
+        >>> scene.loops.names, scene.loops.jacobian([0.3, 0.2, 0.1]).shape
         (('pin',), (3, 3))
         """
 
@@ -5938,7 +5988,7 @@ class SceneBuilder:
         --------
         >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
         >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
-        >>> scene.contact_gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
+        >>> scene.contacts.gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
         array([0.2])
 
         Two balls:
@@ -5947,7 +5997,7 @@ class SceneBuilder:
         >>> for name in ("a", "b"):
         ...     builder = builder.link(name, mass=1.0, inertia=0.004 * np.eye(3)).joint(name, "floating", "world", name)
         >>> builder = builder.contact("balls", "a", friction=0.0, radius=0.1, other="b", other_radius=0.1)
-        >>> builder.build().contact_gaps([0, 0, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1]).round(3)
+        >>> builder.build().contacts.gaps([0, 0, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1]).round(3)
         array([0.1])
         """
 
@@ -6001,10 +6051,10 @@ class SceneBuilder:
         Examples
         --------
         >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1", multiplier=-2.0).build()
-        >>> scene.constraint_error([0.0, 0.1, 0.0]).round(3)
+        >>> scene.loops.error([0.0, 0.1, 0.0]).round(3)
         array([0.2])
         >>> cam = phipsi.scenes.chain(3).to_builder().couple("cam", "j2", "j0", polynomial=(0.1, 0.0, 2.0)).build()
-        >>> cam.constraint_jacobian([0.5, 0.0, 0.6])
+        >>> cam.loops.jacobian([0.5, 0.0, 0.6])
         array([[-2.,  0.,  1.]])
         """
 
@@ -6047,8 +6097,7 @@ class SceneBuilder:
         Notes
         -----
         Its joints, connections, contacts, colliders, actuators, start and keyframes come with it, but colliders of its
-        base, such as a ground, do not. Gravity and the other settings are those of this builder. The shapes of an MJCF
-        file are not drawn.
+        base, such as a ground, do not. Gravity and the other settings are those of this builder.
 
         Examples
         --------
@@ -6086,7 +6135,7 @@ class SceneBuilder:
         tolerance : float, optional
             Geometric tolerance of linkages, 0 to 0.1: an angle in rad, or a length relative to the reach of the loop.
             Rows of connections that are dependent within it count as dependent, with a LinkageWarning at the first call
-            that finds one (see Scene.project). Default: 3e-5, or 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two,
+            that finds one (see Scene.loops.project). Default: 3e-5, or 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two,
             three or four decimals. With strict=True, only rows that are dependent within rounding count.
 
         Returns

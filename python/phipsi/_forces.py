@@ -47,12 +47,12 @@ def of_motion(path: Trajectory, rows: NDArray[np.int_]) -> Forces | None:
     scene = path.scene
     if path.contacts is not None:
         at, force = scene._contact_points(path.q[rows]), np.zeros((len(rows), 0, 3))
-        if scene.contact_names:
-            force = np.stack([path.contacts.force[name][rows] for name in scene.contact_names], axis=1)
+        if scene.contacts.names:
+            force = np.stack([path.contacts.force[name][rows] for name in scene.contacts.names], axis=1)
         there, push = _of_shapes(scene, path.contacts.shapes, rows)
-        names = (*scene.contact_names, *[""] * there.shape[1])
+        names = (*scene.contacts.names, *[""] * there.shape[1])
         return Forces("contact", np.concatenate([at, there], axis=1), np.concatenate([force, push], axis=1), names)
-    if not scene.constraint_names:
+    if not scene.loops.names:
         return None
     try:
         by_name = path.constraint_forces()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from operator import attrgetter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, get_args, overload
 
@@ -59,21 +60,28 @@ COMPILED = {name: row for name, row in TABLE.items() if row["few"] is not None}
 #: The arrays that each takes, and the functions that the scene computes in a form.
 ARGUMENTS: dict[str, tuple[str, ...]] = {name: tuple(row["arguments"]) for name, row in COMPILED.items()}
 IN_FORM = tuple(name for name, row in COMPILED.items() if row["has_form"])
+#: Methods of a scene whose names differ from those of the functions, because they are in a group.
+METHODS = {"constrained_dynamics": "loops.dynamics", **{f"contact_{name}": f"contacts.{name}" for name in ("gaps", "velocities", "gram")}}
 #: The functions that are computed through the connections of a scene that has some.
 THROUGH_CONNECTIONS = ("forward_dynamics", "constrained_dynamics")
 
 
+def method_of(scene: Scene, function: str) -> Any:
+    """The method of a scene that computes a function."""
+    return attrgetter(METHODS.get(function, function))(scene)
+
+
 def functions_of(scene: Scene) -> tuple[_OfScene, ...]:
     """The functions with code for a scene, without those of one link."""
-    kinds = {"every", "loops" if scene.constraint_names else "trees"}
-    if scene.contact_names:
-        is_tree = not scene.constraint_names and not has_followers(scene)
+    kinds = {"every", "loops" if scene.loops.names else "trees"}
+    if scene.contacts.names:
+        is_tree = not scene.loops.names and not has_followers(scene)
         kinds |= {"contacts", "trees with contacts"} if is_tree else {"contacts"}
     return tuple(name for name in FUNCTIONS if COMPILED[name]["scenes"] in kinds)
 
 
 class Functions(Generic[A]):
-    """Compiled functions of one scene: methods with the names and arguments of those of the scene, except form and dtype, which are fixed."""
+    """Compiled functions of one scene: methods with the arguments of those of the scene, except form and dtype, which are fixed."""
 
     scene: Scene
     """The scene that it was compiled from."""
@@ -212,17 +220,17 @@ class Functions(Generic[A]):
         return found
 
     def contact_gaps(self, q: Any, *, errors: _Errors = "raise") -> A:
-        """Distance of each contact from its plane, (..., contacts), as Scene.contact_gaps."""
+        """Distance of each contact from its plane, (..., contacts), as Scene.contacts.gaps."""
         found: A = self._run(("contact_gaps",), (q,), None, errors)
         return found
 
     def contact_velocities(self, q: Any, qd: Any, *, errors: _Errors = "raise") -> A:
-        """Velocity of the point of each contact in the base frame, (..., contacts, 3), as Scene.contact_velocities."""
+        """Velocity of the point of each contact in the base frame, (..., contacts, 3), as Scene.contacts.velocities."""
         found: A = self._run(("contact_velocities",), (q, qd), None, errors)
         return found
 
     def contact_gram(self, q: Any, *, errors: _Errors = "raise") -> A:
-        """J M^-1 J^T of the points of all contacts, (..., contacts, 3, contacts, 3), as Scene.contact_gram in the form that was compiled."""
+        """J M^-1 J^T of the points of all contacts, (..., contacts, 3, contacts, 3), as Scene.contacts.gram in the form that was compiled."""
         found: A = self._run(("contact_gram",), (q,), None, errors)
         return found
 
@@ -239,7 +247,7 @@ class Functions(Generic[A]):
     def constrained_dynamics(
         self, q: Any, qd: Any, tau: Any, *, compliance: Any = None, wrenches: Any = None, errors: _Errors = "raise"
     ) -> ConstrainedDynamics:
-        """Joint accelerations and constraint forces with connections, as Scene.constrained_dynamics in the form that was compiled."""
+        """Joint accelerations and constraint forces with connections, as Scene.loops.dynamics in the form that was compiled."""
         return self._through_connections((q, qd, tau), compliance, wrenches, errors)
 
     def _through_connections(self, state: tuple[Any, ...], compliance: Any, wrenches: Any, errors: _Errors) -> ConstrainedDynamics:
@@ -256,7 +264,7 @@ class Functions(Generic[A]):
 
 def rows_of(scene: Scene) -> dict[str, slice]:
     """The rows of each connection."""
-    return {name: scene.constraint_rows(name) for name in scene.constraint_names}
+    return {name: scene.loops.rows(name) for name in scene.loops.names}
 
 
 def row_count(scene: Scene) -> int:
@@ -267,7 +275,7 @@ def row_count(scene: Scene) -> int:
 def shapes(function: tuple[str, ...], scene: Scene) -> list[tuple[int, ...]]:
     """The shapes of the results of one state."""
     lengths = {"nq": scene.nq, "nv": scene.nv, "links": len(scene.link_names), "rows": row_count(scene)}
-    lengths["contacts"] = len(scene.contact_names)
+    lengths["contacts"] = len(scene.contacts.names)
     results: dict[str, tuple[str | int, ...]] = TABLE[function[0]]["results"]
     return [tuple(axis if isinstance(axis, int) else lengths[axis] for axis in axes) for axes in results.values()]
 

@@ -10,7 +10,16 @@ from . import _core
 __all__ = ["HINTS", "KEYWORDS", "METHODS", "REMOVED", "RENAMED", "Elsewhere", "of_keyword", "teach"]
 
 #: Former and present names of attributes of a scene.
-RENAMED = {"connection_names": "constraint_names", "connection_rows": "constraint_rows", "without_connections": "without_constraints"}
+RENAMED = {
+    "parameters": "inertial_parameters",
+    "without_connections": "without_constraints",
+    "tolerance": "loops.tolerance",
+    "project": "loops.project",
+    **{f"{of}_{name}": f"loops.{name}" for name in ("names", "rows") for of in ("connection", "constraint")},
+    **{f"constraint_{name}": f"loops.{name}" for name in ("error", "jacobian", "bias")},
+    **{f"constrained_{name}": f"loops.{name}" for name in ("dynamics", "inverse_dynamics", "mass_matrix_inverse")},
+    **{f"contact_{name}": f"contacts.{name}" for name in ("names", "gaps", "velocities", "gram")},
+}
 #: Names of methods elsewhere, as they are spelled there, and the attributes of a scene.
 METHODS = {
     attribute: tuple(names.split())
@@ -53,7 +62,8 @@ METHODS = {
         "nv": "dof ndof dofs num_dof njoints degrees_of_freedom num_velocities",
         "nq": "num_positions",
         "armature": "rotorInertia rotor_inertia reflected_inertia",
-        "to_c": "codegen generate_code ccode",
+        "to_c": "code codegen generate_code ccode",
+        "forward_dynamics_vjp": "products",
     }.items()
 }
 #: The hint in the error of each of these names.
@@ -68,7 +78,7 @@ KEYWORDS = {
     "payload": ("mass",), "I": ("inertia",), "inertias": ("inertia",), "body": ("link",), "frame": ("link",), "origin": ("xyz",), "position": ("xyz",),
     "translation": ("xyz",), "pos": ("xyz",), "euler": ("rpy",), "orientation": ("rpy", "rotation"), "joint_type": ("type",), "kind": ("type",), "parent_link": ("parent",),
     "child_link": ("child",), "min": ("lower",), "max": ("upper",), "lower_limit": ("lower",), "upper_limit": ("upper",), "max_velocity": ("velocity",),
-    "max_effort": ("effort",), "max_torque": ("effort",), "geometry": ("shape",), "visual": ("shape",), "every": ("record_every",), "tol": ("tolerance",),
+    "max_effort": ("effort",), "max_torque": ("effort",), "geometry": ("shape",), "rng": ("seed",), "random_state": ("seed",), "visual": ("shape",), "every": ("record_every",), "tol": ("tolerance",),
 }  # fmt: skip
 #: Former keywords, and what replaces them.
 REMOVED = {"baumgarte": "each step is projected onto the connections"}

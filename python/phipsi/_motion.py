@@ -158,12 +158,12 @@ class Trajectory(TrajectoryFiles):
 
     @property
     def drift(self) -> _Array:
-        """Constraint error of the connections in every row, (..., rows): the largest entry of Scene.constraint_error, m
+        """Constraint error of the connections in every row, (..., rows): the largest entry of Scene.loops.error, m
         or rad; zero without connections.
         """
-        if not self.scene.constraint_names:
+        if not self.scene.loops.names:
             return np.zeros(self.q.shape[:-1])
-        drift: _Array = np.abs(self.scene.constraint_error(self.q)).max(axis=-1)
+        drift: _Array = np.abs(self.scene.loops.error(self.q)).max(axis=-1)
         return drift
 
     def energy(self) -> MotionEnergy:
@@ -328,13 +328,13 @@ class Trajectory(TrajectoryFiles):
         )
 
     def constraint_forces(self) -> dict[str, _Array]:
-        """Force of each connection on its link in every row: Scene.constrained_dynamics with torques().
+        """Force of each connection on its link in every row: Scene.loops.dynamics with torques().
 
         Returns
         -------
         dict of str to array
             Forces by name of the connection, (..., rows, m), N m and N, with the signs and frames of
-            Scene.constrained_dynamics.
+            Scene.loops.dynamics.
 
         Raises
         ------
@@ -355,7 +355,7 @@ class Trajectory(TrajectoryFiles):
         {}
         """
         scene = self.scene
-        if not scene.constraint_names:
+        if not scene.loops.names:
             return {}
         own: dict[str, Any] = {}
         if self._inertias is not None:
@@ -369,7 +369,7 @@ class Trajectory(TrajectoryFiles):
         if self.contacts is not None:
             for link, wrench in contact_wrenches(self.scene, self.q, self.contacts).items():
                 wrenches[link] = wrenches.get(link, 0.0) + wrench
-        return dict(scene.constrained_dynamics(self.q, self.qd, self.torques(), wrenches=wrenches, errors="nan", **given, **own).forces)
+        return dict(scene.loops.dynamics(self.q, self.qd, self.torques(), wrenches=wrenches, errors="nan", **given, **own).forces)
 
     def _displacement(self, rest: _Array, q: _Array) -> _Array:
         """Displacement from rest to q, (..., nv), as springs measure it: for a free joint the distance in the child

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from ._summary import summarized
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -128,6 +129,7 @@ def efforts(path: Any, given: dict[str, Any]) -> _Array:
     return np.asarray(u)
 
 
+@summarized
 class MotionEnergy(NamedTuple):
     """Energy along a trajectory, (..., rows) each, J.
 
@@ -173,6 +175,7 @@ class ContactState(IntEnum):
     """
 
 
+@summarized
 class ContactMotion(NamedTuple):
     """Contacts of a trajectory by name, in every row: (..., rows), or (..., rows, 3) in the base frame; and totals over
     all steps, (...).
@@ -243,6 +246,7 @@ class ContactMotion(NamedTuple):
     """Points at which shapes touch in the recorded rows."""
 
 
+@summarized
 class ShapeContacts(NamedTuple):
     """Points at which colliders touch, one entry per point, sorted by state and row.
 
@@ -296,6 +300,7 @@ class ShapeContacts(NamedTuple):
         return list(dict.fromkeys((self.names[i], self.names[j]) for i, j in self.pair.tolist()))
 
 
+@summarized
 class EnergyAudit(NamedTuple):
     """Energy balance of a simulation, (...) each, J: the work of everything that acts at the joints, from the start to
     the last step.
@@ -338,6 +343,7 @@ class EnergyAudit(NamedTuple):
         raise AttributeError(f"'EnergyAudit' object has no attribute {name!r}{new}", name=name, obj=self)
 
 
+@summarized
 class ContactGradients(NamedTuple):
     """Gradients of a scalar function of a trajectory by one contact, and its margin, independently for each state.
 

@@ -46,17 +46,17 @@ def ranges(scene: Scene) -> tuple[_Array, _Array]:
     return low, high
 
 
-def generator_of(rng: Any) -> np.random.Generator:
-    """The argument `rng`: a generator, or one from a seed."""
+def generator_of(seed: Any) -> np.random.Generator:
+    """The argument `seed`: a generator, or one from a seed."""
     try:
-        return np.random.default_rng(rng)
+        return np.random.default_rng(seed)
     except (TypeError, ValueError):
-        raise of_argument(ArgumentError, "rng", f"found {rng!r}; expected a seed (an integer, 0 or larger) or a numpy.random.Generator") from None
+        raise of_argument(ArgumentError, "seed", f"found {seed!r}; expected a seed (an integer, 0 or larger) or a numpy.random.Generator") from None
 
 
-def configuration(scene: Scene, rng: Any, size: Any) -> _Array:
+def configuration(scene: Scene, seed: Any, size: Any) -> _Array:
     """Implementation of Scene.random_configuration."""
-    generator = generator_of(rng)
+    generator = generator_of(seed)
     try:
         batch = np.broadcast_shapes(() if size is None else size)
     except (TypeError, ValueError):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ._motion_parts import ContactGradients, ModeChange
 from ._description import Joint, Limits, Link, Mimic, Simplification, Plan, joint_of
+from ._summary import summarized
 
 __all__ = [
     "Accuracy",
@@ -36,6 +37,7 @@ __all__ = [
 ]
 
 
+@summarized
 class Accuracy(NamedTuple):
     """Error estimate of forward dynamics, one entry per state: scalars for one state, arrays of the shape of the batch
     otherwise.
@@ -69,6 +71,7 @@ class Accuracy(NamedTuple):
     """
 
 
+@summarized
 class ConstrainedDynamics(NamedTuple):
     """Joint accelerations of a scene with connections, and the forces of the connections.
 
@@ -80,7 +83,7 @@ class ConstrainedDynamics(NamedTuple):
     >>> q, zero = np.full(6, 0.3), np.zeros(6)
     >>> tip = arm.placement(q, "link6")[:3, 3]
     >>> loop = arm.to_builder().connect("tip", "point", "link6", other_xyz=tip).build()
-    >>> found = loop.constrained_dynamics(q, zero, zero)
+    >>> found = loop.loops.dynamics(q, zero, zero)
     >>> found.forces["tip"].shape, found.rank
     ((3,), 3)
     """
@@ -97,6 +100,7 @@ class ConstrainedDynamics(NamedTuple):
     """Largest remaining entry of J qdd + J' qd, rad/s^2 or m/s^2."""
 
 
+@summarized
 class ConstrainedInverseDynamics(NamedTuple):
     """Joint torques of a scene with connections, and the forces of the connections.
 
@@ -108,7 +112,7 @@ class ConstrainedInverseDynamics(NamedTuple):
     >>> q, zero = np.full(6, 0.3), np.zeros(6)
     >>> tip = arm.placement(q, "link6")[:3, 3]
     >>> loop = arm.to_builder().connect("tip", "point", "link6", other_xyz=tip).build()
-    >>> found = loop.constrained_inverse_dynamics(q, zero, zero)
+    >>> found = loop.loops.inverse_dynamics(q, zero, zero)
     >>> found.tau.shape, found.rank
     ((6,), 3)
     """
@@ -125,6 +129,7 @@ class ConstrainedInverseDynamics(NamedTuple):
     """
 
 
+@summarized
 class Projection(NamedTuple):
     """State that satisfies the connections.
 
@@ -136,7 +141,7 @@ class Projection(NamedTuple):
     >>> q, zero = np.full(6, 0.3), np.zeros(6)
     >>> tip = arm.placement(q, "link6")[:3, 3]
     >>> loop = arm.to_builder().connect("tip", "point", "link6", other_xyz=tip).build()
-    >>> loop.project(q + 1e-3).q.shape
+    >>> loop.loops.project(q + 1e-3).q.shape
     (6,)
     """
 
@@ -148,6 +153,7 @@ class Projection(NamedTuple):
     """Number of independent constraints in this configuration."""
 
 
+@summarized
 class Distances(NamedTuple):
     """Signed distances of k pairs of colliders, in the order of the pairs.
 
@@ -183,6 +189,7 @@ class Distances(NamedTuple):
     """
 
 
+@summarized
 class Energy(NamedTuple):
     """Energy, J: NumPy scalars for one state, arrays of the shape of the batch otherwise.
 
@@ -204,6 +211,7 @@ class Energy(NamedTuple):
     """
 
 
+@summarized
 class Estimate(NamedTuple):
     """Forces, accelerations and torques, and optionally their covariances, estimated from measured joint torques
     y.
@@ -254,6 +262,7 @@ if TYPE_CHECKING:
         process_covariance: NDArray[np.float64]
 
 
+@summarized
 class InverseDynamicsDerivatives(NamedTuple):
     """Derivatives of joint torques, (..., nv, nv) each; row i belongs to tau_i.
 
@@ -282,6 +291,7 @@ class InverseDynamicsDerivatives(NamedTuple):
         return self.mass_matrix
 
 
+@summarized
 class ForwardDynamicsDerivatives(NamedTuple):
     """Derivatives of joint accelerations, (..., nv, nv) each; row i belongs to qdd_i.
 
@@ -310,6 +320,7 @@ class ForwardDynamicsDerivatives(NamedTuple):
         raise AttributeError("Minv: found the former name of a field; expected mass_matrix_inverse", name="Minv", obj=self)
 
 
+@summarized
 class InverseDynamicsGradients(NamedTuple):
     """Gradients of a scalar function of joint torques (vjp), or directional derivatives (jvp); fields that were not
     requested are None.
@@ -344,6 +355,7 @@ class InverseDynamicsGradients(NamedTuple):
     """With respect to gravity in the base frame, (..., 3)."""
 
 
+@summarized
 class ForwardDynamicsGradients(NamedTuple):
     """Gradients of a scalar function of joint accelerations (vjp), or directional derivatives (jvp); fields that were
     not requested are None.
@@ -378,6 +390,7 @@ class ForwardDynamicsGradients(NamedTuple):
     """With respect to gravity in the base frame, (..., 3)."""
 
 
+@summarized
 class RolloutGradients(NamedTuple):
     """Gradients of a scalar function of a trajectory, independently for each state of the batch.
 
@@ -438,6 +451,7 @@ class RolloutGradients(NamedTuple):
     """
 
 
+@summarized
 class LinearSystem(NamedTuple):
     """Linearization dx/dt = A x + B u, with x = (tangent of q, change of qd) and u the change of tau.
 
@@ -458,6 +472,7 @@ class LinearSystem(NamedTuple):
     """Input matrix, (..., 2 nv, nv)."""
 
 
+@summarized
 class Samples(NamedTuple):
     """Samples of the random model, in body frames, with one block of six per degree of freedom as in Factor.
 
@@ -478,6 +493,7 @@ class Samples(NamedTuple):
     """T = H X + v, (samples, nv), N m or N."""
 
 
+@summarized
 class MassEstimate(NamedTuple):
     """Mass matrix estimated from sampled joint torques, whose covariance it is (5.1).
 

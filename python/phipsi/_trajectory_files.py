@@ -131,7 +131,7 @@ class TrajectoryFiles:
             parts.append(("tau", self.torques()))
         for letter, values in parts:
             table |= dict(zip(columns(self.scene, letter), values.T, strict=True))
-        if self.scene.constraint_names:
+        if self.scene.loops.names:
             table["drift"] = self.drift
         return table
 
@@ -199,13 +199,13 @@ class TrajectoryFiles:
         if not compact:
             fields = {name: value for name, value in fields.items() if not isinstance(value, Mapping) or value} | of_shapes
             return {f"contacts/{name}": np.stack(list(value.values())) if isinstance(value, Mapping) else value for name, value in fields.items()}
-        touching = [at for at, name in enumerate(self.scene.contact_names) if any(np.any(fields[part][name]) for part in ("state", "force", "impulse"))]
+        touching = [at for at, name in enumerate(self.scene.contacts.names) if any(np.any(fields[part][name]) for part in ("state", "force", "impulse"))]
         arrays: dict[str, Any] = {"contacts/touching": np.array(touching, int)} | {f"contacts/{name}": value for name, value in of_shapes.items()}
         for name, value in fields.items():
             if not isinstance(value, Mapping):
                 arrays[f"contacts/{name}"] = value
             elif touching and name != "gap":
-                arrays[f"contacts/{name}"] = np.stack([value[self.scene.contact_names[at]] for at in touching])
+                arrays[f"contacts/{name}"] = np.stack([value[self.scene.contacts.names[at]] for at in touching])
         return arrays
 
     def _written(self, given: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
@@ -285,7 +285,7 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
         named = ("gap", "slip", "force", "impulse", "state")
         parts: dict[str, Any] = {name: (exact | arrays)[f"contacts/{name}"] for name in ContactMotion._fields if name not in ("shapes", *named)}
         for name in named:
-            parts[name] = dict(zip(scene.contact_names, arrays.get(f"contacts/{name}", ()), strict=True))
+            parts[name] = dict(zip(scene.contacts.names, arrays.get(f"contacts/{name}", ()), strict=True))
         of_shapes = {name: arrays.get(f"contacts/shapes/{name}") for name in ShapeContacts._fields if name != "names"}
         parts["shapes"] = ShapeContacts(scene.collider_names, **of_shapes) if "contacts/shapes/row" in arrays else no_shapes(scene)  # type: ignore[arg-type]
         contacts = ContactMotion(**parts)
@@ -309,7 +309,7 @@ def _fields(about: dict[str, Any], arrays: dict[str, _Array], scene: Scene) -> d
 
 def _all_contacts(arrays: dict[str, _Array], scene: Scene) -> dict[str, _Array]:
     """Arrays of all contacts from those of a compact archive."""
-    gaps = np.moveaxis(scene.contact_gaps(arrays["q"]), -1, 0)
+    gaps = np.moveaxis(scene.contacts.gaps(arrays["q"]), -1, 0)
     found: dict[str, Any] = {"contacts/gap": gaps}
     for name, width, kind, missing in (("slip", (3,), float, np.nan), ("force", (3,), float, 0.0), ("impulse", (3,), float, 0.0), ("state", (), np.int8, 0)):
         found[f"contacts/{name}"] = np.full((*gaps.shape, *width), missing, kind)

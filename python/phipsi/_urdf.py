@@ -34,11 +34,11 @@ SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "lengt
 
 def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str:
     """Implementation of Scene.to_urdf."""
-    if scene.constraint_names:
-        names = ", ".join(map(repr, scene.constraint_names[:8]))
+    if scene.loops.names:
+        names = ", ".join(map(repr, scene.loops.names[:8]))
         raise of_argument(ArgumentError, "scene", f"found connections ({names}), which URDF cannot represent; expected a tree: use scene.without_constraints()")
-    if scene.contact_names:
-        names = ", ".join(map(repr, scene.contact_names[:8]))
+    if scene.contacts.names:
+        names = ", ".join(map(repr, scene.contacts.names[:8]))
         raise of_argument(ArgumentError, "scene", f"found contacts ({names}), which URDF cannot represent; expected none: use scene.without_contacts()")
     if scene.keyframes or np.any(scene.initial() != scene.neutral()) or np.any(scene.initial_velocity()):
         warn("scene: found a start or keyframes, which URDF cannot represent; they are not written", ModelWarning)

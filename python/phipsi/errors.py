@@ -200,7 +200,7 @@ class ConstraintError(PhipsiError, ArithmeticError):
     """Connections cannot be satisfied: they contradict each other, or a state violates them and cannot be
     projected onto them.
 
-    Scene.project computes the nearest positions and velocities that satisfy the connections, if there are any.
+    Scene.loops.project computes the nearest positions and velocities that satisfy the connections, if there are any.
     """
 
     connections: tuple[str, ...] = ()

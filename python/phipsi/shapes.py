@@ -458,16 +458,18 @@ def texts_of(scene: Scene) -> list[tuple[Path | None, str]]:
     scene was read from, if it has shapes, and links from code. A scene from a file has no text, unless it was expanded
     by xacro.
     """
-    return [(None if text.startswith(FROM_CODE) else scene.file, text) for text in scene._shapes]
+    return [(None if text.startswith((FROM_CODE, FROM_MJCF)) else scene.file, text) for text in scene._shapes]
 
 
 def has_text(scene: Scene) -> bool:
     """Whether the scene has the text that it was read from."""
-    return any(not text.startswith(FROM_CODE) for text in scene._shapes)
+    return any(not text.startswith((FROM_CODE, FROM_MJCF)) for text in scene._shapes)
 
 
 def prefixed(scene: Scene, prefix: str) -> list[str]:
-    """URDF texts with the shapes of a scene, whose links have a prefix and whose mesh files are absolute paths."""
+    """URDF texts with the shapes of a scene, whose links have a prefix and whose mesh files are absolute paths. For an MJCF
+    file, an element with its path and the prefix.
+    """
     given = texts_of(scene)
     file = scene.file
     if file is not None and file.is_file() and not has_text(scene):
@@ -478,6 +480,9 @@ def prefixed(scene: Scene, prefix: str) -> list[str]:
     for source, text in given:
         robot = ElementTree.fromstring(text)
         if robot.tag == "mujoco":
+            if file := robot.get("file", "" if source is None else str(source.absolute())):
+                part = ElementTree.Element("mujoco", file=file, prefix=prefix + robot.get("prefix", ""))
+                found.append(ElementTree.tostring(part, encoding="unicode"))
             continue
         for part in [part for part in robot if part.tag not in ("link", "material")]:
             robot.remove(part)
@@ -493,8 +498,8 @@ def prefixed(scene: Scene, prefix: str) -> list[str]:
     return found
 
 
-#: Begin of the texts of to_urdf.
-FROM_CODE = '<robot name="">'
+#: Begin of the texts of to_urdf, and of those of an attached MJCF file.
+FROM_CODE, FROM_MJCF = '<robot name="">', "<mujoco file="
 COLLIDERS = "expected a Box, Sphere, Cylinder, Capsule, Mesh, Hull, HalfSpace or HeightField of phipsi.shapes"
 EXPECTED = "expected a Box, Sphere, Cylinder, Capsule or Mesh of phipsi.shapes, or a sequence of them"
 

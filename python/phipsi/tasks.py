@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._arguments import collider_pairs, numbers
+from ._summary import summarized
 from .errors import ArgumentError, NotFiniteError, ShapeError, of_argument
 
 __all__ = ["CenterOfMass", "Direction", "Distance", "InverseKinematics", "JointPosition", "LookAt", "Orientation", "Pose", "Position", "Task"]
@@ -231,6 +232,7 @@ class Distance(NamedTuple):
     """
 
 
+@summarized
 class InverseKinematics(NamedTuple):
     """Result of inverse kinematics.
 

@@ -194,6 +194,8 @@ struct Search {
     best: Vec<f64>,
     /// The solution before the one that is sought, in [`Solver::follow`].
     previous: Vec<f64>,
+    /// True if no start reached the target before, in [`Solver::follow`].
+    missed: bool,
     moved: Vec<f64>,
 }
 
@@ -256,6 +258,7 @@ impl<S: Borrow<Scene>> Solver<S> {
             drawn: room(),
             best: room(),
             previous: room(),
+            missed: false,
             moved: vec![f64::NAN; own.nv()],
         };
         Ok(Self { scene, search })
@@ -325,7 +328,8 @@ impl<S: Borrow<Scene>> Solver<S> {
     ///
     /// Other starts, the first two of them near the solution before, serve only to reach the tasks, or to close the
     /// connections. If none does, the result is the local minimum next to the solution before, so that a path that
-    /// leaves the reach of the robot does not jump.
+    /// leaves the reach of the robot does not jump. The targets after it have three starts, unless the options give a
+    /// number, until one is reached: the part of a path that is out of reach costs one complete search.
     ///
     /// # Errors
     ///
@@ -342,7 +346,15 @@ impl<S: Borrow<Scene>> Solver<S> {
         previous.extend_from_slice(q);
         let outcome = self.search.solve(self.scene.borrow(), workspace, tasks, (&previous, true), (covariance, q));
         self.search.previous = previous;
+        self.search.missed = outcome.as_ref().is_ok_and(|of| !of.reached);
         outcome
+    }
+
+    /// A solver that follows a path from its middle; `missed`: the target before was not reached.
+    #[cfg(feature = "python")]
+    pub(crate) fn resuming(mut self, missed: bool) -> Self {
+        self.search.missed = missed;
+        self
     }
 }
 
@@ -375,7 +387,11 @@ impl Search {
         let mut found: Option<DescentResult> = None;
         let (mut used, mut iterations) = (0, 0);
         let (mut least, mut repeats) = (f64::INFINITY, 0);
-        let usual = if tasks.posture.is_some() { STARTS_WITH_POSTURE } else { STARTS };
+        let usual = match tasks.posture {
+            _ if follows && self.missed => WITHIN,
+            None => STARTS,
+            Some(_) => STARTS_WITH_POSTURE,
+        };
         while used < self.options.starts.unwrap_or(usual) {
             match used {
                 0 => self.start.copy_from_slice(start),

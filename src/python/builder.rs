@@ -270,8 +270,7 @@ impl PySceneBuilder {
     ///     An unknown link, names that both robots have, or an invalid pose.
     #[doc = section!(Notes)]
     /// Its joints, connections, contacts, colliders, actuators, start and keyframes come with it, but colliders of its
-    /// base, such as a ground, do not. Gravity and the other settings are those of this builder. The shapes of an MJCF
-    /// file are not drawn.
+    /// base, such as a ground, do not. Gravity and the other settings are those of this builder.
     #[doc = section!(Examples)]
     /// >>> arm, gripper = phipsi.scenes.chain(3), phipsi.scenes.chain(2)
     /// >>> builder = arm.to_builder().attach(gripper, "link2", prefix="finger_", xyz=(0, 0, 0.3))
@@ -314,7 +313,7 @@ impl PySceneBuilder {
     /// tolerance : float, optional
     ///     Geometric tolerance of linkages, 0 to 0.1: an angle in rad, or a length relative to the reach of the loop.
     ///     Rows of connections that are dependent within it count as dependent, with a LinkageWarning at the first call
-    ///     that finds one (see Scene.project). Default: 3e-5, or 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two,
+    ///     that finds one (see Scene.loops.project). Default: 3e-5, or 5e-3, 2e-3 or 2e-4 for a URDF whose angles have two,
     ///     three or four decimals. With strict=True, only rows that are dependent within rounding count.
     #[doc = section!(Returns)]
     /// scene : Scene

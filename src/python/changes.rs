@@ -131,6 +131,32 @@ impl PyScene {
         self.changed(py, self.scene.subtree(link, floating_base)?)
     }
 
+    /// Create the scene of the same robot with another link as its root.
+    #[doc = section!(Parameters)]
+    /// link : str
+    ///     Name of the link.
+    /// floating_base : bool, optional
+    ///     If true, the base moves freely. None: as in this scene.
+    #[doc = returns!(scene)]
+    #[doc = section!(Raises)]
+    /// ArgumentError
+    ///     An unknown link; a planar, universal or spherical joint between the two roots; a free joint with armature,
+    ///     losses or a spring; starts with velocities; connections, contacts and colliders of a fixed base.
+    #[doc = section!(Notes)]
+    /// The joints between the two roots carry the links on their other side, about the opposite axes: joint positions,
+    /// velocities and torques, limits and losses are the same, but their order in q is that of the new tree. Each of
+    /// these joints carries a massless link, named after the link and the joint. The free joint of a floating base
+    /// carries the new root, also in starts and keyframes; without one, the frame of the base is that of the new root.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3)
+    /// >>> scene.rerooted("link2").joint_names
+    /// ('j2', 'j1', 'j0')
+    #[pyo3(signature = (link, *, floating_base=None))]
+    fn rerooted(&self, py: Python<'_>, link: &str, floating_base: Option<bool>) -> PyResult<Self> {
+        let floating = floating_base.unwrap_or(self.scene.source().is_floating());
+        self.changed(py, self.scene.rerooted(link, floating)?)
+    }
+
     /// Create a scene with other inertial parameters of all bodies, such as those of one member of a population.
     #[doc = section!(Parameters)]
     /// parameters : (bodies, 10) array_like

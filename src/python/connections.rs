@@ -1,8 +1,9 @@
-//! Closed loops: the methods of `SceneBuilder` that add connections, and the properties of `Scene` that describe them.
+//! Closed loops: the methods of `SceneBuilder` that add connections, and the properties of `Scene.loops`.
 
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::connection_tuple::kind_of;
 use super::cost::WORTH_DETACHING;
+use super::groups::PyLoops;
 use super::input;
 use super::interrupts::detached_checked;
 use super::object::Object;
@@ -50,7 +51,7 @@ impl PySceneBuilder {
     ///     Invalid arrays. The message names the connection; build() checks the rest.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
-    /// >>> scene.constraint_names, scene.constraint_jacobian([0.3, 0.2, 0.1]).shape
+    /// >>> scene.loops.names, scene.loops.jacobian([0.3, 0.2, 0.1]).shape
     /// (('pin',), (3, 3))
     #[pyo3(signature = (name, kind, link, other=None, *, xyz=None, rpy=None, rotation=None, other_xyz=None,
                         other_rpy=None, other_rotation=None, axis=None, length=None),
@@ -111,10 +112,10 @@ impl PySceneBuilder {
     /// force acts along (1, -P'(x)) on the two joints, where P is the polynomial.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1", multiplier=-2.0).build()
-    /// >>> scene.constraint_error([0.0, 0.1, 0.0]).round(3)
+    /// >>> scene.loops.error([0.0, 0.1, 0.0]).round(3)
     /// array([0.2])
     /// >>> cam = phipsi.scenes.chain(3).to_builder().couple("cam", "j2", "j0", polynomial=(0.1, 0.0, 2.0)).build()
-    /// >>> cam.constraint_jacobian([0.5, 0.0, 0.6])
+    /// >>> cam.loops.jacobian([0.5, 0.0, 0.6])
     /// array([[-2.,  0.,  1.]])
     #[pyo3(signature = (name, joint, other=None, *, multiplier=None, offset=None, polynomial=None),
            text_signature = "($self, name, joint, other=None, *, multiplier=1.0, offset=0.0, polynomial=None)")]
@@ -158,20 +159,21 @@ fn polynomial_of(connection: &str, given: &Object<'_>, is_alone: bool) -> PyResu
 }
 
 #[pymethods]
-impl PyScene {
-    /// Names of the connections in the order of their creation: the keys of the forces of constrained_dynamics.
+impl PyLoops {
+    /// Names of the connections in the order of their creation: the keys of the forces of dynamics.
     #[getter]
-    fn constraint_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, self.scene.connections().iter().map(|connection| &connection.name).collect::<Vec<_>>())
+    fn names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let scene = &self.as_scene().scene;
+        PyTuple::new(py, scene.connections().iter().map(|connection| &connection.name).collect::<Vec<_>>())
     }
 
     /// Geometric tolerance of linkages, an angle in rad or a relative length; see SceneBuilder.build.
     #[getter]
     fn tolerance(&self) -> f64 {
-        self.scene.tolerance()
+        self.as_scene().scene.tolerance()
     }
 
-    /// Slice of the rows of a connection in constraint_error, constraint_bias and constraint_jacobian.
+    /// Slice of the rows of a connection in error, bias and jacobian.
     #[doc = section!(Parameters)]
     /// connection : str
     ///     Name of the connection.
@@ -181,12 +183,13 @@ impl PyScene {
     #[doc = raises!(unknown)]
     #[doc = section!(Examples)]
     /// >>> builder = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2")
-    /// >>> builder.couple("gear", "j2", "j1").build().constraint_rows("gear")
+    /// >>> builder.couple("gear", "j2", "j1").build().loops.rows("gear")
     /// slice(3, 4, 1)
     #[pyo3(signature = (connection, /))]
-    fn constraint_rows<'py>(&self, py: Python<'py>, connection: &str) -> PyResult<Bound<'py, PySlice>> {
-        let Some((_, rows)) = self.scene.rows_of_connections().find(|(name, _)| *name == connection) else {
-            let names: Vec<String> = self.scene.connections().iter().map(|of| format!("{:?}", of.name)).collect();
+    fn rows<'py>(&self, py: Python<'py>, connection: &str) -> PyResult<Bound<'py, PySlice>> {
+        let scene = &self.as_scene().scene;
+        let Some((_, rows)) = scene.rows_of_connections().find(|(name, _)| *name == connection) else {
+            let names: Vec<String> = scene.connections().iter().map(|of| format!("{:?}", of.name)).collect();
             let expected = if names.is_empty() {
                 "no name: there are no connections".to_owned()
             } else {
@@ -196,14 +199,17 @@ impl PyScene {
         };
         slice(py, &rows)
     }
+}
 
+#[pymethods]
+impl PyScene {
     /// Create the scene of the same kinematic tree without the connections, for methods that support trees only.
     #[doc = section!(Returns)]
     /// scene : Scene
     ///     The tree.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-    /// >>> scene.without_constraints().constraint_names
+    /// >>> scene.without_constraints().loops.names
     /// ()
     #[pyo3(signature = ())]
     fn without_constraints(&self, py: Python<'_>) -> PyResult<Self> {

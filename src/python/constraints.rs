@@ -1,10 +1,11 @@
-//! Methods of `Scene`: constrained dynamics.
+//! Methods of `Scene.loops`: constrained dynamics.
 
 use super::call::BatchCall;
 use super::choice::read_judged;
 use super::cost::Cost;
 use super::errors::warn_as;
 use super::evaluate::Keywords;
+use super::groups::PyLoops;
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::Output;
@@ -31,11 +32,13 @@ mod cost {
 }
 
 methods! {
+    in PyLoops;
+
     /// Constraint error of each row of the connections; zero if the connections are closed.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
     /// error : (..., m) ndarray
-    ///     Errors, rad or m; constraint_rows has the rows of each connection, angular rows first.
+    ///     Errors, rad or m; rows has the rows of each connection, angular rows first.
     #[doc = section!(Raises)]
     /// ConstraintError
     ///     A rod of length zero.
@@ -46,15 +49,15 @@ methods! {
     /// nominal value.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-    /// >>> scene.constraint_error([0.0, 0.1, 0.3]).round(3)
+    /// >>> scene.loops.error([0.0, 0.1, 0.3]).round(3)
     /// array([0.2])
-    fn constraint_error(q; errors) |scene, py| {
+    fn error(q; errors) |scene, py| {
         let m = scene.scene.constraint_rows();
         let call = scene.call([scene.configuration("q", q)?], scene.cost_of_rows(), errors)?;
         call.array(py, &[m], |scene, _, [q], out| scene.constraint_error(q, out)).map(Bound::into_any)
     }
 
-    /// Constraint Jacobian J of the connections: J qd is the time derivative of constraint_error, at every q.
+    /// Constraint Jacobian J of the connections: J qd is the time derivative of error, at every q.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
     /// J : (..., m, nv) ndarray
@@ -64,9 +67,9 @@ methods! {
     /// O(m depth) operations.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-    /// >>> scene.constraint_jacobian([0.0, 0.1, 0.3])
+    /// >>> scene.loops.jacobian([0.0, 0.1, 0.3])
     /// array([[ 0., -1.,  1.]])
-    fn constraint_jacobian(q; errors) |scene, py| {
+    fn jacobian(q; errors) |scene, py| {
         let (m, nv) = (scene.scene.constraint_rows(), scene.scene.nv());
         let call = scene.call([scene.configuration("q", q)?], scene.cost_of_rows(), errors)?;
         call.array(py, &[m, nv], |scene, scratch, [q], out| {
@@ -75,7 +78,7 @@ methods! {
         }).map(Bound::into_any)
     }
 
-    /// Constraint bias J' qd: the second time derivative of constraint_error at zero joint accelerations.
+    /// Constraint bias J' qd: the second time derivative of error at zero joint accelerations.
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
     /// bias : (..., m) ndarray
@@ -86,10 +89,10 @@ methods! {
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2").build()
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
-    /// >>> ahead, behind = (scene.constraint_jacobian(q + h * qd) @ qd for h in (1e-6, -1e-6))
-    /// >>> np.allclose(scene.constraint_bias(q, qd), (ahead - behind) / 2e-6)
+    /// >>> ahead, behind = (scene.loops.jacobian(q + h * qd) @ qd for h in (1e-6, -1e-6))
+    /// >>> np.allclose(scene.loops.bias(q, qd), (ahead - behind) / 2e-6)
     /// True
-    fn constraint_bias(q, qd; errors) |scene, py| {
+    fn bias(q, qd; errors) |scene, py| {
         let m = scene.scene.constraint_rows();
         let call = scene.call(scene.inputs([("q", q), ("qd", qd)])?, scene.cost_of_rows(), errors)?;
         call.array(py, &[m], |scene, scratch, [q, qd], out| {
@@ -108,7 +111,7 @@ methods! {
     /// ConstraintError
     ///     No forces satisfy all rows (contradicting connections), or positions or velocities violate the connections
     ///     by more than 1e-3 (m or rad; relative to the fastest joint velocity above 1) without compliance. Attributes:
-    ///     .connections, .residual and .state. Scene.project closes the connections.
+    ///     .connections, .residual and .state. project closes the connections.
     #[doc = entries!(singular arguments)]
     #[doc = section!(Notes)]
     /// O(N + m^2 depth + m^3) for m rows: unit forces along the rows run inward through the filter of the tree, and
@@ -121,10 +124,10 @@ methods! {
     /// (J M^-1 J^T)_ii f_i^2.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-    /// >>> dynamics = scene.constrained_dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
+    /// >>> dynamics = scene.loops.dynamics([0.0, 0.1, 0.1], np.zeros(3), [0.0, 0.1, 0.0])
     /// >>> np.allclose(dynamics.qdd[1], dynamics.qdd[2]), dynamics.forces["gear"].shape
     /// (True, (1,))
-    fn constrained_dynamics(q, qd, tau; compliance, form, tolerance, wrenches, inertias, armature,
+    fn dynamics(q, qd, tau; compliance, form, tolerance, wrenches, inertias, armature,
         errors) |scene, py, keywords| {
         scene.scene.check_independent()?;
         let results = match keywords.compliance {
@@ -138,7 +141,7 @@ methods! {
 }
 
 #[pymethods]
-impl PyScene {
+impl PyLoops {
     /// Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
     #[doc = parameters!(q)]
     /// qd : (..., nv) array_like, optional
@@ -161,13 +164,13 @@ impl PyScene {
     /// velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
     /// half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
     ///
-    /// Combinations of rows that move joints by less than Scene.tolerance count as dependent if the rank of the
+    /// Combinations of rows that move joints by less than tolerance count as dependent if the rank of the
     /// intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
-    /// at most 10 times the tolerance; constraint_error has them.
+    /// at most 10 times the tolerance; error has them.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-    /// >>> closed = scene.project([0.0, 0.1, 0.3])
-    /// >>> np.allclose(scene.constraint_error(closed.q), 0.0)
+    /// >>> closed = scene.loops.project([0.0, 0.1, 0.3])
+    /// >>> np.allclose(scene.loops.error(closed.q), 0.0)
     /// True
     #[pyo3(signature = (q, qd=None, *, compliance=None, errors="raise"))]
     fn project<'py>(
@@ -178,36 +181,39 @@ impl PyScene {
         compliance: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
-        let (nq, nv) = (self.scene.nq(), self.scene.nv());
-        let mut inputs = vec![self.configuration("q", q)?];
-        inputs.extend(qd.map(|qd| self.rate("qd", qd)).transpose()?);
+        let of = self.as_scene();
+        let (nq, nv) = (of.scene.nq(), of.scene.nv());
+        let mut inputs = vec![of.configuration("q", q)?];
+        inputs.extend(qd.map(|qd| of.rate("qd", qd)).transpose()?);
         let is_moving = qd.is_some();
         let given_way = inputs.len();
-        inputs.extend(compliance.map(|compliance| self.compliance(compliance)).transpose()?);
+        inputs.extend(compliance.map(|compliance| of.compliance(compliance)).transpose()?);
         let is_compliant = compliance.is_some();
         let width = nq + if is_moving { nv } else { 0 };
-        let call = self.call(inputs, 5 * self.cost_of_rows(), errors)?;
+        let call = of.call(inputs, 5 * of.cost_of_rows(), errors)?;
         let mut output = call.output(py, &[width + 1], None, super::output::Output::new)?;
-        call.each_state(py, output.numbers()?, |scene, scratch, of, out| {
+        call.each_state(py, output.numbers()?, |scene, scratch, given, out| {
             let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
             let (state, rank) = out.split_at_mut(width);
             let (own_q, own_qd) = state.split_at_mut(nq);
-            own_q.copy_from_slice(of(0));
+            own_q.copy_from_slice(given(0));
             if is_moving {
-                own_qd.copy_from_slice(of(1));
+                own_qd.copy_from_slice(given(1));
             }
-            let compliance = if is_compliant { of(given_way) } else { &[] };
+            let compliance = if is_compliant { given(given_way) } else { &[] };
             let found = scene.project_compliant(workspace, rows, own_q, is_moving.then_some(own_qd), compliance)?;
             #[allow(clippy::cast_precision_loss)] // a count
             rank.fill(found.rank as f64);
             Ok(())
         })?;
-        self.warn_of_linkage(py)?;
+        of.warn_of_linkage(py)?;
         imported!(py, "phipsi._results", "projection")?.call1((output.finish(), nq, is_moving))
     }
 }
 
 methods! {
+    in PyLoops;
+
     /// Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
     #[doc = parameters!(q qd qdd)]
     /// actuated : iterable of str or (nv,) array_like of bool, optional
@@ -215,7 +221,7 @@ methods! {
     #[doc = entries!(form tolerance wrenches errors)]
     #[doc = section!(Returns)]
     /// dynamics : ConstrainedInverseDynamics
-    ///     Named tuple: tau (..., nv); forces and rank as in constrained_dynamics; residual (...), the largest entry of
+    ///     Named tuple: tau (..., nv); forces and rank as in dynamics; residual (...), the largest entry of
     ///     J qdd + J' qd, which is not rounding if no torques cause these accelerations.
     #[doc = section!(Raises)]
     /// ArgumentError
@@ -226,10 +232,10 @@ methods! {
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> q, qd, qdd = [0.0, 0.1, 0.1], np.zeros(3), np.ones(3)
-    /// >>> dynamics = scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
+    /// >>> dynamics = scene.loops.inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
     /// >>> float(dynamics.tau[2])
     /// 0.0
-    fn constrained_inverse_dynamics(q, qd, qdd; actuated, form, tolerance, wrenches, errors) |scene, py, keywords| {
+    fn inverse_dynamics(q, qd, qdd; actuated, form, tolerance, wrenches, errors) |scene, py, keywords| {
         let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         let nv = scene.scene.nv();
         let motors = keywords.actuated.map(|actuated| scene.joint_mask("actuated", actuated)).transpose()?;
@@ -262,12 +268,12 @@ methods! {
     /// O(nv^3), as a Gram matrix without a subtraction: no eigenvalue is negative beyond rounding.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-    /// >>> inverse = scene.constrained_mass_matrix_inverse([0.0, 0.1, 0.1])
-    /// >>> np.allclose(scene.constraint_jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
+    /// >>> inverse = scene.loops.mass_matrix_inverse([0.0, 0.1, 0.1])
+    /// >>> np.allclose(scene.loops.jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
     /// True
-    fn constrained_mass_matrix_inverse(q; form, tolerance, errors) |scene, py| {
+    fn mass_matrix_inverse(q; form, tolerance, errors) |scene, py| {
         let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
-        scene.check_dense("constrained_mass_matrix_inverse", "constrained_dynamics, which multiplies by it")?;
+        scene.check_dense("loops.mass_matrix_inverse", "loops.dynamics, which multiplies by it")?;
         let nv = scene.scene.nv();
         let cost = scene.cost_of_rows().saturating_add(nv.saturating_pow(3));
         let call = scene.call([scene.configuration("q", q)?], cost, errors)?.with(scene.errors(errors, Some(form))?);

@@ -1,8 +1,9 @@
-//! Contacts: the method of `SceneBuilder` that adds them, and the methods of `Scene` that evaluate them.
+//! Contacts: the method of `SceneBuilder` that adds them, and the methods of `Scene.contacts` that evaluate them.
 
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::choice::read_judged;
 use super::cost::WORTH_DETACHING;
+use super::groups::PyContacts;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
 use super::output::{Array, from_numbers};
@@ -69,7 +70,7 @@ impl PySceneBuilder {
     #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
-    /// >>> scene.contact_gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
+    /// >>> scene.contacts.gaps([0, 0, 0.3, 0, 0, 0, 1]).round(3)
     /// array([0.2])
     ///
     /// Two balls:
@@ -78,7 +79,7 @@ impl PySceneBuilder {
     /// >>> for name in ("a", "b"):
     /// ...     builder = builder.link(name, mass=1.0, inertia=0.004 * np.eye(3)).joint(name, "floating", "world", name)
     /// >>> builder = builder.contact("balls", "a", friction=0.0, radius=0.1, other="b", other_radius=0.1)
-    /// >>> builder.build().contact_gaps([0, 0, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1]).round(3)
+    /// >>> builder.build().contacts.gaps([0, 0, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1]).round(3)
     /// array([0.1])
     #[pyo3(signature = (name, link, *, friction, xyz=None, radius=0.0, normal=None, offset=0.0, restitution=0.0,
                         other=None, other_xyz=None, other_rpy=None, other_rotation=None, other_radius=None,
@@ -126,31 +127,32 @@ impl PySceneBuilder {
 }
 
 #[pymethods]
-impl PyScene {
-    /// Names of the contacts in the order of their creation, that of contact_gaps and of Trajectory.contacts.
+impl PyContacts {
+    /// Names of the contacts in the order of their creation, that of gaps and of Trajectory.contacts.
     #[getter]
-    fn contact_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, self.scene.contacts().iter().map(|contact| &contact.name).collect::<Vec<_>>())
+    fn names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.as_scene().scene.contacts().iter().map(|contact| &contact.name).collect::<Vec<_>>())
     }
 
     /// Distance of each contact from its surface; negative below the surface.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
     /// gaps : (..., contacts) ndarray
-    ///     Distance, m, in the order of contact_names.
+    ///     Distance, m, in the order of names.
     #[doc = raises!(arguments)]
     #[doc = section!(Notes)]
     /// O(depth) per contact.
     #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
-    /// >>> scene.contact_gaps([[0, 0, 0.3, 0, 0, 0, 1], [0, 0, 0.05, 0, 0, 0, 1]]).round(3)
+    /// >>> scene.contacts.gaps([[0, 0, 0.3, 0, 0, 0, 1], [0, 0, 0.05, 0, 0, 0, 1]]).round(3)
     /// array([[ 0.2 ],
     ///        [-0.05]])
     #[pyo3(signature = (q, *, errors="raise"))]
-    fn contact_gaps<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
-        let contacts = self.scene.contacts().len();
-        let call = self.call([self.configuration("q", q)?], self.cost_of_contacts(), errors)?;
+    fn gaps<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
+        let of = self.as_scene();
+        let contacts = of.scene.contacts().len();
+        let call = of.call([of.configuration("q", q)?], of.cost_of_contacts(), errors)?;
         call.array(py, &[contacts], |scene, _, [q], out| scene.contact_gaps(q, out))
     }
 
@@ -158,51 +160,58 @@ impl PyScene {
     #[doc = parameters!(q qd errors)]
     #[doc = section!(Returns)]
     /// v : (..., contacts, 3) ndarray
-    ///     Velocity, m/s, in the order of contact_names.
+    ///     Velocity, m/s, in the order of names.
     #[doc = raises!(arguments)]
     #[doc = section!(Notes)]
     /// O(depth) per contact.
     #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
-    /// >>> scene.contact_velocities([0, 0, 0.1, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0])
+    /// >>> scene.contacts.velocities([0, 0, 0.1, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0])
     /// array([[1., 0., 0.]])
     #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn contact_velocities<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
-        let contacts = self.scene.contacts().len();
-        let call = self.call(self.inputs([("q", q), ("qd", qd)])?, self.cost_of_contacts(), errors)?;
+    fn velocities<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
+        let of = self.as_scene();
+        let contacts = of.scene.contacts().len();
+        let call = of.call(of.inputs([("q", q), ("qd", qd)])?, of.cost_of_contacts(), errors)?;
         call.array(py, &[contacts, 3], |scene, _, [q, qd], out| scene.contact_velocities(q, qd, out))
     }
+}
 
+#[pymethods]
+impl PyScene {
     /// Point of each contact at which its force acts, (..., contacts, 3), in the base frame, m.
     fn _contact_points<'py>(&self, py: Python<'py>, q: &Object<'py>) -> Array<'py> {
         let contacts = self.scene.contacts().len();
         let call = self.call([self.configuration("q", q)?], self.cost_of_contacts(), "raise")?;
         call.array(py, &[contacts, 3], |scene, _, [q], out| scene.contact_positions(q, out))
     }
+}
 
+#[pymethods]
+impl PyContacts {
     /// J M^-1 J^T of the points of all contacts: their velocities, in the base frame, due to unit impulses on them.
     #[doc = parameters!(q form tolerance errors)]
     #[doc = section!(Returns)]
     /// gram : (..., contacts, 3, contacts, 3) ndarray
     ///     Velocity of contact i along axis a of the base frame due to a unit impulse on contact j along axis b, 1/kg,
-    ///     in the order of contact_names. Symmetric.
+    ///     in the order of names. Symmetric.
     #[doc = section!(Raises)]
     /// ArgumentError
     ///     Connections or mimic joints, and as below.
     #[doc = entries!(singular arguments)]
     #[doc = section!(Notes)]
-    /// J qd are the velocities of contact_velocities. All contacts are included, open ones too. The factor of M and one
+    /// J qd are the those of velocities. All contacts are included, open ones too. The factor of M and one
     /// right-hand side per row, O(m N + m^2 nv) for m rows.
     #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=2.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
-    /// >>> scene.contact_gram([0, 0, 0.1, 0, 0, 0, 1])[0, :, 0, :].round(3)
+    /// >>> scene.contacts.gram([0, 0, 0.1, 0, 0, 0, 1])[0, :, 0, :].round(3)
     /// array([[3. , 0. , 0. ],
     ///        [0. , 3. , 0. ],
     ///        [0. , 0. , 0.5]])
     #[pyo3(signature = (q, *, form="auto", tolerance=None, errors="raise"))]
-    fn contact_gram<'py>(
+    fn gram<'py>(
         &self,
         py: Python<'py>,
         q: &Object<'py>,
@@ -210,17 +219,21 @@ impl PyScene {
         tolerance: Option<f64>,
         errors: &str,
     ) -> Array<'py> {
-        let form = read_judged(&self.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
-        let contacts = self.scene.contacts().len();
+        let of = self.as_scene();
+        let form = read_judged(&of.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
+        let contacts = of.scene.contacts().len();
         memory::room("q", memory::bytes_of::<f64>(&[3 * contacts, 3 * contacts]))?;
-        let cost = self.cost_of_contacts().saturating_add(self.size().saturating_mul(contacts).saturating_mul(200));
-        let call = self.call([self.configuration("q", q)?], cost, errors)?.with(self.errors(errors, Some(form))?);
+        let cost = of.cost_of_contacts().saturating_add(of.size().saturating_mul(contacts).saturating_mul(200));
+        let call = of.call([of.configuration("q", q)?], cost, errors)?.with(of.errors(errors, Some(form))?);
         call.accepting(tolerance).array(py, &[contacts, 3, contacts, 3], |scene, scratch, [q], out| {
             scratch.workspace.form = form;
             scene.contact_gram(&mut scratch.workspace, q, out)
         })
     }
+}
 
+#[pymethods]
+impl PyScene {
     /// Create the same scene without the contacts, for methods that do not support contacts.
     #[doc = section!(Returns)]
     /// scene : Scene
@@ -228,7 +241,7 @@ impl PyScene {
     #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5).build(floating_base=True)
-    /// >>> scene.without_contacts().contact_names
+    /// >>> scene.without_contacts().contacts.names
     /// ()
     #[pyo3(signature = ())]
     fn without_contacts(&self, py: Python<'_>) -> PyResult<Self> {
@@ -276,7 +289,8 @@ pub(super) fn contact_motion<'py>(
     (shapes, every): (&[ShapeContact], usize),
 ) -> PyResult<Object<'py>> {
     let (py, of) = (scene.py(), scene.get());
-    let names = (of.contact_names(py)?, of.collider_names(py)?);
+    let contacts = of.scene.contacts().iter().map(|contact| &contact.name);
+    let names = (PyTuple::new(py, contacts.collect::<Vec<_>>())?, of.collider_names(py)?);
     let recorded: Vec<&ShapeContact> = shapes.iter().filter(|of| of.step % every == 0).collect();
     #[allow(clippy::cast_precision_loss)] // indices
     let numbers = recorded.iter().flat_map(|of| {

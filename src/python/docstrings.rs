@@ -95,7 +95,7 @@ armature : (..., nv) array_like or float, optional
     };
     (compliance) => {
         "compliance : float or (..., m) array_like, optional
-    Compliance of each row of the connections in the order of constraint_rows, (m/s^2)/N or (rad/s^2)/(N m), not
+    Compliance of each row of the connections in the order of loops.rows, (m/s^2)/N or (rad/s^2)/(N m), not
     negative. None: the connections are rigid."
     };
     (leave_out) => {

@@ -45,7 +45,7 @@ methods! {
     ///     The square-root form of an inertia that no rigid body can have. The message names the link.
     #[doc = entries!(arguments)]
     #[doc = section!(Notes)]
-    /// Equations 4.4 to 4.11. With connections, the result is that of constrained_dynamics, without an error estimate.
+    /// Equations 4.4 to 4.11. With connections, the result is that of loops.dynamics, without an error estimate.
     /// Contacts act in simulations only. If the call raises, `out` may be partly written.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
@@ -125,7 +125,7 @@ methods! {
     #[doc = raises!(singular dense arguments)]
     #[doc = section!(Notes)]
     /// forward_dynamics multiplies by the inverse in O(N) without forming it. The error estimate is that of the factor
-    /// of M. constrained_mass_matrix_inverse includes the connections.
+    /// of M. loops.mass_matrix_inverse includes the connections.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> q = [0.3, 0.2, 0.1]

@@ -18,18 +18,6 @@ const PAIR: usize = 30;
 
 #[pymethods]
 impl PyScene {
-    /// Inertial parameters of each link of body_names, in the order of regressor and identify, (bodies, 10).
-    ///
-    /// (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), I about the link origin, in the link frame; each body includes
-    /// the links fixed to it.
-    #[getter]
-    fn parameters<'py>(slf: &Bound<'py, Self>) -> PyResult<Object<'py>> {
-        slf.getattr("inertial_parameters")?.call_method0("copy")
-    }
-}
-
-#[pymethods]
-impl PyScene {
     /// Joint torque regressor Y: inverse_dynamics(q, qd, qdd) = Y parameters + armature qdd.
     #[doc = parameters!(q qd qdd)]
     #[doc = entries!(errors)]

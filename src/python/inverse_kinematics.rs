@@ -49,7 +49,8 @@ impl PyScene {
     ///     targets are then near each other, and a target that no start reaches has the local minimum next to the
     ///     solution before. Axes before that of the path are a batch of paths.
     /// starts : int, optional
-    ///     Largest number of starts; None: 100, or 20 with a posture. Those after the first are drawn within the
+    ///     Largest number of starts; None: 100, or 20 with a posture, and with follow 3 after a target that was not
+    ///     reached, until one is reached. Those after the first are drawn within the
     ///     limits, of several draws the one nearest to the tasks. The search ends early when the tasks are reached, or
     ///     when 40 starts have found the same least minimum, because the target is then probably out of reach.
     /// posture : float, optional
@@ -136,7 +137,8 @@ impl PyScene {
             let (q, rest) = out.split_at_mut(nq);
             let (beside, room) = rest.split_at_mut(BESIDE);
             let room = covariance.then_some(room);
-            let mut solver = scene.inverse_kinematics(&options)?;
+            let missed = previous.is_some_and(|previous| previous[nq] < 0.5);
+            let mut solver = scene.inverse_kinematics(&options)?.resuming(missed);
             let found = if follow {
                 q.copy_from_slice(previous.map_or_else(|| of(0), |previous| &previous[..nq]));
                 solver.follow(&mut scratch.workspace, &tasks, room, q)?

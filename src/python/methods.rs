@@ -3,16 +3,17 @@
 /// Methods of `Scene` for Python: `fn name(arrays; keywords) => function(what);` calls a function of the scene with
 /// `what`, the arrays and the [`Keywords`](super::evaluate::Keywords); `|scene, py, keywords| body` has its own body.
 /// Arrays are positional; the keywords have the types and defaults of the rules `@typed`. `link` among the arrays is a
-/// str.
+/// str. `in PyLoops;` before them: methods of a group of the scene.
 macro_rules! methods {
-    ($(
+    (in $class:ident; $(
         $(#[$meta:meta])*
         fn $name:ident($($array:ident),*; $($keyword:ident),*)
         $(|$scene:ident, $py:ident $(, $keywords:ident)?| $body:block)? $(=> $run:ident($($what:tt)*);)?
     )*) => {
-        $(methods!(@next [$(#[$meta])*] $name [] [] [] [] [$($array)*] [$($keyword)*]
+        $(methods!(@next [$class $(#[$meta])*] $name [] [] [] [] [$($array)*] [$($keyword)*]
             $(|$scene, $py $(, $keywords)?| $body)? $(=> $run($($what)*))?);)*
     };
+    (# $($methods:tt)*) => { methods!(in PyScene; # $($methods)*); };
     // The next argument, once as the token that the rules match and once as the name that the body knows.
     (@next $docs:tt $name:ident $typed:tt $names:tt $given:tt $set:tt [$array:ident $($rest:ident)*] $($more:tt)*) => {
         methods!(@array ($array $array) $docs $name $typed $names $given $set [$($rest)*] $($more)*);
@@ -46,9 +47,9 @@ macro_rules! methods {
         methods!(@keyword $docs $name
             [$($typed)* $k: $kind,] [$($names)* $k = $default,] $given [$($set)* $k] $($more)*);
     };
-    (@keyword [$(#[$meta:meta])*] $name:ident [$($typed:tt)*] [$($names:tt)*] $given:tt $set:tt [] $($run:tt)*) => {
+    (@keyword [$class:ident $(#[$meta:meta])*] $name:ident [$($typed:tt)*] [$($names:tt)*] $given:tt $set:tt [] $($run:tt)*) => {
         #[pymethods]
-        impl PyScene {
+        impl $class {
             $(#[$meta])*
             #[pyo3(signature = ($($names)*))]
             fn $name<'py>(&self, py: Python<'py>, $($typed)*) -> PyResult<Object<'py>> {
@@ -57,7 +58,7 @@ macro_rules! methods {
         }
     };
     (@run $this:ident $of:ident $given:tt $set:tt |$scene:ident, $py:ident $(, $keywords:ident)?| $body:block) => {{
-        let ($scene, $py) = ($this, $of);
+        let ($scene, $py) = ($this.as_scene(), $of);
         $(let $keywords = &methods!(@keywords $set);)?
         $body
     }};

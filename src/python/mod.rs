@@ -51,6 +51,7 @@ mod factor;
 mod fresh;
 mod function_table;
 mod geometry;
+mod groups;
 mod identification;
 mod input;
 mod interrupts;
@@ -97,6 +98,8 @@ mod core_module {
     use super::fresh::unwritten_numbers;
     #[pymodule_export]
     use super::function_table::function_table;
+    #[pymodule_export]
+    use super::groups::{PyContacts, PyLoops};
     #[pymodule_export]
     use super::identification::{log_likelihood, rotate_chosen, rotate_rows, smooth_log};
     #[pymodule_export]

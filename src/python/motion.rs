@@ -136,7 +136,7 @@ impl PyScene {
     /// frame : {"link", "world"}, default "link"
     ///     Axes of the wrenches: those of the link, with which they rotate, or those of the base.
     /// contact_friction, contact_restitution : float or (..., n) array_like, optional
-    ///     Coefficients of the contacts of contact_names and then the colliders of collider_names, instead of those of
+    ///     Coefficients of the contacts of contacts.names and then the colliders of collider_names, instead of those of
     ///     the scene, for all states or for each.
     #[doc = section!(Returns)]
     /// trajectory : Trajectory
@@ -149,7 +149,7 @@ impl PyScene {
     /// SimulationInterrupted
     ///     Ctrl-C (a KeyboardInterrupt), with .trajectory. Other exceptions of signal handlers are raised unchanged.
     /// ConstraintError
-    ///     The start violates the connections; see project.
+    ///     The start violates the connections; see loops.project.
     #[doc = entries!(memory arguments)]
     #[doc = section!(Warns)]
     /// UnitsWarning

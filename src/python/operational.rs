@@ -39,7 +39,7 @@ methods! {
     #[doc = raises!(singular arguments)]
     #[doc = section!(Notes)]
     /// Defined in singular configurations too, unlike operational_inertia. With connections, M^-1 is
-    /// constrained_mass_matrix_inverse, and with joints that follow others J and M^-1 are those of the independent
+    /// loops.mass_matrix_inverse, and with joints that follow others J and M^-1 are those of the independent
     /// joints; both cost O(N^3). Contacts have no effect: the wrenches are the only ones on the links.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)

@@ -92,6 +92,11 @@ impl PyScene {
         Axis::Rates(&self.scene)
     }
 
+    /// The scene, as of the groups of its methods.
+    pub(super) fn as_scene(&self) -> &Self {
+        self
+    }
+
     /// Number of moving bodies, at least one, for the estimate of the time of a call.
     pub(super) fn size(&self) -> usize {
         self.scene.model().bodies.len().max(1)
@@ -428,29 +433,29 @@ impl PyScene {
 
     /// Draw random configurations: joint positions uniformly within the limits, orientations uniformly.
     #[doc = section!(Parameters)]
-    /// rng : int or numpy.random.Generator, optional
+    /// seed : int or numpy.random.Generator, optional
     ///     Seed or generator; None: fresh entropy.
     /// size : int or tuple of int, default ()
     ///     Batch axes.
     #[doc = section!(Returns)]
     /// q : (*size, nq) ndarray
     ///     Configurations. Without limits, or with a limit beyond 20 rad or m, an angle is drawn from (-pi, pi) and a
-    ///     length from (-1, 1) m. Coupled joints and connections are not considered; see project.
+    ///     length from (-1, 1) m. Coupled joints and connections are not considered; see loops.project.
     #[doc = section!(Raises)]
     /// ArgumentError
-    ///     Any other rng or size.
+    ///     Any other seed or size.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> q = scene.random_configuration(7, size=100)
     /// >>> bool(np.all((scene.limits.lower <= q) & (q <= scene.limits.upper)))
     /// True
-    #[pyo3(signature = (rng=None, *, size=None), text_signature = "($self, rng=None, *, size=())")]
+    #[pyo3(signature = (seed=None, *, size=None), text_signature = "($self, seed=None, *, size=())")]
     fn random_configuration<'py>(
         slf: &Bound<'py, Self>,
-        rng: Option<&Object<'py>>,
+        seed: Option<&Object<'py>>,
         size: Option<&Object<'py>>,
     ) -> PyResult<Object<'py>> {
-        imported!(slf.py(), "phipsi._random", "configuration")?.call1((slf, rng, size))
+        imported!(slf.py(), "phipsi._random", "configuration")?.call1((slf, seed, size))
     }
 
     fn __repr__(&self) -> String {

@@ -42,7 +42,7 @@ methods_in_python! {
     /// d(pi), with Y the regressor at the qdd that forward dynamics gives. The variances are those of a filter and
     /// smoother whose gains were made for another noise. First order in the errors. With connections or joints that
     /// follow others, A Y Sigma Y* A* by dense matrices, O(N^3), with A the inverse mass matrix through the connections
-    /// (constrained_mass_matrix_inverse) or of the independent joints. Contacts are ignored: their forces depend on the
+    /// (loops.mass_matrix_inverse) or of the independent joints. Contacts are ignored: their forces depend on the
     /// motion before.
     ///
     /// Parameters
@@ -210,7 +210,7 @@ methods_in_python! {
     /// ArgumentError
     ///     An invalid argument, an unknown link or joint, two sensors with the same name.
     /// ConstraintError
-    ///     Initial positions or velocities that violate the connections; see project.
+    ///     Initial positions or velocities that violate the connections; see loops.project.
     /// ShapeError, NotFiniteError
     ///     An invalid array. The message names the argument.
     #[doc = section!(Examples)]

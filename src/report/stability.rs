@@ -9,8 +9,9 @@ use crate::filter::Form;
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::Scene;
 
-/// All methods for the accelerations with their Python names.
+/// All methods for the accelerations with their Python names, the default first.
 pub const FORMS: &[(&str, Method)] = &[
+    ("auto", Method::Filter(Form::Auto)),
     ("covariance form", Method::Filter(Form::Covariance)),
     ("square-root form", Method::Filter(Form::SquareRoot)),
     (LDLT, Method::DenseLdlt),

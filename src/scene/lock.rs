@@ -15,7 +15,7 @@ use crate::spatial::RigidShift;
 const HELD: f64 = 1e-6;
 
 const CLOSED_BY_PROJECTION: &str =
-    "a configuration that satisfies the connections, such as the result of scene.project";
+    "a configuration that satisfies the connections, such as the result of scene.loops.project";
 
 impl Scene {
     /// A scene with `joints` fixed at their positions in `q`; link names are unchanged.

@@ -52,6 +52,7 @@ mod part;
 mod payload;
 mod polynomial;
 pub(crate) mod properties;
+mod reroot;
 mod shared;
 mod spring;
 mod start;

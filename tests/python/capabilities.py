@@ -298,7 +298,7 @@ def mass_matrix(c: Case) -> None:
     _scaled(c.value(lambda s: s.mass_matrix(c.q)), c.mass(c.q), 1e-13)
     _scaled(c.value(lambda s: s.mass_matrix_inverse(c.q)), np.linalg.inv(c.mass(c.q)), 1e-12)
     if c.kind == "loop":
-        _scaled(c.value(lambda s: s.constrained_mass_matrix_inverse(c.q)), c.mass_inverse(c.q), 1e-12)
+        _scaled(c.value(lambda s: s.loops.mass_matrix_inverse(c.q)), c.mass_inverse(c.q), 1e-12)
 
 
 def _along(c: Case, third: np.ndarray, d: np.ndarray) -> Callable[[float], np.ndarray]:

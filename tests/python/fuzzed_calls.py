@@ -105,7 +105,7 @@ def settings(scene: phipsi.Scene, random: np.random.Generator) -> dict[str, Any]
     size = pick(random, *SIZES)
     given = {
         "method": some(0.7, METHODS),
-        "compliance": some(0.2, (0.0, 1e-6, 1.0, size)) if scene.constraint_names else None,
+        "compliance": some(0.2, (0.0, 1e-6, 1.0, size)) if scene.loops.names else None,
         "limits": some(0.4, ("stop", "report")),
         "restitution": some(0.3, (0.0, 0.5, 1.0)),
         "friction_speed": some(0.2, (1e-6, 1e-2, size)),
@@ -144,9 +144,9 @@ def calls(scene: phipsi.Scene, random: np.random.Generator) -> list[tuple[str, C
         q = scene.integrate(q, pick(random, 0.0, 0.002, 0.5) * random.normal(size=nv))
     if away > 1.0:
         q = np.where(np.abs(q) < 0.9, q * away, q)
-    if scene.constraint_names and random.uniform() < 0.8:
+    if scene.loops.names and random.uniform() < 0.8:
         try:
-            q, qd, _ = scene.project(q, qd)
+            q, qd, _ = scene.loops.project(q, qd)
         except PhipsiError:
             q = scene.neutral()
     given = settings(scene, random)
@@ -176,11 +176,11 @@ def calls(scene: phipsi.Scene, random: np.random.Generator) -> list[tuple[str, C
         ("forward_dynamics", lambda: scene.forward_dynamics(q, qd, tau, form=form)),
         ("derivatives", lambda: scene.forward_dynamics_derivatives(q, qd, tau)),
         ("vjp", lambda: scene.forward_dynamics_vjp(q, qd, tau, qd)),
-        ("project", lambda: scene.project(q * away if away < 1e200 else q, qd)),
-        ("constrained_dynamics", lambda: scene.constrained_dynamics(q, qd, tau)),
-        ("constrained_inverse_dynamics", lambda: scene.constrained_inverse_dynamics(q, qd, tau, actuated=scene.joint_names[:1])),
-        ("constrained_mass_matrix_inverse", lambda: scene.constrained_mass_matrix_inverse(q)),
-        ("constraint_bias", lambda: scene.constraint_bias(q, qd)),
+        ("loops.project", lambda: scene.loops.project(q * away if away < 1e200 else q, qd)),
+        ("loops.dynamics", lambda: scene.loops.dynamics(q, qd, tau)),
+        ("loops.inverse_dynamics", lambda: scene.loops.inverse_dynamics(q, qd, tau, actuated=scene.joint_names[:1])),
+        ("loops.mass_matrix_inverse", lambda: scene.loops.mass_matrix_inverse(q)),
+        ("loops.bias", lambda: scene.loops.bias(q, qd)),
         ("operational_inertia", lambda: scene.operational_inertia(q, link)),
         ("inverse_kinematics", lambda: scene.inverse_kinematics(phipsi.tasks.Position(link, away * random.normal(size=3)), q, covariance=True)),
         ("linearize", lambda: scene.linearize(q, qd, tau)),
@@ -232,7 +232,7 @@ def simulated_pair(pair: Pair) -> None:
     scene = builder.build(tolerance=5e-3 if pair.is_dead else None)
     q, qd, tau, dt = scene.neutral(), np.zeros(3), np.zeros(3), 1e-3
     if not pair.is_dead:
-        q, qd, _ = scene.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
+        q, qd, _ = scene.loops.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
     if pair.overflow == "q":
         q = q + 1e155
     elif pair.overflow == "qd":

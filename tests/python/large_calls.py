@@ -6,6 +6,7 @@ makes the call, and prints the error as JSON. The process must not crash.
 
 from __future__ import annotations
 
+from operator import attrgetter
 import json
 import pickle
 import sys
@@ -81,7 +82,7 @@ def through_connections(method: str, arrays: int, states: int = 10**6, **options
 
     def prepare(scene: phipsi.Scene) -> Call:
         closed, q = looped(scene), np.zeros((states, scene.nq))
-        return lambda: getattr(closed, method)(q, *[np.zeros(scene.nv)] * arrays, **options)
+        return lambda: attrgetter(method)(closed)(q, *[np.zeros(scene.nv)] * arrays, **options)
 
     return prepare
 
@@ -92,7 +93,7 @@ def on_the_ground(method: str, arrays: int, states: int) -> Callable[[phipsi.Sce
     def prepare(scene: phipsi.Scene) -> Call:
         touching = scene.to_builder().contact("tip", scene.link_names[-1], xyz=(0.1, 0, 0.3), friction=0.5).build()
         q = np.broadcast_to(np.zeros(scene.nq), (states, scene.nq))
-        return lambda: getattr(touching, method)(q, *[np.zeros(scene.nv)] * arrays)
+        return lambda: attrgetter(method)(touching)(q, *[np.zeros(scene.nv)] * arrays)
 
     return prepare
 
@@ -284,17 +285,17 @@ LARGE: dict[str, Large] = {
     "centroidal_momentum_derivatives": Large("q, qd", broadcast("centroidal_momentum_derivatives")),
     "kinetic_energy": Large("q, qd", broadcast("kinetic_energy")),
     "potential_energy": Large("q", batch(4 * 10**6, lambda scene, q: scene.potential_energy(q)), room=20),
-    "constraint_error": Large("q", through_connections("constraint_error", 0, 10**7), room=100),
-    "constraint_jacobian": Large("q", through_connections("constraint_jacobian", 0, 2 * 10**6)),
-    "constraint_bias": Large("q", through_connections("constraint_bias", 1, 10**7), room=100),
+    "loops.error": Large("q", through_connections("loops.error", 0, 10**7), room=100),
+    "loops.jacobian": Large("q", through_connections("loops.jacobian", 0, 2 * 10**6)),
+    "loops.bias": Large("q", through_connections("loops.bias", 1, 10**7), room=100),
     "distances": Large("q", with_shapes(3 * 10**7), room=100),
-    "contact_gaps": Large("q", on_the_ground("contact_gaps", 0, 3 * 10**7), room=100),
-    "contact_velocities": Large("q", on_the_ground("contact_velocities", 1, 10**7), room=100),
-    "contact_gram": Large("q", on_the_ground("contact_gram", 0, 3 * 10**6), room=100),
-    "constrained_dynamics": Large("q", through_connections("constrained_dynamics", 2, 3 * 10**6)),
-    "project": Large("q", through_connections("project", 0, 5 * 10**6)),
-    "constrained_inverse_dynamics": Large("q", through_connections("constrained_inverse_dynamics", 2, 3 * 10**6)),
-    "constrained_mass_matrix_inverse": Large("q", through_connections("constrained_mass_matrix_inverse", 0)),
+    "contacts.gaps": Large("q", on_the_ground("contacts.gaps", 0, 3 * 10**7), room=100),
+    "contacts.velocities": Large("q", on_the_ground("contacts.velocities", 1, 10**7), room=100),
+    "contacts.gram": Large("q", on_the_ground("contacts.gram", 0, 3 * 10**6), room=100),
+    "loops.dynamics": Large("q", through_connections("loops.dynamics", 2, 3 * 10**6)),
+    "loops.project": Large("q", through_connections("loops.project", 0, 5 * 10**6)),
+    "loops.inverse_dynamics": Large("q", through_connections("loops.inverse_dynamics", 2, 3 * 10**6)),
+    "loops.mass_matrix_inverse": Large("q", through_connections("loops.mass_matrix_inverse", 0)),
     "operational_inverse_inertia": Large("q", batch(10**6, lambda scene, q: scene.operational_inverse_inertia(q, "link3"))),
     "operational_inertia": Large("q", batch(10**6, lambda scene, q: scene.operational_inertia(q, "link6"))),
     "many links": Large(

@@ -72,7 +72,7 @@ def looped(count: int, call: Callable[[phipsi.Scene, np.ndarray], object]) -> Ca
     def prepare() -> Call:
         tree = chain(30)
         scene = tree.to_builder().connect("tip", "point", "link29", xyz=(0, 0, 0.3)).build()
-        q = np.tile(scene.project(states(scene, 1)[0] * 0.1).q, (count, 1))
+        q = np.tile(scene.loops.project(states(scene, 1)[0] * 0.1).q, (count, 1))
         return lambda: call(scene, q)
 
     return prepare
@@ -197,16 +197,16 @@ LONG: dict[str, Callable[[], Call]] = {
     "estimate, dense": batch(30, 2_000, lambda scene, q: scene.estimate(q, q, q, covariance=True, method="batch")),
     "estimate, dense, one": of_one(300, lambda scene, q: scene.estimate(q, q, q, covariance=True, method="batch")),
     "distances": with_shapes(1_000_000),
-    "contact_gaps": on_the_ground(3_000_000, lambda scene, q: scene.contact_gaps(q)),
-    "contact_velocities": on_the_ground(1_000_000, lambda scene, q: scene.contact_velocities(q, np.zeros(30))),
-    "contact_gram": on_the_ground(100_000, lambda scene, q: scene.contact_gram(q)),
-    "constraint_error": looped(1_000_000, lambda scene, q: scene.constraint_error(q)),
-    "constraint_jacobian": looped(300_000, lambda scene, q: scene.constraint_jacobian(q)),
-    "constraint_bias": looped(1_000_000, lambda scene, q: scene.constraint_bias(q, np.zeros(30))),
-    "constrained_dynamics": looped(100_000, lambda scene, q: scene.constrained_dynamics(q, np.zeros(30), np.zeros(30))),
-    "project": looped(100_000, lambda scene, q: scene.project(q + 0.01)),
-    "constrained_inverse_dynamics": looped(100_000, lambda scene, q: scene.constrained_inverse_dynamics(q, np.zeros(30), np.zeros(30))),
-    "constrained_mass_matrix_inverse": looped(30_000, lambda scene, q: scene.constrained_mass_matrix_inverse(q)),
+    "contacts.gaps": on_the_ground(3_000_000, lambda scene, q: scene.contacts.gaps(q)),
+    "contacts.velocities": on_the_ground(1_000_000, lambda scene, q: scene.contacts.velocities(q, np.zeros(30))),
+    "contacts.gram": on_the_ground(100_000, lambda scene, q: scene.contacts.gram(q)),
+    "loops.error": looped(1_000_000, lambda scene, q: scene.loops.error(q)),
+    "loops.jacobian": looped(300_000, lambda scene, q: scene.loops.jacobian(q)),
+    "loops.bias": looped(1_000_000, lambda scene, q: scene.loops.bias(q, np.zeros(30))),
+    "loops.dynamics": looped(100_000, lambda scene, q: scene.loops.dynamics(q, np.zeros(30), np.zeros(30))),
+    "loops.project": looped(100_000, lambda scene, q: scene.loops.project(q + 0.01)),
+    "loops.inverse_dynamics": looped(100_000, lambda scene, q: scene.loops.inverse_dynamics(q, np.zeros(30), np.zeros(30))),
+    "loops.mass_matrix_inverse": looped(30_000, lambda scene, q: scene.loops.mass_matrix_inverse(q)),
     "simulate through connections": looped(1_000, lambda scene, q: moving(scene, q, 10**5)),
     "operational_inverse_inertia": batch(30, 300_000, lambda scene, q: scene.operational_inverse_inertia(q, "link29")),
     "operational_inertia": batch(30, 300_000, lambda scene, q: scene.operational_inertia(q, "link29")),

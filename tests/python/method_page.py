@@ -5,9 +5,12 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import phipsi
 
+#: Groups of methods, and their classes.
+GROUPS: dict[str, type] = {"loops": phipsi.Loops, "contacts": phipsi.Contacts}
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 HEAD = """# All methods of a scene
 
@@ -17,8 +20,8 @@ Written by `python tests/python/method_page.py docs/reference/methods.md` from t
 TASKS = {
     "Read a robot": ("from_urdf", "from_mujoco", "from_pinocchio", "file", "to_urdf", "to_builder"),
     "Names and sizes": ("nq", "nv", "joint_names", "body_names", "link_names", "q_index", "v_index", "joint", "joints", "link", "links", "plan"),
-    "Properties": ("gravity", "limits", "actuators", "armature", "damping", "friction", "friction_terms", "stiffness", "rest", "tolerance", "total_mass", "inertial_parameters", "parameters"),
-    "Modified copies": ("with_properties", "with_payload", "with_inertias", "with_inertial_parameters", "lock", "subtree", "without_constraints", "without_contacts"),
+    "Properties": ("gravity", "limits", "actuators", "armature", "damping", "friction", "friction_terms", "stiffness", "rest", "total_mass", "inertial_parameters"),
+    "Modified copies": ("with_properties", "with_payload", "with_inertias", "with_inertial_parameters", "lock", "subtree", "rerooted", "without_constraints", "without_contacts"),
     "Configurations": ("neutral", "initial", "initial_velocity", "keyframes", "random_configuration", "integrate", "difference"),
     "Forward kinematics: where is a link, such as the end effector": ("placement", "poses", "placements"),
     "Velocities, accelerations and Jacobians of links": (
@@ -41,10 +44,10 @@ TASKS = {
         "inverse_dynamics_jvp", "inverse_dynamics_vjp", "inverse_dynamics_hvp", "simulate_vjp",
     ),
     "Closed loops": (
-        "constraint_names", "constraint_rows", "project", "constraint_error", "constraint_jacobian", "constraint_bias", "constrained_dynamics",
-        "constrained_inverse_dynamics", "constrained_mass_matrix_inverse",
+        "loops", "loops.names", "loops.rows", "loops.tolerance", "loops.project", "loops.error", "loops.jacobian", "loops.bias", "loops.dynamics",
+        "loops.inverse_dynamics", "loops.mass_matrix_inverse",
     ),
-    "Contacts": ("contact_names", "contact_gaps", "contact_velocities", "contact_gram", "collider_names", "distances"),
+    "Contacts": ("contacts", "contacts.names", "contacts.gaps", "contacts.velocities", "contacts.gram", "collider_names", "distances"),
     "Identification, estimation and observers": (
         "identify", "regressor", "excitation", "estimate", "observer", "momentum_observer", "forward_dynamics_variance", "inverse_dynamics_variance",
     ),
@@ -56,7 +59,9 @@ TASKS = {
 def page() -> str:
     """The page."""
     where = {
-        name: path.name for path in sorted(REFERENCE.glob("*.md")) for name in re.findall(r"^::: phipsi\.Scene\.(\w+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+        name.removeprefix("scene."): path.name
+        for path in sorted(REFERENCE.glob("*.md"))
+        for name in map(str.lower, re.findall(r"^::: phipsi\.((?:Scene|Loops|Contacts)\.\w+)$", path.read_text(encoding="utf-8"), re.MULTILINE))
     }
     parts = [HEAD]
     for task, names in TASKS.items():
@@ -66,13 +71,21 @@ def page() -> str:
 
 
 def public() -> set[str]:
-    """Public names of Scene."""
-    return {name for name in dir(phipsi.scenes.chain(1)) if not name.startswith("_")}
+    """Public names of a scene and of its groups."""
+    scene = phipsi.scenes.chain(1)
+    groups = {f"{group}.{name}" for group in GROUPS for name in dir(getattr(scene, group)) if not name.startswith("_")}
+    return groups | {name for name in dir(scene) if not name.startswith("_")}
+
+
+def member(name: str) -> Any:
+    """The method or property of this name."""
+    group, _, of = name.rpartition(".")
+    return getattr(GROUPS.get(group, phipsi.Scene), of)
 
 
 def _summary(name: str) -> str:
     """First sentence of the docstring."""
-    paragraph = " ".join((getattr(phipsi.Scene, name).__doc__ or "").split("\n\n")[0].split())
+    paragraph = " ".join((member(name).__doc__ or "").split("\n\n")[0].split())
     # The period of an abbreviation, such as in (eq. 5.1), ends no sentence.
     return re.split(r"(?<!\beq\.)(?<!\be\.g\.)(?<=\.) ", paragraph)[0].replace("|", r"\|")
 

@@ -46,7 +46,7 @@ def _vjp(scene: phipsi.Scene, s: State) -> Any:
 
 def _extras(scene: phipsi.Scene) -> tuple[Any, ...]:
     """Properties that a derived scene must keep."""
-    return scene.constraint_names, scene.contact_names, scene.nv, scene.link_names
+    return scene.loops.names, scene.contacts.names, scene.nv, scene.link_names
 
 
 def _identify(scene: phipsi.Scene, s: State) -> Any:
@@ -74,15 +74,15 @@ CALLS: dict[str, Call] = {
     "centroidal_momentum_matrix": lambda scene, s: scene.centroidal_momentum_matrix(s.q),
     "centroidal_momentum_derivatives": lambda scene, s: scene.centroidal_momentum_derivatives(s.q, s.qd),
     "centroidal_momentum_matrix_rate": lambda scene, s: scene.centroidal_momentum_matrix_rate(s.q, s.qd),
-    "constrained_dynamics": lambda scene, s: scene.constrained_dynamics(s.q, s.qd, s.tau).qdd,
-    "constrained_inverse_dynamics": lambda scene, s: scene.constrained_inverse_dynamics(s.q, s.qd, s.qdd).tau,
-    "constrained_mass_matrix_inverse": lambda scene, s: scene.constrained_mass_matrix_inverse(s.q),
-    "constraint_bias": lambda scene, s: scene.constraint_bias(s.q, s.qd),
-    "constraint_error": lambda scene, s: scene.constraint_error(s.q),
-    "constraint_jacobian": lambda scene, s: scene.constraint_jacobian(s.q),
-    "contact_gaps": lambda scene, s: scene.contact_gaps(s.q),
-    "contact_velocities": lambda scene, s: scene.contact_velocities(s.q, s.qd),
-    "contact_gram": lambda scene, s: scene.contact_gram(s.q),
+    "loops.dynamics": lambda scene, s: scene.loops.dynamics(s.q, s.qd, s.tau).qdd,
+    "loops.inverse_dynamics": lambda scene, s: scene.loops.inverse_dynamics(s.q, s.qd, s.qdd).tau,
+    "loops.mass_matrix_inverse": lambda scene, s: scene.loops.mass_matrix_inverse(s.q),
+    "loops.bias": lambda scene, s: scene.loops.bias(s.q, s.qd),
+    "loops.error": lambda scene, s: scene.loops.error(s.q),
+    "loops.jacobian": lambda scene, s: scene.loops.jacobian(s.q),
+    "contacts.gaps": lambda scene, s: scene.contacts.gaps(s.q),
+    "contacts.velocities": lambda scene, s: scene.contacts.velocities(s.q, s.qd),
+    "contacts.gram": lambda scene, s: scene.contacts.gram(s.q),
     "coriolis_matrix": lambda scene, s: scene.coriolis_matrix(s.q, s.qd),
     "distances": lambda scene, s: scene.distances(s.q, pairs=("rod", "wall")),
     "difference": lambda scene, s: scene.difference(s.q, scene.neutral()),
@@ -127,7 +127,7 @@ CALLS: dict[str, Call] = {
     "placements": lambda scene, s: scene.placements(s.q),
     "plan": lambda scene, s: scene.plan(),
     "poses": lambda scene, s: scene.poses(s.q),
-    "project": lambda scene, s: scene.project(s.q + 0.01, s.qd),
+    "loops.project": lambda scene, s: scene.loops.project(s.q + 0.01, s.qd),
     "regressor": lambda scene, s: scene.regressor(s.q, s.qd, s.qdd),
     "random_model": lambda scene, s: scene.random_model(s.q, s.qd).sample_torque(3, seed=1),
     "simulate": lambda scene, s: scene.simulate(s.q, s.qd, tau=s.tau, dt=1e-3, steps=3).qd,
@@ -138,6 +138,7 @@ CALLS: dict[str, Call] = {
     "to_rust": lambda scene, s: scene.to_rust(functions=["forward_dynamics"]),
     "to_urdf": lambda scene, s: scene.to_urdf(),
     "to_builder": lambda scene, s: _extras(scene.to_builder().build(mimic="couple")),
+    "rerooted": lambda scene, s: _extras(scene.rerooted(scene.link_names[0])),
     "subtree": lambda scene, s: _extras(scene.subtree(scene.link_names[0])),
     "with_inertial_parameters": lambda scene, s: _extras(scene.with_inertial_parameters(2.0 * scene.inertial_parameters)),
     "with_inertias": lambda scene, s: _extras(scene.with_inertias({_tip(scene): (2.0, (0, 0, 0.1), np.eye(3))})),
@@ -183,7 +184,7 @@ def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:
     elif kind == "connections":
         builder.connect("pin", "axis", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3), axis=(0, 1, 0))
         scene = builder.build()
-        tree, q = scene.without_constraints(), scene.project(q, np.zeros(3))[0]
+        tree, q = scene.without_constraints(), scene.loops.project(q, np.zeros(3))[0]
     else:
         builder.contact("foot", "rocker", xyz=(0, 0, 0.3), friction=0.5)
         scene = builder.build()
@@ -191,7 +192,7 @@ def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:
         q[2] = np.pi / 2
     qd = np.linspace(0.3, -0.2, scene.nv)
     if kind == "connections":
-        qd = scene.project(q, qd)[1]
+        qd = scene.loops.project(q, qd)[1]
     return scene, tree, State(q, qd, np.linspace(-2.0, 1.0, scene.nv), np.linspace(0.5, 1.0, scene.nv))
 
 
@@ -223,7 +224,7 @@ def _same(found: Any, expected: Any) -> bool:
 
 #: Methods without a state: constructors, names and indices, pictures. `check` and `identify` have separate tests.
 WITHOUT_STATE = frozenset(
-    ["check", "constraint_rows", "excitation", "from_mujoco", "from_pinocchio", "from_urdf", "initial", "initial_velocity", "joint", "link", "neutral", "q_index", "random_configuration", "show", "v_index", "without_constraints", "without_contacts"]
+    ["check", "loops.rows", "excitation", "from_mujoco", "from_pinocchio", "from_urdf", "initial", "initial_velocity", "joint", "link", "neutral", "q_index", "random_configuration", "show", "v_index", "without_constraints", "without_contacts"]
 )
 
 MEANING = {
@@ -235,15 +236,15 @@ MEANING = {
 
 #: Behavior of each method for connections, contacts, coupled joints, in this order; default: "tree", "tree", "supported".
 EXPECTED: dict[str, tuple[str, str, str]] = {
-    **dict.fromkeys(["constrained_dynamics", "constrained_inverse_dynamics", "constrained_mass_matrix_inverse", "constraint_bias"], ("included", "tree", "error")),
-    **dict.fromkeys(["constraint_error", "constraint_jacobian", "project"], ("included", "tree", "error")),
-    **dict.fromkeys(["contact_gaps", "contact_velocities", "distances"], ("tree", "included", "supported")),
-    "contact_gram": ("error", "included", "error"),
+    **dict.fromkeys(["loops.dynamics", "loops.inverse_dynamics", "loops.mass_matrix_inverse", "loops.bias"], ("included", "tree", "error")),
+    **dict.fromkeys(["loops.error", "loops.jacobian", "loops.project"], ("included", "tree", "error")),
+    **dict.fromkeys(["contacts.gaps", "contacts.velocities", "distances"], ("tree", "included", "supported")),
+    "contacts.gram": ("error", "included", "error"),
     **dict.fromkeys(["to_c", "to_cuda", "to_rust"], ("included", "tree", "supported")),
     **dict.fromkeys(["forward_dynamics", "forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp", "linearize"], ("included", "tree", "supported")),
     **dict.fromkeys(["inverse_kinematics", "inverse_kinematics_rates", "plan"], ("included", "tree", "supported")),
     **dict.fromkeys(["simulate", "simulator"], ("included", "included", "supported")),
-    **dict.fromkeys(["lock", "subtree", "to_builder", "with_inertial_parameters", "with_inertias", "with_payload", "with_properties"], ("included", "included", "supported")),
+    **dict.fromkeys(["lock", "rerooted", "subtree", "to_builder", "with_inertial_parameters", "with_inertias", "with_payload", "with_properties"], ("included", "included", "supported")),
     "estimate": ("error", "tree", "error"),
     **dict.fromkeys(["forward_dynamics_hvp", "forward_dynamics_variance", "identify", "momentum_observer", "observer"], ("included", "tree", "supported")),
     **dict.fromkeys(["operational_inertia", "operational_inverse_inertia"], ("included", "tree", "supported")),
@@ -272,8 +273,8 @@ def page() -> str:
         "",
         *(f"- **{word}**: {meaning}." for word, meaning in MEANING.items()),
         "",
-        "Kinematics, momentum, energy, the mass matrix and inverse dynamics are quantities of the tree of joints, which connections and contacts do not change. `constrained_mass_matrix_inverse` and "
-        "`constrained_inverse_dynamics` are the corresponding methods that include connections. Only `simulate`, `simulate_vjp` and simulators include contacts.",
+        "Kinematics, momentum, energy, the mass matrix and inverse dynamics are quantities of the tree of joints, which connections and contacts do not change. `loops.mass_matrix_inverse` and "
+        "`loops.inverse_dynamics` are the corresponding methods that include connections. Only `simulate`, `simulate_vjp` and simulators include contacts.",
         "",
         "| method | connections | contacts | coupled joints |",
         "| --- | --- | --- | --- |",

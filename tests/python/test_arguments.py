@@ -193,7 +193,7 @@ def test_parts_of_joints_by_name() -> None:
     builder.joint("shoulder", "spherical", "body", "ball")
     builder.joint("elbow", "revolute", "ball", "arm")
     scene = builder.build(floating_base=True)
-    q, qd = scene.random_configuration(rng=1), np.arange(10.0)
+    q, qd = scene.random_configuration(seed=1), np.arange(10.0)
     linear, angular = (qd[scene.v_index("root_joint", part)] for part in ("linear", "angular"))
     place = scene.placement(q, "body")
     np.testing.assert_array_equal(q[scene.q_index("root_joint", "position")], place[:3, 3])

@@ -1,5 +1,7 @@
 """One robot attached to another, and a part of a robot as a scene of its own."""
 
+import pickle
+
 import numpy as np
 import phipsi
 import pytest
@@ -55,17 +57,33 @@ def test_the_dynamics_are_those_of_the_robot_from_its_parts():
 
 def test_contacts_actuators_starts_keyframes_and_limits_come_with_it():
     scene = joined().build()
-    assert scene.contact_names == ("hand_pad",) and scene.actuators.names == ("hand_motor",)
+    assert scene.contacts.names == ("hand_pad",) and scene.actuators.names == ("hand_motor",)
     assert scene.initial()[-1] == 0.01 and scene.initial("hand_wide")[-1] == 0.03
     assert scene.limits.upper[-1] == 0.04
     same = phipsi.scenes.chain(2).to_builder().attach(hand(), "link1").build()
-    assert same.contact_names == ("pad",) and same.initial("wide")[-1] == 0.03
+    assert same.contacts.names == ("pad",) and same.initial("wide")[-1] == 0.03
 
 
 def test_its_shapes_are_drawn():
     from phipsi.view.shapes import of_file
 
     assert {shape.link for shape in of_file(joined().build(), None)} >= {"hand_palm"}
+
+
+def test_shapes_of_mjcf_files_are_drawn(tmp_path):
+    pytest.importorskip("mujoco")
+    from phipsi.view.shapes import of_file
+
+    file = tmp_path / "finger.xml"
+    body = '<body name="{}" pos="0 0 0.1"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><joint axis="0 1 0"/><geom type="box" size=".01 .02 .03"/>{}</body>'
+    file.write_text(f"<mujoco><worldbody>{body.format('near', body.format('far', ''))}</worldbody></mujoco>")
+    finger = phipsi.load(file)
+    once = phipsi.scenes.chain(2).to_builder().attach(finger, "link1", prefix="a_").attach(finger, "link0", prefix="b_").build()
+    twice = pickle.loads(pickle.dumps(phipsi.load(phipsi.BUNDLED_ARM).to_builder().attach(once, "flange", prefix="c_").build()))
+    for scene, prefixes in ((finger, [""]), (once, ["a_", "b_"]), (twice, ["c_a_", "c_b_"])):
+        drawn = [shape for shape in of_file(scene, None) if shape.link.endswith(("near", "far"))]
+        assert sorted(shape.link for shape in drawn) == sorted(prefix + link for prefix in prefixes for link in ("near", "far"))
+        assert all(np.allclose(shape.mesh.extents, [0.02, 0.04, 0.06]) for shape in drawn)
 
 
 def test_colliders_come_with_it_but_not_its_ground():
@@ -80,7 +98,7 @@ def test_colliders_come_with_it_but_not_its_ground():
 def test_a_part_is_the_robot_that_was_attached():
     whole, own = joined().build(), hand()
     part = whole.subtree("hand_palm")
-    assert part.joint_names == ("hand_open",) and part.contact_names == ("hand_pad",) and part.actuators.names == ("hand_motor",)
+    assert part.joint_names == ("hand_open",) and part.contacts.names == ("hand_pad",) and part.actuators.names == ("hand_motor",)
     assert part.initial("hand_wide")[0] == 0.03
     q = [[0.02]]
     tolerances.assert_near(part.mass_matrix(q), own.mass_matrix(q), tolerances.product(10, 1.0))

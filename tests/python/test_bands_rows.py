@@ -51,8 +51,8 @@ class Case:
         scene, q, qd = scene or self.scene, self.q, self.qd
         if start is not None:
             q, qd = scene.integrate(q, start[: scene.nv]), qd + start[scene.nv :]
-            if scene.constraint_names and not self.given.get("compliance"):
-                q, qd, _ = self.scene.project(q, qd)
+            if scene.loops.names and not self.given.get("compliance"):
+                q, qd, _ = self.scene.loops.project(q, qd)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UncertaintyWarning)
             return scene.simulate(q, qd, **self.given | changed)
@@ -175,8 +175,8 @@ def test_samples_have_the_covariance_of_the_bands(make: Callable[[], Case], seed
     random = np.random.default_rng(seed)
     starts = random.normal(size=(samples, 3)) @ case.root.T
     q, qd = scene.integrate(case.q, starts[:, :nv]), case.qd + starts[:, nv:]
-    if scene.constraint_names:
-        q, qd, _ = scene.project(q, qd)
+    if scene.loops.names:
+        q, qd, _ = scene.loops.project(q, qd)
     tau = case.given["tau"] + np.sqrt(density / case.given["dt"]) * random.normal(size=(samples, steps, nv))
     found = scene.simulate(q, qd, **case.given | {"tau": None, "tau_steps": tau})
     errors = np.concatenate([scene.difference(path.q[-1], found.q[:, -1]), found.qd[:, -1] - path.qd[-1]], axis=-1)
@@ -285,13 +285,13 @@ class TestConnections:
         again = case.run(covariance=MotionUncertainty(initial=first)).bands.covariance[0]
         assert_near(again, first, 1e-9 * float(np.max(first)))
         assert float(np.max(np.abs(first - given))) > 0.1 * float(np.max(given))
-        jacobian = case.scene.constraint_jacobian(case.q)
+        jacobian = case.scene.loops.jacobian(case.q)
         nv = case.scene.nv
         assert_near(jacobian @ first[:nv, :nv], np.zeros((len(jacobian), nv)), 1e-9 * float(np.max(first)))
 
     def test_a_batch_has_the_bands_of_its_states(self, monkeypatch: pytest.MonkeyPatch) -> None:
         case = linkage("four-bar")
-        q, qd, _ = case.scene.project(case.q + 0.1 * np.arange(3)[:, None], case.qd)
+        q, qd, _ = case.scene.loops.project(case.q + 0.1 * np.arange(3)[:, None], case.qd)
         unsure = MotionUncertainty(initial=case.root @ case.root.T, torque_noise=0.1)
         monkeypatch.setattr("phipsi.estimation.trajectories.VALUES", 1000)  # several calls
         whole = case.scene.simulate(q, qd, **case.given, covariance=unsure).bands.covariance

@@ -106,7 +106,7 @@ def moving(scene: phipsi.Scene, seed: int) -> tuple[np.ndarray, np.ndarray, np.n
     """A state that satisfies the connections, and the torques of motors and springs."""
     random = np.random.default_rng(seed)
     q = scene.integrate(scene.neutral(), random.uniform(-0.2, 0.2, scene.nv))
-    q, qd, _ = scene.project(q, random.uniform(-1.0, 1.0, scene.nv))
+    q, qd, _ = scene.loops.project(q, random.uniform(-1.0, 1.0, scene.nv))
     assert qd is not None
     tau = np.zeros(scene.nv)
     for side in SIDES:
@@ -192,7 +192,7 @@ def test_accelerations_and_forces_are_those_of_dense_algebra(are_bodies: bool, r
     qdd = free + through @ forces
     # It satisfies the system, including redundant rows.
     assert max(abs(x) for x in jacobian @ qdd - right) < mpf(10) ** -35
-    found = scene.constrained_dynamics(q, qd, tau)
+    found = scene.loops.dynamics(q, qd, tau)
     assert found.rank == expected_rank == rank
 
     singular = np.linalg.svd(rounded(jacobian @ through), compute_uv=False)[:rank]
@@ -233,7 +233,7 @@ def of_pinocchio(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, tau: np.nda
 def test_accelerations_are_those_of_pinocchio(seed: int) -> None:
     scene = biped(True)
     q, qd, tau = moving(scene, seed)
-    found, expected = scene.constrained_dynamics(q, qd, tau).qdd, of_pinocchio(scene, q, qd, tau)
+    found, expected = scene.loops.dynamics(q, qd, tau).qdd, of_pinocchio(scene, q, qd, tau)
     error = np.abs(found - expected).max() / np.abs(expected).max()
     print(f"{seed}: {error:.1e}")
     assert error < 1e-11
@@ -254,7 +254,7 @@ def test_its_legs_stay_closed_as_it_moves(are_bodies: bool, rank: int) -> None:
     fall = push * times + np.array(scene.gravity) * times**2 / 2
     assert_near(scene.center_of_mass(path.q) - scene.center_of_mass(q), fall, 1e-9)
     assert np.abs(path.q[-1] - q).max() > 0.1
-    assert scene.constrained_dynamics(path.q[-1], path.qd[-1], np.zeros(scene.nv)).rank == rank
+    assert scene.loops.dynamics(path.q[-1], path.qd[-1], np.zeros(scene.nv)).rank == rank
 
 
 #: Angle of the knees with all joints at zero, in MuJoCo's coordinates, rad.
@@ -292,13 +292,13 @@ def test_it_is_read_from_mujoco() -> None:
 
     scene, text = biped(True), of_mujoco()
     read = phipsi.Scene.from_mujoco(text)
-    assert read.joint_names == scene.joint_names and read.constraint_names == scene.constraint_names
+    assert read.joint_names == scene.joint_names and read.loops.names == scene.loops.names
     q, qd, tau = moving(scene, 11)
     there = q.copy()
     for side in SIDES:
         there[scene.q_index(f"{side} knee")] += ZERO
-    expected = scene.constrained_dynamics(q, qd, tau)
-    found = read.constrained_dynamics(there, qd, tau)
+    expected = scene.loops.dynamics(q, qd, tau)
+    found = read.loops.dynamics(there, qd, tau)
     assert found.rank == 10
     assert_near(found.qdd, expected.qdd, 1e-11 * size(expected.qdd))
 
@@ -316,5 +316,5 @@ def test_it_is_read_from_mujoco() -> None:
     free = np.linalg.solve(mass, phipsi.mujoco.from_forces(read, there, tau) - data.qfrc_bias)
     through = np.linalg.solve(mass, jacobian.T)
     dense = free - through @ np.linalg.lstsq(jacobian @ through, jacobian @ free, rcond=1e-10)[0]
-    ours = phipsi.mujoco.from_accelerations(read, there, np.zeros(read.nv), read.constrained_dynamics(there, np.zeros(read.nv), tau).qdd)
+    ours = phipsi.mujoco.from_accelerations(read, there, np.zeros(read.nv), read.loops.dynamics(there, np.zeros(read.nv), tau).qdd)
     assert_near(ours, dense, 1e-9 * size(dense))

@@ -131,7 +131,7 @@ def test_identify_with_a_link_that_is_trusted(measured: Path) -> None:
     robot, log = str(measured.parent / "arm.urdf"), str(measured)
     result = run("identify", robot, log, "--noise", "0.1", "--trust", "link2=1e9", "--json")
     assert result.exit_code == 0, result.output
-    own, found = phipsi.Scene.from_urdf(robot).parameters, np.array(json.loads(result.output)["parameters"])
+    own, found = phipsi.Scene.from_urdf(robot).inertial_parameters, np.array(json.loads(result.output)["parameters"])
     assert np.abs(found[1, 0] - own[1, 0]) < 1e-2 < np.abs(found[2, 0] - own[2, 0])
     for given, message in (
         (("link2",), "--trust: found link2; expected one number, or LINK=NUMBER"), (("1", "link2=3"), "--trust: found 1, link2=3; expected one number"),

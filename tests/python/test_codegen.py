@@ -227,11 +227,13 @@ def test_states_in_doubt_are_done_by_the_scene(cache: Path, monkeypatch: pytest.
 class Recorder:
     """A scene that records the called methods and the numbers of states."""
 
-    def __init__(self, scene: phipsi.Scene, asked: list[tuple[str, int]]) -> None:
+    def __init__(self, scene: phipsi.Scene | phipsi.Loops | phipsi.Contacts, asked: list[tuple[str, int]]) -> None:
         self.scene, self.asked = scene, asked
 
     def __getattr__(self, name: str) -> object:
         found = getattr(self.scene, name)
+        if isinstance(found, phipsi.Loops | phipsi.Contacts):
+            return Recorder(found, self.asked)
         if not callable(found):
             return found
 

@@ -72,7 +72,7 @@ def closed(scene: phipsi.Scene, count: int = 20, seed: int = 0) -> tuple[np.ndar
     random = np.random.default_rng(seed)
     rest = np.array([0.5, 0.8, 0.2]) if scene.joint_names[:1] == ("crank",) else scene.neutral()
     q = scene.integrate(rest, random.uniform(-0.05, 0.05, (count, scene.nv)))
-    found = scene.project(q, random.uniform(-1, 1, (count, scene.nv)))
+    found = scene.loops.project(q, random.uniform(-1, 1, (count, scene.nv)))
     q, qd, tau = found.q, found.qd, random.uniform(-5, 5, (count, scene.nv))
     assert qd is not None
     qd[count // 2 :] = 0.0
@@ -84,7 +84,7 @@ def conditioning(scene: phipsi.Scene, q: np.ndarray) -> float:
     """That of M and of the rows that move joints."""
     found = []
     for one in q:
-        mass, rows = scene.mass_matrix(one), scene.constraint_jacobian(one)
+        mass, rows = scene.mass_matrix(one), scene.loops.jacobian(one)
         gram = rows @ np.linalg.solve(mass, rows.T)
         values = np.linalg.eigvalsh(gram)
         found.append(np.linalg.cond(mass) * values[-1] / np.min(values[values > 1e-12 * values[-1]]))
@@ -98,7 +98,7 @@ def test_results_are_those_of_the_scene(name: str, form: Any, cache: Path, monke
     scene = SCENES[name]()
     fast = phipsi.compile(scene, BOTH, form=form, flags=["-O0"], cache=cache)  # type: ignore[call-overload]
     given = closed(scene)
-    expected = scene.constrained_dynamics(*given, form=form)
+    expected = scene.loops.dynamics(*given, form=form)
     asked: list[tuple[str, int]] = []
     monkeypatch.setattr(fast, "scene", Recorder(scene, asked))
     qdd, found = fast.forward_dynamics(*given), fast.constrained_dynamics(*given)
@@ -120,7 +120,7 @@ def test_results_satisfy_their_equations(name: str, cache: Path) -> None:
     scene = SCENES[name]()
     fast = phipsi.compile(scene, BOTH, flags=["-O0"], cache=cache)
     q, qd, tau = closed(scene, seed=1)
-    rows = scene.constraint_jacobian(q)
+    rows = scene.loops.jacobian(q)
     compliance = np.random.default_rng(0).uniform(0.01, 0.1, rows.shape[:-1])
     for soft in (np.zeros_like(compliance), compliance):
         found = fast.constrained_dynamics(q, qd, tau, compliance=soft)
@@ -128,8 +128,8 @@ def test_results_satisfy_their_equations(name: str, cache: Path) -> None:
         load = np.einsum("sij,si->sj", rows, forces)
         bound = inverse(conditioning(scene, q), size(found.qdd, load))
         assert_near(scene.inverse_dynamics(q, qd, found.qdd), tau + load, bound)
-        assert_near(np.einsum("sij,sj->si", rows, found.qdd) + scene.constraint_bias(q, qd), -soft * forces, bound)
-        expected = scene.constrained_dynamics(q, qd, tau, compliance=soft)
+        assert_near(np.einsum("sij,sj->si", rows, found.qdd) + scene.loops.bias(q, qd), -soft * forces, bound)
+        expected = scene.loops.dynamics(q, qd, tau, compliance=soft)
         assert_near(found.qdd, expected.qdd, bound)
 
 
@@ -149,12 +149,12 @@ def test_singular_configurations_are_computed_by_the_scene(cache: Path, monkeypa
     angle = np.linspace(0.1, 1.2, 20)
     angle[[3, 11]] = np.pi / 2
     q, still, tau = np.stack([angle, -angle, angle], axis=-1), np.zeros((20, 3)), np.random.default_rng(0).uniform(-1, 1, (20, 3))
-    expected = scene.constrained_dynamics(q, still, tau)
+    expected = scene.loops.dynamics(q, still, tau)
     assert np.all(expected.rank[[3, 11]] < expected.rank[0])  # type: ignore[index]
     asked: list[tuple[str, int]] = []
     monkeypatch.setattr(fast, "scene", Recorder(scene, asked))
     found = fast.constrained_dynamics(q, still, tau)
-    assert asked == [("constrained_dynamics", 2)]
+    assert asked == [("dynamics", 2)]
     np.testing.assert_array_equal(found.rank, expected.rank)
     assert_near(found.qdd, expected.qdd, 1e-9 * size(expected.qdd))
     assert_same_bits(found.qdd[[3, 11]], expected.qdd[[3, 11]])
@@ -170,10 +170,10 @@ def test_dependent_rows_are_computed_by_the_scene(name: str, cache: Path) -> Non
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         fast = phipsi.compile(scene, BOTH, flags=["-O0"], cache=cache)
-        found = scene.project(np.tile(start, (17, 1)), np.random.default_rng(0).uniform(-1, 1, (17, scene.nv)))
+        found = scene.loops.project(np.tile(start, (17, 1)), np.random.default_rng(0).uniform(-1, 1, (17, scene.nv)))
     assert any(issubclass(one.category, LinkageWarning) and "functions: found connections of rank" in str(one.message) for one in caught)
     tau = np.random.default_rng(1).uniform(-1, 1, (17, scene.nv))
-    expected = scene.constrained_dynamics(found.q, found.qd, tau)
+    expected = scene.loops.dynamics(found.q, found.qd, tau)
     compiled = fast.constrained_dynamics(found.q, found.qd, tau)
     np.testing.assert_array_equal(compiled.rank, expected.rank)
     assert_near(compiled.qdd, expected.qdd, 1e-9 * size(expected.qdd))
@@ -230,7 +230,7 @@ def test_broken_arguments_are_refused_as_by_the_scene(change: dict[str, Any], er
     assert np.isfinite(fast.constrained_dynamics(q, qd, tau).qdd).all()
     given = {"q": q, "qd": qd, "tau": tau, **change}
     with pytest.raises(error, match=message) as expected:
-        scene.constrained_dynamics(**given)
+        scene.loops.dynamics(**given)
     with pytest.raises(error) as told:
         fast.constrained_dynamics(**given)
     assert str(told.value) == str(expected.value)
@@ -275,7 +275,7 @@ def geared(seed: int = 1) -> phipsi.Scene:
 @pytest.mark.parametrize("make", [rods, geared])
 def test_the_kernels_pass_their_test_in_c(make: Callable[[], phipsi.Scene], tmp_path: Path) -> None:
     scene = make()
-    names = ["forward_dynamics_watched", "constrained_dynamics" if scene.constraint_names else "forward_dynamics_vjp_watched"]
+    names = ["forward_dynamics_watched", "constrained_dynamics" if scene.loops.names else "forward_dynamics_vjp_watched"]
     scene.to_cuda(tmp_path, functions=names)  # type: ignore[arg-type]
     made = subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}", "CFLAGS=-std=c99 -O0"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert made.returncode == 0, made.stdout + made.stderr
@@ -286,7 +286,7 @@ def test_the_crate_passes_its_test(make: Callable[[], phipsi.Scene], tmp_path: P
     if shutil.which("rustc") is None:
         pytest.skip("no rustc here")
     scene = make()
-    names = ["forward_dynamics_watched", "constrained_dynamics" if scene.constraint_names else "mass_matrix_inverse"]
+    names = ["forward_dynamics_watched", "constrained_dynamics" if scene.loops.names else "mass_matrix_inverse"]
     scene.to_rust(tmp_path, name="held", functions=names)  # type: ignore[arg-type]
     rustc = ["rustc", "--edition", "2021", "-D", "warnings", "-L", "."]
     library = ["--crate-type", "rlib", "--crate-name", "held", "--cfg", 'feature="std"', "--check-cfg", 'cfg(feature, values("std"))', "src/lib.rs"]

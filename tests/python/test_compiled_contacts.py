@@ -45,13 +45,13 @@ def test_the_gram_matrix_of_contacts_is_that_of_its_definition(seed: int, form: 
     """J has the velocities for a unit velocity of each degree of freedom."""
     scene = scene_of(seed)
     q, _ = states(scene, (5,))
-    columns = scene.contact_velocities(q[:, None], np.broadcast_to(np.eye(scene.nv), (5, scene.nv, scene.nv)))
+    columns = scene.contacts.velocities(q[:, None], np.broadcast_to(np.eye(scene.nv), (5, scene.nv, scene.nv)))
     expected = np.einsum("sjia,sjk,skbc->siabc", columns, scene.mass_matrix_inverse(q), columns)
-    found = scene.contact_gram(q, form=form)
+    found = scene.contacts.gram(q, form=form)
     bound = inverse(float(np.max(np.linalg.cond(scene.mass_matrix(q)))), size(expected))
     assert_near(found, expected, bound)
-    assert_near(scene.contact_gram(q[3], form=form), found[3], bound)
-    m = 3 * len(scene.contact_names)
+    assert_near(scene.contacts.gram(q[3], form=form), found[3], bound)
+    m = 3 * len(scene.contacts.names)
     square = found.reshape(5, m, m)
     np.testing.assert_array_equal(square, square.swapaxes(-1, -2))
     assert np.linalg.eigvalsh(square).min() >= -bound
@@ -63,7 +63,7 @@ def test_the_gram_matrix_of_a_ball() -> None:
     scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
     q = scene.integrate(scene.neutral(), np.random.default_rng(0).uniform(-1, 1, (3, 6)))
     expected = np.diag([0.5 + 0.01 / 0.004] * 2 + [0.5])
-    assert_near(scene.contact_gram(q)[:, 0, :, 0], np.broadcast_to(expected, (3, 3, 3)), product(6, 3.0))
+    assert_near(scene.contacts.gram(q)[:, 0, :, 0], np.broadcast_to(expected, (3, 3, 3)), product(6, 3.0))
 
 
 @pytest.mark.parametrize(
@@ -80,16 +80,16 @@ def test_broken_arguments_of_the_gram_matrix(change: dict[str, Any], error: type
     scene = scene_of(0)
     change = {key: value if key != "q" or value.size == 3 else np.full(scene.nq, np.nan) for key, value in change.items()}
     given: dict[str, Any] = {"q": scene.neutral()}
-    assert scene.contact_gram(**given).shape == (4, 3, 4, 3)
+    assert scene.contacts.gram(**given).shape == (4, 3, 4, 3)
     with pytest.raises(error, match=message):
-        scene.contact_gram(**{**given, **change})
+        scene.contacts.gram(**{**given, **change})
 
 
 def test_the_gram_matrix_needs_a_tree() -> None:
-    assert bars().build().contact_gram(np.zeros(3)).shape == (0, 3, 0, 3)
+    assert bars().build().contacts.gram(np.zeros(3)).shape == (0, 3, 0, 3)
     loop = bars().connect("pin", "point", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3)).build()
     with pytest.raises(ArgumentError, match="contact_gram: found a scene with connections"):
-        loop.contact_gram(np.zeros(3))
+        loop.contacts.gram(np.zeros(3))
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ def test_compiled_contacts_are_those_of_the_scene(seed: int, form: Any, tmp_path
     fast = phipsi.compile(scene, CONTACTS, form=form, flags=["-O0"], cache=tmp_path)  # type: ignore[call-overload]
     for shape in ((20,), (4, 5)):
         q, qd = states(scene, shape)
-        expected = [scene.contact_gaps(q), scene.contact_velocities(q, qd), scene.contact_gram(q, form=form)]
+        expected = [scene.contacts.gaps(q), scene.contacts.velocities(q, qd), scene.contacts.gram(q, form=form)]
         asked: list[tuple[str, int]] = []
         with monkeypatch.context() as patched:
             patched.setattr(fast, "scene", Recorder(scene, asked))

@@ -4,6 +4,7 @@ refused arguments.
 
 from __future__ import annotations
 
+from operator import attrgetter
 import numpy as np
 import pytest
 from conftest import random_scene
@@ -44,7 +45,7 @@ def four_bar(kind: str) -> tuple[phipsi.Scene, np.ndarray]:
 
 
 def on_it(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    found = scene.project(q, qd)
+    found = scene.loops.project(q, qd)
     return found.q, found.qd
 
 
@@ -101,8 +102,8 @@ def test_matrices_are_those_of_differences(case: tuple[phipsi.Scene, np.ndarray,
 def test_the_third_is_the_inverse_through_the_connections(case: tuple[phipsi.Scene, np.ndarray, np.ndarray, np.ndarray]) -> None:
     scene, q, qd, tau = case
     found = scene.forward_dynamics_derivatives(q, qd, tau).mass_matrix_inverse
-    assert_near(found, scene.constrained_mass_matrix_inverse(q), 1e-12 * size(found))
-    jacobian = scene.constraint_jacobian(q)
+    assert_near(found, scene.loops.mass_matrix_inverse(q), 1e-12 * size(found))
+    jacobian = scene.loops.jacobian(q)
     assert_near(jacobian @ found, np.zeros((len(jacobian), scene.nv)), inverse(1e4, size(jacobian) * size(found)))
 
 
@@ -191,16 +192,16 @@ def test_gradients_by_what_is_constant(of: str) -> None:
     assert_near(cotangent @ along, sum(float(np.sum(term)) for term in terms), inverse(1e3, size(*terms)))
 
 
-@pytest.mark.parametrize("call", ["constrained_dynamics", "forward_dynamics", "constrained_inverse_dynamics", "forward_dynamics_derivatives", "linearize"])
+@pytest.mark.parametrize("call", ["loops.dynamics", "forward_dynamics", "loops.inverse_dynamics", "forward_dynamics_derivatives", "linearize"])
 def test_states_off_the_connections_are_refused(call: str) -> None:
     scene, q = four_bar("point")
     q, qd = on_it(scene, q, np.array([0.3, 0.1, -0.2]))
-    method, zero = getattr(scene, call), np.zeros(3)
+    method, zero = attrgetter(call)(scene), np.zeros(3)
     method(q, qd, zero)
     method(np.tile(q, (5, 1)), qd + 1e-5, zero)
     off = np.array([0.0, 0.1, 0.0])
     for argument, state in (("qd", (q, qd + off)), ("q", (q + off, qd))):
-        with pytest.raises(ConstraintError, match=rf'"pin": found an error of .* at {argument}; .*scene.project'):
+        with pytest.raises(ConstraintError, match=rf'"pin": found an error of .* at {argument}; .*scene.loops.project'):
             method(*state, zero)
         with pytest.raises(ConstraintError, match=f" in state 3: found an error of .* at {argument}"):
             method(np.stack([q, q, q, state[0]]), np.stack([qd, qd, qd, state[1]]), zero)
@@ -211,8 +212,8 @@ def test_a_coupling_that_is_not_met_is_refused() -> None:
     names = phipsi.scenes.chain(3).joint_names
     scene = builder.couple("gears", names[1], names[2], multiplier=2.0, offset=0.1).build()
     q, qd, zero = np.array([0.3, 0.5, 0.2]), np.array([0.2, 0.4, 0.2]), np.zeros(3)
-    scene.constrained_dynamics(np.tile(q, (5, 1)), qd, zero)
+    scene.loops.dynamics(np.tile(q, (5, 1)), qd, zero)
     for argument, state in (("q", (q + [0.0, 0.01, 0.0], qd)), ("qd", (q, qd + [0.0, 0.01, 0.0]))):
         with pytest.raises(ConstraintError, match=f'"gears": found an error of 1.0e-2 .* at {argument}'):
-            scene.constrained_dynamics(*state, zero)
-        scene.constrained_dynamics(*state, zero, compliance=0.1)
+            scene.loops.dynamics(*state, zero)
+        scene.loops.dynamics(*state, zero, compliance=0.1)

@@ -42,7 +42,7 @@ def closed(scene: phipsi.Scene, states: tuple[int, ...] = (), seed: int = 0) -> 
     """States that satisfy the connections, near a given one."""
     random = np.random.default_rng(seed)
     q = np.array([0.5, 0.8, 0.2]) + random.uniform(-0.1, 0.1, (*states, 3))
-    found = scene.project(q, random.uniform(-1, 1, (*states, 3)))
+    found = scene.loops.project(q, random.uniform(-1, 1, (*states, 3)))
     return found.q, found.qd
 
 
@@ -62,7 +62,7 @@ def near(scene: phipsi.Scene, seed: int, size: float = 0.05) -> tuple[np.ndarray
     """A state that satisfies the connections, near the neutral one, and torques."""
     random = np.random.default_rng(seed)
     q = scene.integrate(scene.neutral(), random.uniform(-size, size, scene.nv))
-    found = scene.project(q, random.uniform(-1, 1, scene.nv))
+    found = scene.loops.project(q, random.uniform(-1, 1, scene.nv))
     return found.q, found.qd, random.uniform(-5, 5, scene.nv)
 
 
@@ -108,7 +108,7 @@ def test_accelerations_are_those_of_pinocchio(seed: int) -> None:
     floating = seed % 2 == 1
     scene = tangle(seed, ("revolute", "prismatic"), 14, floating)
     q, qd, tau = near(scene, seed)
-    found = scene.constrained_dynamics(q, qd, tau)
+    found = scene.loops.dynamics(q, qd, tau)
     expected = of_pinocchio(scene, q, qd, tau, floating)
     error = np.abs(found.qdd - expected).max() / np.abs(expected).max()
     print(f"{seed}: {error:.1e}, residual {found.residual:.1e}, rank {found.rank}")
@@ -123,12 +123,12 @@ def test_random_loops_obey_their_definition(seed: int) -> None:
         q, qd, tau = near(scene, seed)
     except ConstraintError:
         return
-    found = scene.constrained_dynamics(q, qd, tau)
-    jacobian = scene.constraint_jacobian(q)
-    load = sum(jacobian[scene.constraint_rows(name)].T @ force for name, force in found.forces.items())
+    found = scene.loops.dynamics(q, qd, tau)
+    jacobian = scene.loops.jacobian(q)
+    load = sum(jacobian[scene.loops.rows(name)].T @ force for name, force in found.forces.items())
     size = np.abs(found.qdd).max() + np.abs(load).max() + 10
     assert np.allclose(scene.inverse_dynamics(q, qd, found.qdd), tau + load, atol=1e-9 * size)
-    assert np.abs(jacobian @ found.qdd + scene.constraint_bias(q, qd)).max() < 1e-9 * size
+    assert np.abs(jacobian @ found.qdd + scene.loops.bias(q, qd)).max() < 1e-9 * size
     assert found.rank <= len(jacobian) and found.residual < 1e-9 * size
 
 
@@ -136,14 +136,14 @@ def test_forward_dynamics_goes_through_connections_and_batches_are_as_singles() 
     scene = linkage()
     q, qd = closed(scene, (4, 3))
     tau = np.random.default_rng(1).uniform(-1, 1, (3, 3))
-    found = scene.constrained_dynamics(q, qd, tau)
+    found = scene.loops.dynamics(q, qd, tau)
     assert found.qdd.shape == (4, 3, 3) and found.forces["pin"].shape == (4, 3, 5) and found.rank.shape == found.residual.shape == (4, 3)
     assert np.array_equal(scene.forward_dynamics(q, qd, tau), found.qdd) and np.all(found.rank == 2)
     for index in np.ndindex(4, 3):
-        one = scene.constrained_dynamics(q[index], qd[index], tau[index[1]])
+        one = scene.loops.dynamics(q[index], qd[index], tau[index[1]])
         assert np.array_equal(one.qdd, found.qdd[index]) and np.array_equal(one.forces["pin"], found.forces["pin"][index])
         assert isinstance(one.rank, int) and isinstance(one.residual, float)
-    many = scene.constrained_dynamics(np.tile(q, (100, 1, 1, 1)), qd, tau)
+    many = scene.loops.dynamics(np.tile(q, (100, 1, 1, 1)), qd, tau)
     assert np.array_equal(many.qdd[57], found.qdd)
     with pytest.raises(ArgumentError, match="without_constraints"):
         scene.estimate(q[0, 0], qd[0, 0], tau[0])
@@ -159,24 +159,24 @@ def test_wrenches_and_forces_are_in_their_frames() -> None:
     builder.joint("hinge", "revolute", "ground", "rod", axis=(0, 1, 0), lower=-9, upper=9, velocity=9, effort=9)
     scene = builder.connect("rope", "rod", "rod", xyz=(0, 0, 1.0), other_xyz=(1.0, 0, 1.0)).build()
     # A horizontal massless rod from the tip to a wall: with 3 N at the middle it transmits 1.5 N of compression.
-    found = scene.constrained_dynamics([0.0], [0.0], [0.0], wrenches={"rod": [0, 0.5 * 3, 0, 3, 0, 0]})
+    found = scene.loops.dynamics([0.0], [0.0], [0.0], wrenches={"rod": [0, 0.5 * 3, 0, 3, 0, 0]})
     assert np.allclose(found.forces["rope"], [1.5], atol=1e-12) and found.rank == 1
     welded = builder.build().to_builder().connect("weld", "weld", "rod", xyz=(0, 0, 1.0)).build()
-    assert welded.constraint_names == ("rope", "weld")
+    assert welded.loops.names == ("rope", "weld")
 
 
 def test_rows_that_give_way_are_measurements_with_noise() -> None:
     scene = tangle(3, ("revolute", "prismatic"))
     q, qd, tau = near(scene, 1)
-    (jacobian, gamma), (m, nv) = (scene.constraint_jacobian(q), scene.constraint_bias(q, qd)), (9, scene.nv)
+    (jacobian, gamma), (m, nv) = (scene.loops.jacobian(q), scene.loops.bias(q, qd)), (9, scene.nv)
     compliance = np.random.default_rng(0).uniform(0.0, 2.0, m)
     compliance[2] = 0.0
     system = np.block([[scene.mass_matrix(q), -jacobian.T], [jacobian, np.diag(compliance)]])
     exact = np.linalg.solve(system, np.concatenate([tau - scene.bias_torque(q, qd), -gamma]))
     scale = 1e-13 * np.linalg.cond(system)
     for form in ("auto", "covariance", "square-root"):
-        found = scene.constrained_dynamics(q, qd, tau, compliance=compliance, form=form)  # type: ignore[arg-type]
-        forces = np.concatenate([found.forces[name] for name in scene.constraint_names])
+        found = scene.loops.dynamics(q, qd, tau, compliance=compliance, form=form)  # type: ignore[arg-type]
+        forces = np.concatenate([found.forces[name] for name in scene.loops.names])
         assert np.max(np.abs(found.qdd - exact[:nv])) <= scale * np.max(np.abs(exact[:nv]))
         assert np.max(np.abs(forces - exact[nv:])) <= scale * np.max(np.abs(exact[nv:]))
         left = jacobian @ found.qdd + gamma
@@ -184,16 +184,16 @@ def test_rows_that_give_way_are_measurements_with_noise() -> None:
         assert np.max(np.abs(left + compliance * forces)) <= 1e-9 * np.max(np.abs(left))
     # One value per state, and one value for all constraints; with nearly zero compliance the constraints are
     # satisfied.
-    many = scene.constrained_dynamics(q, qd, tau, compliance=np.stack([compliance, np.full(m, 0.5)]))
-    alone = scene.constrained_dynamics(q, qd, tau, compliance=0.5)
+    many = scene.loops.dynamics(q, qd, tau, compliance=np.stack([compliance, np.full(m, 0.5)]))
+    alone = scene.loops.dynamics(q, qd, tau, compliance=0.5)
     np.testing.assert_allclose(many.qdd[1], alone.qdd, rtol=1e-9, atol=1e-9)
     assert np.max(np.abs(many.qdd[0] - many.qdd[1])) > 1e-3 * np.max(np.abs(alone.qdd))
-    held = scene.constrained_dynamics(q, qd, tau)
-    nearly = scene.constrained_dynamics(q, qd, tau, compliance=1e-12)
+    held = scene.loops.dynamics(q, qd, tau)
+    nearly = scene.loops.dynamics(q, qd, tau, compliance=1e-12)
     np.testing.assert_allclose(nearly.qdd, held.qdd, rtol=1e-6, atol=1e-6 * float(np.max(np.abs(held.qdd))))
     for bad, error, message in ((-1.0, ArgumentError, "zero or above"), (np.zeros(4), ShapeError, "9")):
         with pytest.raises(error, match=message):
-            scene.constrained_dynamics(q, qd, tau, compliance=bad)
+            scene.loops.dynamics(q, qd, tau, compliance=bad)
 
 
 def test_contradicting_rows_that_give_way_get_a_compromise() -> None:
@@ -202,9 +202,9 @@ def test_contradicting_rows_that_give_way_get_a_compromise() -> None:
     scene = builder.build()
     q, qd, zero = np.array([0.5, 0.8, 0.2]), np.array([1.0, -2.0, 0.5]), np.zeros(3)
     with pytest.raises(ConstraintError, match="rival"):
-        scene.constrained_dynamics(q, qd, zero)
-    found = scene.constrained_dynamics(q, qd, zero, compliance=0.1)
-    jacobian, gamma = scene.constraint_jacobian(q), scene.constraint_bias(q, qd)
+        scene.loops.dynamics(q, qd, zero)
+    found = scene.loops.dynamics(q, qd, zero, compliance=0.1)
+    jacobian, gamma = scene.loops.jacobian(q), scene.loops.bias(q, qd)
     system = np.block([[scene.mass_matrix(q), -jacobian.T], [jacobian, 0.1 * np.eye(6)]])
     exact = np.linalg.solve(system, np.concatenate([-scene.bias_torque(q, qd), -gamma]))
     np.testing.assert_allclose(found.qdd, exact[:3], rtol=1e-10)
@@ -214,35 +214,35 @@ def test_contradicting_rows_that_give_way_get_a_compromise() -> None:
 def test_projection_goes_to_the_nearest() -> None:
     scene = linkage("point")
     q = np.array([0.5, 0.8, 0.2])
-    found = scene.project(q)
-    assert found.qd is None and found.rank == 2 and np.abs(scene.constraint_error(found.q)).max() < 1e-14
+    found = scene.loops.project(q)
+    assert found.qd is None and found.rank == 2 and np.abs(scene.loops.error(found.q)).max() < 1e-14
     assert np.abs(found.q - q).max() < 0.5
-    q2, qd2, rank = scene.project(found.q, [1.0, 2.0, 3.0])
-    assert np.array_equal(q2, found.q) and np.abs(scene.constraint_jacobian(q2) @ qd2).max() < 1e-14
+    q2, qd2, rank = scene.loops.project(found.q, [1.0, 2.0, 3.0])
+    assert np.array_equal(q2, found.q) and np.abs(scene.loops.jacobian(q2) @ qd2).max() < 1e-14
     far = bars().connect("far", "distance", "coupler", "ground", length=9.0).build()
     with pytest.raises(ConstraintError, match="connection \"far\"") as caught:
-        far.project(np.tile(q, (3, 1)))
+        far.loops.project(np.tile(q, (3, 1)))
     assert caught.value.connections == ("far",) and caught.value.residual > 8 and caught.value.state == 0
     with pytest.warns(phipsi.errors.BadStateWarning):
-        assert np.isnan(far.project(q, errors="nan").q).all()
+        assert np.isnan(far.loops.project(q, errors="nan").q).all()
 
 
 def test_inverse_dynamics_and_the_inverse_mass_matrix() -> None:
     scene = linkage()
     q, qd = closed(scene)
-    qdd = scene.constrained_dynamics(q, qd, [7.0, 0.0, 0.0]).qdd
-    found = scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["crank"])
+    qdd = scene.loops.dynamics(q, qd, [7.0, 0.0, 0.0]).qdd
+    found = scene.loops.inverse_dynamics(q, qd, qdd, actuated=["crank"])
     assert np.allclose(found.tau, [7.0, 0.0, 0.0], atol=1e-12) and found.residual < 1e-10
-    assert np.array_equal(scene.constrained_inverse_dynamics(q, qd, qdd, actuated=[True, False, False]).tau, found.tau)
-    every = scene.constrained_inverse_dynamics(q, qd, qdd).tau
-    assert np.allclose(scene.constrained_dynamics(q, qd, every).qdd, qdd, atol=1e-10)
+    assert np.array_equal(scene.loops.inverse_dynamics(q, qd, qdd, actuated=[True, False, False]).tau, found.tau)
+    every = scene.loops.inverse_dynamics(q, qd, qdd).tau
+    assert np.allclose(scene.loops.dynamics(q, qd, every).qdd, qdd, atol=1e-10)
     with pytest.raises(ArgumentError, match="not actuated"):
-        scene.constrained_inverse_dynamics(q, qd, qdd, actuated=[])
+        scene.loops.inverse_dynamics(q, qd, qdd, actuated=[])
     with pytest.raises(ArgumentError, match="actuated: found 'krank'|actuated.*krank"):
-        scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["krank"])
-    inverse, jacobian = scene.constrained_mass_matrix_inverse(q), scene.constraint_jacobian(q)
+        scene.loops.inverse_dynamics(q, qd, qdd, actuated=["krank"])
+    inverse, jacobian = scene.loops.mass_matrix_inverse(q), scene.loops.jacobian(q)
     assert np.abs(jacobian @ inverse).max() < 1e-13 * np.abs(inverse).max() and np.linalg.matrix_rank(inverse, 1e-10) == 1
-    step = scene.constrained_dynamics(q, qd, [8.0, 0.0, 0.0]).qdd - qdd
+    step = scene.loops.dynamics(q, qd, [8.0, 0.0, 0.0]).qdd - qdd
     assert np.allclose(inverse[:, 0], step, atol=1e-10)
 
 
@@ -258,9 +258,9 @@ def test_motion_stays_closed() -> None:
     assert np.array_equal(simulator.q, path.q[:, -1])
     again = pickle.loads(pickle.dumps(scene.simulator(q, qd, dt=1e-3, method="rosenbrock-2")))
     again.step(steps=3)
-    with pytest.raises(ConstraintError, match=r"\"pin\".*scene.project"):
+    with pytest.raises(ConstraintError, match=r"\"pin\".*scene.loops.project"):
         scene.simulate(q + [1e-3, 0, 0], qd, dt=1e-3, steps=1)
-    with pytest.raises(ConstraintError, match=r"\"pin\".*scene.project"):
+    with pytest.raises(ConstraintError, match=r"\"pin\".*scene.loops.project"):
         simulator.reset(q, qd + 1.0)
     for run in (scene.simulate, scene.simulator):
         with pytest.raises(TypeError, match=r"'baumgarte'.*each step is projected onto the connections"):
@@ -279,7 +279,7 @@ def test_a_step_that_tears_a_linkage_ends_the_motion() -> None:
 def test_connections_belong_to_the_scene() -> None:
     scene = linkage()
     q, qd = closed(scene)
-    expected = scene.constraint_error(q + 0.1)
+    expected = scene.loops.error(q + 0.1)
     for other in (
         pickle.loads(pickle.dumps(scene)),
         copy.deepcopy(scene),
@@ -289,22 +289,22 @@ def test_connections_belong_to_the_scene() -> None:
         scene.with_payload("rocker", 1.0),
         scene.with_inertias({"rocker": (1.0, (0, 0, 0.1), None)}),
     ):
-        assert other.constraint_names == ("pin",) and np.array_equal(other.constraint_error(q + 0.1), expected)
-    assert scene.without_constraints().constraint_names == () and "1 connections" in repr(scene)
-    assert np.abs(scene.lock(["crank"], q).constraint_error(q[1:])).max() < 1e-14
-    assert scene.constraint_rows("pin") == slice(0, 5, 1)
+        assert other.loops.names == ("pin",) and np.array_equal(other.loops.error(q + 0.1), expected)
+    assert scene.without_constraints().loops.names == () and "1 connections" in repr(scene)
+    assert np.abs(scene.lock(["crank"], q).loops.error(q[1:])).max() < 1e-14
+    assert scene.loops.rows("pin") == slice(0, 5, 1)
     with pytest.raises(ArgumentError, match="one of \"pin\""):
-        scene.constraint_rows("pim")
+        scene.loops.rows("pim")
 
 
 def test_a_second_frame_that_is_not_given_is_where_the_first_is_at_zero() -> None:
     scene = bars().connect("pin", "weld", "coupler", "rocker", xyz=(0.1, 0.2, 0.3), rpy=(0.1, 0.2, 0.3)).build()
-    assert np.abs(scene.constraint_error(np.zeros(3))).max() < 1e-15
+    assert np.abs(scene.loops.error(np.zeros(3))).max() < 1e-15
     rod = bars().connect("rod", "rod", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3)).build()
-    assert np.abs(rod.constraint_error(np.zeros(3))).max() < 1e-15
+    assert np.abs(rod.loops.error(np.zeros(3))).max() < 1e-15
     geared = bars().couple("gear", "crank", "rocker", multiplier=-2.0, offset=0.1).build()
-    assert np.allclose(geared.constraint_error([0.5, 0.0, 0.3]), [0.5 + 0.6 - 0.1])
-    assert np.array_equal(geared.constraint_jacobian(np.zeros(3)), [[1.0, 0.0, 2.0]])
+    assert np.allclose(geared.loops.error([0.5, 0.0, 0.3]), [0.5 + 0.6 - 0.1])
+    assert np.array_equal(geared.loops.jacobian(np.zeros(3)), [[1.0, 0.0, 2.0]])
 
 
 @pytest.mark.parametrize(
@@ -340,21 +340,21 @@ def test_broken_arguments_are_refused() -> None:
     scene = linkage()
     q, qd = closed(scene)
     with pytest.raises(ShapeError, match="tau"):
-        scene.constrained_dynamics(q, qd, [0.0])
+        scene.loops.dynamics(q, qd, [0.0])
     with pytest.raises(ArgumentError, match="form"):
-        scene.constrained_dynamics(q, qd, qd, form="none")
+        scene.loops.dynamics(q, qd, qd, form="none")
 
 
 def test_scenes_without_connections_have_no_rows(mixed: phipsi.Scene) -> None:
     q, qd, tau = mixed.neutral(), np.ones(mixed.nv), np.ones(mixed.nv)
-    found = mixed.constrained_dynamics(q, qd, tau)
+    found = mixed.loops.dynamics(q, qd, tau)
     assert found.forces == {} and found.rank == 0 and found.residual == 0.0
     assert np.allclose(found.qdd, mixed.forward_dynamics(q, qd, tau), rtol=1e-12)
-    assert mixed.constraint_error(q).shape == (0,) and mixed.constraint_jacobian(np.stack([q, q])).shape == (2, 0, mixed.nv)
-    moved = mixed.project(q, qd)
+    assert mixed.loops.error(q).shape == (0,) and mixed.loops.jacobian(np.stack([q, q])).shape == (2, 0, mixed.nv)
+    moved = mixed.loops.project(q, qd)
     assert np.array_equal(moved.q, q) and np.array_equal(moved.qd, qd) and moved.rank == 0
-    assert np.allclose(mixed.constrained_mass_matrix_inverse(q), mixed.mass_matrix_inverse(q), rtol=1e-12, atol=1e-14)
-    assert np.allclose(mixed.constrained_inverse_dynamics(q, qd, qd).tau, mixed.inverse_dynamics(q, qd, qd))
+    assert np.allclose(mixed.loops.mass_matrix_inverse(q), mixed.mass_matrix_inverse(q), rtol=1e-12, atol=1e-14)
+    assert np.allclose(mixed.loops.inverse_dynamics(q, qd, qd).tau, mixed.inverse_dynamics(q, qd, qd))
 
 
 def test_a_rod_along_its_hinge_moves_nothing() -> None:
@@ -362,7 +362,7 @@ def test_a_rod_along_its_hinge_moves_nothing() -> None:
     builder.joint("hinge", "continuous", "ground", "rod", axis=(0, 1, 0))
     scene = builder.connect("stay", "rod", "rod", xyz=(0, 0, 1.0), other_xyz=(0, 0, 0)).build()
     for angle in (0.0, 0.3, np.pi / 2):
-        found = scene.constrained_dynamics([angle], [0.0], [1.0])
+        found = scene.loops.dynamics([angle], [0.0], [1.0])
         assert found.rank == 0 and found.forces["stay"] == 0.0 and found.residual < 1e-12
         assert np.allclose(found.qdd, scene.without_constraints().forward_dynamics([angle], [0.0], [1.0]))
 
@@ -372,7 +372,7 @@ def test_contradicting_connections_are_named() -> None:
     for name, xyz in (("one", (0, 0, 0.1)), ("other", (0, 0, 0.3))):
         builder.connect(name, "point", "coupler", xyz=xyz)
     with pytest.raises(ConstraintError) as caught:
-        builder.build().constrained_dynamics(np.zeros((2, 3)), [1.0, 1.0, 0.0], np.zeros(3))
+        builder.build().loops.dynamics(np.zeros((2, 3)), [1.0, 1.0, 0.0], np.zeros(3))
     assert caught.value.connections == ("one", "other") and caught.value.state == 0 and caught.value.residual > 0.1
 
 
@@ -388,13 +388,13 @@ def test_equality_constraints_of_mujoco_are_connections() -> None:
     stiff = 'solref="2e-5 1" solimp="0.99999 0.99999 0.001"'
     sites = f'<connect name="pin" site1="tip" site2="top" {stiff}/>'
     scene = phipsi.Scene.from_mujoco(MODEL.format(sites))
-    assert scene.constraint_names == ("pin",)
+    assert scene.loops.names == ("pin",)
     q, qd = closed(scene)
     model = mujoco.MjModel.from_xml_string(MODEL.format(sites))
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, qd, [0.3, -0.2, 0.1]
     mujoco.mj_forward(model, data)
-    found = scene.constrained_dynamics(q, qd, [0.3, -0.2, 0.1]).qdd
+    found = scene.loops.dynamics(q, qd, [0.3, -0.2, 0.1]).qdd
     print(found, data.qacc)
     assert np.allclose(data.qacc, found, rtol=1e-3, atol=1e-3 * np.abs(found).max())
 
@@ -414,12 +414,12 @@ def test_equality_constraints_of_mujoco_are_connections() -> None:
 def test_rows_of_mujoco_are_those_of_the_scene(element: str, kind: int) -> None:
     mujoco = pytest.importorskip("mujoco")
     scene = phipsi.Scene.from_mujoco(MODEL.format(element))
-    assert scene.constraint_names == ("equality 0",) and len(scene.constraint_error(np.zeros(3))) == kind
+    assert scene.loops.names == ("equality 0",) and len(scene.loops.error(np.zeros(3))) == kind
     model = mujoco.MjModel.from_xml_string(MODEL.format(element))
     data = mujoco.MjData(model)
     data.qpos[:] = [0.3, 0.4, 0.2]
     mujoco.mj_forward(model, data)
-    ours = scene.constraint_error(data.qpos)
+    ours = scene.loops.error(data.qpos)
     theirs = data.efc_pos[:kind]
     # In other frames, and with scaled torsions: magnitudes.
     if kind == 6:

@@ -34,7 +34,7 @@ def raised(scene: phipsi.Scene, q: np.ndarray, gap: np.ndarray) -> np.ndarray:
     """Floating bodies whose lowest contact has this gap, for planes that are nearly horizontal."""
     q = q.copy()
     for _ in range(3):
-        q[..., 2] += gap - scene.contact_gaps(q).min(axis=-1)
+        q[..., 2] += gap - scene.contacts.gaps(q).min(axis=-1)
     return q
 
 
@@ -104,7 +104,7 @@ def test_an_arm_at_a_stop_whose_tip_slides_beside_differences(restitution: float
     robot = arm(0.05, restitution)
     # The tip just above the table, the second joint just before its upper stop.
     q = np.stack([random.uniform(-1.1, 1.1, 200_000), 1.2 - random.uniform(0, 0.004, 200_000), random.uniform(-1.1, 1.1, 200_000)], axis=-1)
-    gaps = robot.build().contact_gaps(q)[:, 0]
+    gaps = robot.build().contacts.gaps(q)[:, 0]
     q = q[(gaps > 1e-5) & (gaps < 5e-4)][:120]
     assert len(q) == 120
     qd = random.uniform(-2, 2, q.shape)
@@ -370,7 +370,7 @@ def test_the_forces_of_redundant_contacts_turn_with_their_null_space(case: Any, 
     def value(q: np.ndarray, qd: np.ndarray) -> float:
         other = scene.simulate(q, qd, dt=1e-3, steps=1, method="contact")
         assert other.contacts is not None and path.contacts is not None
-        assert all(other.contacts.state[name][1] == path.contacts.state[name][1] != OPEN for name in scene.contact_names)
+        assert all(other.contacts.state[name][1] == path.contacts.state[name][1] != OPEN for name in scene.contacts.names)
         return float(bar[1] @ other.qd[1])
 
     def slope(at: Any) -> float:

@@ -56,12 +56,12 @@ def ball_states(robot: Robot, count: int, random: np.random.Generator, *, toward
         along /= np.linalg.norm(along)
         q[i, free][:3] = place[:3, :3] @ TURNED["other_xyz"] + place[:3, 3] + 0.4 * along
         for _ in range(40):
-            gap = scene.contact_gaps(q[i])[0]
+            gap = scene.contacts.gaps(q[i])[0]
             q[i, free][:3] -= (gap - random.uniform(1e-4, 1e-3)) * along
         # In the axes of the ball.
         turn = scene.placements(q[i])["ball"][:3, :3]
         qd[i, moving][:3] -= turn.T @ along
-    gaps = scene.contact_gaps(q)[:, 0]
+    gaps = scene.contacts.gaps(q)[:, 0]
     keep = (gaps > 0) & (gaps < 2e-3)
     assert keep.mean() > 0.9
     return q[keep], qd[keep]
@@ -197,12 +197,12 @@ class Closed(Run):
 
     def compared_states(self, found: phipsi.RolloutGradients) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         robot, scene, q, qd, given = self.robot, self.scene, self.q, self.qd, self.given
-        _, sizes, rows = np.linalg.svd(scene.constraint_jacobian(q))
+        _, sizes, rows = np.linalg.svd(scene.loops.jacobian(q))
         rank = int((sizes[0] > 1e-9).sum())
         free = np.moveaxis(rows[:, rank:], 1, 0)
 
         def moved(s: float, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            q_s, qd_s, *_ = scene.project(scene.integrate(q, s * along), qd)
+            q_s, qd_s, *_ = scene.loops.project(scene.integrate(q, s * along), qd)
             return q_s, qd_s
 
         changes: list[Callable[[float], np.ndarray]] = [lambda s, e=e: self.value(robot, *moved(s, e), given) for e in free]
@@ -217,14 +217,14 @@ def leg_states(robot: Robot, count: int, random: np.random.Generator, *, fast: f
     scene = robot.build()
     bent = scene.neutral()
     bent[7:] = [-0.4, 0.7, -0.35]
-    bent = scene.project(bent)[0]
+    bent = scene.loops.project(bent)[0]
     q = scene.integrate(np.tile(bent, (count, 1)), random.normal(size=(count, scene.nv)) * 0.1)
     qd = random.normal(size=(count, scene.nv)) * fast
     qd[:, 2] -= fall
-    q = scene.project(q)[0]
+    q = scene.loops.project(q)[0]
     for _ in range(3):
-        q[:, 2] += random.uniform(1e-4, 2e-3, count) - scene.contact_gaps(q)[:, 0]
-    return q, scene.project(q, qd)[1]
+        q[:, 2] += random.uniform(1e-4, 2e-3, count) - scene.contacts.gaps(q)[:, 0]
+    return q, scene.loops.project(q, qd)[1]
 
 
 @pytest.mark.parametrize(("friction", "restitution", "expected"), [(0.8, 0.0, {STICKING, SLIDING}), (0.1, 0.0, {SLIDING}), (0.4, 0.6, set())], ids=["sticks", "slides", "bounces"])
@@ -243,6 +243,6 @@ def test_large_corrections_of_a_loop_are_differentiated() -> None:
     q, qd = leg_states(robot, 20, random, fast=3.0)
     run = Closed(robot, q, qd, {"dt": 1.5e-2, "steps": 2, **properties(robot.build().nv, random)})
     # The step without projection leaves the loop by this much.
-    open_by = np.abs(run.scene.constraint_error(run.scene.integrate(run.path.q[:, 0], 1.5e-2 * run.path.qd[:, 1])))
+    open_by = np.abs(run.scene.loops.error(run.scene.integrate(run.path.q[:, 0], 1.5e-2 * run.path.qd[:, 1])))
     assert np.median(open_by) > 1e-4
     check(run, 8, set())

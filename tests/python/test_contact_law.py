@@ -175,21 +175,21 @@ def test_the_state_of_a_rebound_is_that_of_its_slip() -> None:
         scene = block(mu, edges, restitution=0.6)
         quaternion = random.normal(size=(40, 4))
         q = np.concatenate([np.zeros((40, 3)), quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)], axis=1)
-        q[:, 2] -= np.min(scene.contact_gaps(q), axis=1)
+        q[:, 2] -= np.min(scene.contacts.gaps(q), axis=1)
         qd = random.uniform(-2, 2, (40, 6))
-        corner = np.argmin(scene.contact_gaps(q), axis=1)
-        approach = scene.contact_velocities(q, qd)[np.arange(40), corner, 2]
+        corner = np.argmin(scene.contacts.gaps(q), axis=1)
+        approach = scene.contacts.velocities(q, qd)[np.arange(40), corner, 2]
         path = scene.simulate(q, qd, dt=dt, steps=1)
         assert path.contacts is not None
         for i in np.flatnonzero(approach < -0.5):
-            names = [name for name in scene.contact_names if path.contacts.impulse[name][i, 1, 2] > 0]
+            names = [name for name in scene.contacts.names if path.contacts.impulse[name][i, 1, 2] > 0]
             if names != [f"corner{corner[i]}"]:
                 continue
             # Velocities at the end, in the axes at the start of the step.
             turn = scene.difference(q[i], path.q[i, 1])[3:]
             end = path.qd[i, 1].copy()
             end[:3] += np.cross(turn, end[:3]) + 0.5 * np.cross(turn, np.cross(turn, end[:3]))
-            slip = np.linalg.norm(scene.contact_velocities(q[i], end)[corner[i], :2])
+            slip = np.linalg.norm(scene.contacts.velocities(q[i], end)[corner[i], :2])
             state = ContactState(int(path.contacts.state[names[0]][i, 1]))
             # Gravity and the turn of the axes change the slip by their share of the step.
             assert (state == ContactState.SLIDING) == (slip > 2e-2) or 1e-3 < slip < 2e-2

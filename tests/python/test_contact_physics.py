@@ -123,7 +123,7 @@ def test_a_ball_rolls_down_an_incline_up_to_seven_halves_of_the_friction_angle(s
     path = scene.simulate(at(RADIUS), np.zeros(6), dt=dt, steps=steps)
     rolling, sliding = 5 / 7 * G * np.sin(slope), G * (np.sin(slope) - MU * np.cos(slope))
     assert_near(in_base(path, slice(3))[-1, 0], np.asarray(max(rolling, sliding) * dt * steps), FAR * G)
-    slip = scene.contact_velocities(path.q[-1], path.qd[-1])[0, 0]
+    slip = scene.contacts.velocities(path.q[-1], path.qd[-1])[0, 0]
     assert_near(slip, np.asarray(max(sliding - 2.5 * MU * G * np.cos(slope), 0.0) * dt * steps), FAR * G)
 
 
@@ -320,9 +320,9 @@ def steps_of(scene: phipsi.Scene, path: phipsi.Trajectory, dt: float) -> Steps:
         acceleration[:, :3] += np.cross(qd[:, 3:6], qd[:, :3])
         before, after = (rotations(flat(rows)) for rows in (path.q[:, :-1], path.q[:, 1:]))
         end[:, :3] = np.einsum("sji,sjk,sk->si", before, after, end[:, :3])
-    units = [scene.contact_velocities(q, np.broadcast_to(unit, end.shape)) for unit in np.eye(scene.nv)]
-    told = [np.stack([flat(part[name][:, 1:]) for name in scene.contact_names], axis=1) for part in (path.contacts.force, path.contacts.impulse)]
-    gap = np.maximum(scene.contact_gaps(q), 0.0)
+    units = [scene.contacts.velocities(q, np.broadcast_to(unit, end.shape)) for unit in np.eye(scene.nv)]
+    told = [np.stack([flat(part[name][:, 1:]) for name in scene.contacts.names], axis=1) for part in (path.contacts.force, path.contacts.impulse)]
+    gap = np.maximum(scene.contacts.gaps(q), 0.0)
     return Steps(qd, qd + dt * acceleration, end, scene.mass_matrix(q), np.stack(units, axis=-1), gap, told[0] * dt, told[1])
 
 
@@ -417,7 +417,7 @@ def test_the_linear_momentum_of_free_bodies_changes_by_weight_and_recorded_impul
         qd = np.random.default_rng(3).uniform(-2, 2, (10, 6))
         path = scene.simulate(np.tile(at(height), (10, 1)), qd, dt=dt, steps=700, method="contact")
         contacts = path.contacts
-        given = sum(contacts.force[name] * dt + contacts.impulse[name] for name in scene.contact_names)[:, 1:] + [0, 0, -mass * G * dt]
+        given = sum(contacts.force[name] * dt + contacts.impulse[name] for name in scene.contacts.names)[:, 1:] + [0, 0, -mass * G * dt]
         change = mass * np.diff(in_base(path, slice(3)), axis=1)
         assert np.max(given) > 0.1
         # The removal of a penetration rotates the body, and its velocities with it.

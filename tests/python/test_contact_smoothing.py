@@ -44,11 +44,11 @@ def law(path: phipsi.Trajectory, dt: float) -> tuple[np.ndarray, np.ndarray, np.
     """
     scene, found = path.scene, path.contacts
     assert found is not None
-    p = dt * np.stack([found.force[name][..., 1, :] for name in scene.contact_names], axis=-2)
-    u = scene.contact_velocities(path.q[..., 0, :], path.qd[..., 1, :])
-    gram = scene.contact_gram(path.q[..., 0, :]).reshape(*p.shape[:-2], 3 * p.shape[-2], -1)
+    p = dt * np.stack([found.force[name][..., 1, :] for name in scene.contacts.names], axis=-2)
+    u = scene.contacts.velocities(path.q[..., 0, :], path.qd[..., 1, :])
+    gram = scene.contacts.gram(path.q[..., 0, :]).reshape(*p.shape[:-2], 3 * p.shape[-2], -1)
     free = u - (gram @ p.reshape(*p.shape[:-2], -1, 1)).reshape(u.shape)
-    u[..., 2] += scene.contact_gaps(path.q[..., 0, :]) / dt
+    u[..., 2] += scene.contacts.gaps(path.q[..., 0, :]) / dt
     return p, u, gram, free
 
 
@@ -56,7 +56,7 @@ def tips(random: np.random.Generator, count: int) -> tuple[Robot, np.ndarray, np
     """Arms whose tip is above or on a table."""
     robot = replace(arm(0.4), gravity=DOWN)
     q = random.uniform(-1.1, 1.1, (40_000, 3))
-    gaps = robot.build().contact_gaps(q)[:, 0]
+    gaps = robot.build().contacts.gaps(q)[:, 0]
     q = q[(gaps > 1e-5) & (gaps < 3e-3)][:count]
     assert len(q) == count
     return robot, q, random.uniform(-2, 2, q.shape)
@@ -226,7 +226,7 @@ def test_gradients_beside_differences_through_landings(robot: Robot, limits: str
     if robot.floating:
         q = scene.integrate(np.tile(scene.neutral(), (12, 1)), random.normal(size=(12, scene.nv)) * 0.1)
         for _ in range(3):
-            q[..., 2] += random.uniform(1e-3, 6e-3, 12) - scene.contact_gaps(q).min(axis=-1)
+            q[..., 2] += random.uniform(1e-3, 6e-3, 12) - scene.contacts.gaps(q).min(axis=-1)
         qd = random.normal(size=(12, scene.nv)) * 0.3
         qd[:, 2] -= 1.0
     else:
@@ -315,8 +315,8 @@ def leg(friction: float = 0.8, offset: float = 0.0) -> phipsi.Scene:
 
 def test_a_closed_loop_stands_at_the_length() -> None:
     s, scene = 1e-4, leg()
-    bent, _, _ = scene.project([0.0, -0.4, 0.7, -0.35])
-    bent[0] -= scene.contact_gaps(bent)[0] - s
+    bent, _, _ = scene.loops.project([0.0, -0.4, 0.7, -0.35])
+    bent[0] -= scene.contacts.gaps(bent)[0] - s
     gains = np.array([0.0, 400.0, 0.0, 400.0])
     path = scene.simulate(bent, np.zeros(4), dt=1e-3, steps=500, pd=phipsi.PD(gains, gains / 20, bent), smoothing=s)
     assert path.contacts is not None and path.drift.max() <= 1e-12
@@ -325,8 +325,8 @@ def test_a_closed_loop_stands_at_the_length() -> None:
 
 def test_gradients_on_connections_beside_differences() -> None:
     s, scene = 2e-3, leg()
-    bent, _, _ = scene.project([0.0, -0.4, 0.7, -0.35])
-    bent[0] -= scene.contact_gaps(bent)[0] - 3e-3
+    bent, _, _ = scene.loops.project([0.0, -0.4, 0.7, -0.35])
+    bent[0] -= scene.contacts.gaps(bent)[0] - 3e-3
     rates, tau = np.array([-1.0, 0, 0, 0]), np.array([0.0, 2.0, 0, -1.0])
     given: dict[str, Any] = {"dt": 2e-3, "steps": 8, "smoothing": s}
     path = scene.simulate(bent, rates, tau=tau, **given)
@@ -380,7 +380,7 @@ def test_a_simulator_and_batches_have_the_same_bits(tmp_path: Path) -> None:
     scene, s = robot.build(), 1e-3
     random = np.random.default_rng(5)
     q = scene.integrate(np.tile(scene.neutral(), (5, 1)), random.normal(size=(5, scene.nv)) * 0.1)
-    q[:, 2] += 1e-3 - scene.contact_gaps(q).min(axis=-1)
+    q[:, 2] += 1e-3 - scene.contacts.gaps(q).min(axis=-1)
     qd = random.normal(size=(5, scene.nv)) * 0.3
     path = scene.simulate(q, qd, dt=1e-3, steps=30, smoothing=s)
     assert_same_bits(scene.simulate(q[3], qd[3], dt=1e-3, steps=30, smoothing=s).q, path.q[3])

@@ -145,7 +145,7 @@ def test_a_sliding_ball_ends_up_rolling() -> None:
     scene = ball(0.3)
     path = scene.simulate(at(), along(2.0), dt=1e-3, steps=6000, record_every=1000)
     assert abs(np.linalg.norm(path.qd[-1, :3]) - 2.0 * 5 / 7) < 1e-9
-    assert np.abs(scene.contact_velocities(path.q[-1], path.qd[-1])).max() < 1e-9
+    assert np.abs(scene.contacts.velocities(path.q[-1], path.qd[-1])).max() < 1e-9
     assert np.abs(path.contacts.slip["ground"][-1]).max() < 1e-9
 
 
@@ -196,8 +196,8 @@ def test_batches_are_the_same_as_singles_and_blocks() -> None:
         one = scene.simulate(q[i], qd[i], dt=2e-3, steps=400, record_every=20)
         assert np.array_equal(one.q, path.q[i]) and np.array_equal(one.contacts.force["corner3"], path.contacts.force["corner3"][i])
         assert one.contacts.residual == path.contacts.residual[i]
-    assert np.allclose(scene.contact_gaps(path.q)[..., 3], path.contacts.gap["corner3"], atol=1e-15)
-    slip = scene.contact_velocities(path.q, path.qd)[..., 3, :] * [1, 1, 0]
+    assert np.allclose(scene.contacts.gaps(path.q)[..., 3], path.contacts.gap["corner3"], atol=1e-15)
+    slip = scene.contacts.velocities(path.q, path.qd)[..., 3, :] * [1, 1, 0]
     assert np.allclose(slip, path.contacts.slip["corner3"], atol=1e-13)
     now = simulator.contacts
     assert np.array_equal(now.force["corner3"], path.contacts.force["corner3"][..., -1, :])
@@ -232,7 +232,7 @@ def test_simulators_pickle_and_reset() -> None:
 def test_contacts_belong_to_the_scene() -> None:
     scene = box(0.5)
     q = at(0.1, 0.2, 0.4)
-    expected = scene.contact_gaps(q)
+    expected = scene.contacts.gaps(q)
     for other in (
         pickle.loads(pickle.dumps(scene)),
         copy.deepcopy(scene),
@@ -241,10 +241,10 @@ def test_contacts_belong_to_the_scene() -> None:
         scene.with_properties(damping=0.1),
         scene.with_payload("box", 1.0),
     ):
-        assert other.contact_names == scene.contact_names and np.array_equal(other.contact_gaps(q), expected)
+        assert other.contacts.names == scene.contacts.names and np.array_equal(other.contacts.gaps(q), expected)
     assert "8 contacts" in repr(scene) and "8 contacts" in repr(scene.to_builder())
     tree = scene.without_contacts()
-    assert tree.contact_names == () and tree.contact_gaps(q).shape == (0,) and tree.simulate(q, along(0), dt=0.1, steps=1).contacts is None
+    assert tree.contacts.names == () and tree.contacts.gaps(q).shape == (0,) and tree.simulate(q, along(0), dt=0.1, steps=1).contacts is None
     assert tree.simulator(q, dt=0.1).contacts is None
     assert np.array_equal(scene.forward_dynamics(q, along(1), along(2)), tree.forward_dynamics(q, along(1), along(2)))
 
@@ -310,15 +310,15 @@ def test_solvers_are_refused_by_name() -> None:
 def test_broken_arguments_are_refused() -> None:
     scene = box()
     with pytest.raises(ShapeError, match="q"):
-        scene.contact_gaps(np.zeros(3))
+        scene.contacts.gaps(np.zeros(3))
     with pytest.raises(NotFiniteError, match="qd"):
-        scene.contact_velocities(at(), np.full(6, np.nan))
+        scene.contacts.velocities(at(), np.full(6, np.nan))
     with pytest.raises(SimulationError, match="velocity of joint") as caught:
         scene.simulate(at(z=1.0), along(0), dt=1e-3, steps=10, tau=along(0, 0, 1e16), record_every=1)
     assert caught.value.step == 0 and len(caught.value.trajectory) == 1
     assert caught.value.trajectory.contacts.gap["corner0"].shape == (1,)
     with pytest.warns(BadStateWarning):
-        assert np.isnan(scene.contact_gaps(np.full((2, 7), np.nan), errors="nan")).all()
+        assert np.isnan(scene.contacts.gaps(np.full((2, 7), np.nan), errors="nan")).all()
 
 
 @pytest.mark.parametrize("friction", [3.0, 10.0, 1000.0])

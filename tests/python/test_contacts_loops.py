@@ -55,23 +55,23 @@ def standing(scene: phipsi.Scene) -> np.ndarray:
     """A bent closed configuration with the feet on the ground, which is at z = 0."""
     q = np.zeros(scene.nq)
     q[scene.q_index("thigh")], q[scene.q_index("shank")], q[scene.q_index("crank")] = -0.4, 0.7, -0.35
-    q = scene.project(q)[0]
-    q[scene.q_index("rail")] -= scene.contact_gaps(q)[0]
-    assert np.abs(scene.constraint_error(q)).max() < 1e-12 and np.abs(scene.contact_gaps(q)).max() < 1e-12
+    q = scene.loops.project(q)[0]
+    q[scene.q_index("rail")] -= scene.contacts.gaps(q)[0]
+    assert np.abs(scene.loops.error(q)).max() < 1e-12 and np.abs(scene.contacts.gaps(q)).max() < 1e-12
     return q
 
 
 def foot_jacobian(scene: phipsi.Scene, q: np.ndarray) -> np.ndarray:
     """Rows x, y, z of the two feet, (6, nv), by derivatives of forward kinematics along each joint."""
-    rows = [scene.contact_velocities(q, unit).ravel() for unit in np.eye(scene.nv)]
+    rows = [scene.contacts.velocities(q, unit).ravel() for unit in np.eye(scene.nv)]
     return np.array(rows).T
 
 
 def onto_loop(scene: phipsi.Scene, q: np.ndarray) -> np.ndarray:
     """Newton steps of least kinetic energy onto the connection."""
     for _ in range(8):
-        through = np.linalg.solve(scene.mass_matrix(q), scene.constraint_jacobian(q).T)
-        q = scene.integrate(q, -through @ np.linalg.solve(scene.constraint_jacobian(q) @ through, scene.constraint_error(q)))
+        through = np.linalg.solve(scene.mass_matrix(q), scene.loops.jacobian(q).T)
+        q = scene.integrate(q, -through @ np.linalg.solve(scene.loops.jacobian(q) @ through, scene.loops.error(q)))
     return q
 
 
@@ -89,7 +89,7 @@ def test_a_step_is_the_dense_solution_of_its_equations(friction: float, state: i
 
     # Damping is implicit.
     mass = free.mass_matrix(q) + h * np.diag(scene.damping)
-    loop = scene.constraint_jacobian(q)
+    loop = scene.loops.jacobian(q)
     feet = foot_jacobian(scene, q)
     feet = 0.5 * (feet[:3] + feet[3:])
     start = np.linalg.solve(mass, h * (tau - free.bias_torque(q, np.zeros(scene.nv))))
@@ -109,7 +109,7 @@ def test_a_step_is_the_dense_solution_of_its_equations(friction: float, state: i
     ends = onto_loop(free_of(scene), scene.integrate(q, h * v))
     assert np.abs(path.q[1] - ends).max() < 1e-12
     exact = free.mass_matrix(ends)
-    loop = scene.constraint_jacobian(ends)
+    loop = scene.loops.jacobian(ends)
     through = np.linalg.solve(exact, loop.T)
     v -= through @ np.linalg.solve(loop @ through, loop @ v)
     assert np.abs(path.qd[1] - v).max() < 1e-11 * np.abs(v).max()
@@ -144,7 +144,7 @@ def test_a_four_bar_leg_stands_and_its_forces_are_in_balance() -> None:
     tree, end = scene.without_contacts().without_constraints(), path.q[-1]
     tie = path.constraint_forces()["tie"][-1]
     feet = np.concatenate([told.force["foot0"][-1], told.force["foot1"][-1]])
-    balance = path.torques()[-1] + foot_jacobian(scene, end).T @ feet + scene.constraint_jacobian(end).T @ tie
+    balance = path.torques()[-1] + foot_jacobian(scene, end).T @ feet + scene.loops.jacobian(end).T @ tie
     assert np.abs(balance - tree.gravity_torque(end)).max() < 1e-5
 
 
@@ -170,16 +170,16 @@ def test_a_loop_dropped_on_its_feet_never_gains_energy_in_impacts() -> None:
         scene = leg(random.choice([0.0, 0.3, 1.0]), random.choice([0.0, 0.5, 1.0]))
         q = np.zeros(scene.nq)
         q[scene.q_index("thigh")], q[scene.q_index("shank")], q[scene.q_index("crank")] = -0.4, 0.7, -0.35
-        q, qd, _ = scene.project(q + random.uniform(-0.1, 0.1, scene.nq), random.normal(size=scene.nv))
+        q, qd, _ = scene.loops.project(q + random.uniform(-0.1, 0.1, scene.nq), random.normal(size=scene.nv))
         assert qd is not None
-        q[scene.q_index("rail")] -= scene.contact_gaps(q)[0]
+        q[scene.q_index("rail")] -= scene.contacts.gaps(q)[0]
         path = scene.simulate(q, qd, dt=1e-9, steps=1)
         before, after = scene.kinetic_energy(q, qd), scene.kinetic_energy(path.q[1], path.qd[1])
         assert after <= before * (1.0 + 1e-6) and path.drift.max() < 1e-12
         assert path.contacts is not None and path.contacts.residual <= 1e-10
-        if scene.contact_velocities(q, qd)[0, 2] < -1e-3:
+        if scene.contacts.velocities(q, qd)[0, 2] < -1e-3:
             assert path.contacts.state["foot0"][1] != OPEN
-            assert scene.contact_velocities(path.q[1], path.qd[1])[0, 2] > -1e-6
+            assert scene.contacts.velocities(path.q[1], path.qd[1])[0, 2] > -1e-6
 
 
 def test_the_order_of_joints_and_the_position_of_the_base_do_not_matter() -> None:
@@ -199,7 +199,7 @@ def test_the_order_of_joints_and_the_position_of_the_base_do_not_matter() -> Non
 def test_batches_pickles_and_simulators_are_the_same_motion() -> None:
     scene = leg()
     q = standing(scene)
-    starts = np.stack([q, scene.project(q + 0.01)[0]])
+    starts = np.stack([q, scene.loops.project(q + 0.01)[0]])
     law = phipsi.PD(held(scene, q).kp, held(scene, q).kd, starts)
     path = scene.simulate(starts, np.zeros((2, scene.nv)), dt=1e-3, steps=20, pd=law)
     for state in range(2):
@@ -335,8 +335,8 @@ def test_a_gripper_lifts_a_box() -> None:
     assert path.q[-1, box][2] > 0.04 and abs(lifted) < 1e-6
     followed = path.q[:, scene.q_index("left")]
     assert path.q.shape[1] == scene.nq == 9 and np.abs(followed).max() < 1e-9
-    assert scene.contact_gaps(path.q[-1]).min() > -1e-9
-    assert np.abs(scene.contact_velocities(path.q[-1], path.qd[-1])).max() < 1e-6
+    assert scene.contacts.gaps(path.q[-1]).min() > -1e-9
+    assert np.abs(scene.contacts.velocities(path.q[-1], path.qd[-1])).max() < 1e-6
 
 
 # Contacts between two links
@@ -423,7 +423,7 @@ def test_a_ball_rolls_on_an_accelerated_cart(surface: dict[str, object], at: tup
     """
     scene = cart(surface, at=at)
     q = np.concatenate([[0.0], pose(0, 0, 0.15)])
-    assert np.abs(scene.contact_gaps(q)).max() < 1e-15
+    assert np.abs(scene.contacts.gaps(q)).max() < 1e-15
     a = 2.0
     tau = np.zeros(7)
     tau[0] = 3.0 * a + 0.5 * 2.0 / 7.0 * a
@@ -497,11 +497,11 @@ def test_velocities_are_relative_and_differences_of_gaps() -> None:
         for _ in range(5):
             q, qd = scene.integrate(scene.neutral(), random.normal(size=scene.nv)), random.normal(size=scene.nv)
             h = 1e-6
-            rate = (scene.contact_gaps(scene.integrate(q, h * qd)) - scene.contact_gaps(scene.integrate(q, -h * qd))) / (2 * h)
-            gradient = np.array([(scene.contact_gaps(scene.integrate(q, h * e)) - scene.contact_gaps(scene.integrate(q, -h * e))) / (2 * h) for e in np.eye(scene.nv)])
+            rate = (scene.contacts.gaps(scene.integrate(q, h * qd)) - scene.contacts.gaps(scene.integrate(q, -h * qd))) / (2 * h)
+            gradient = np.array([(scene.contacts.gaps(scene.integrate(q, h * e)) - scene.contacts.gaps(scene.integrate(q, -h * e))) / (2 * h) for e in np.eye(scene.nv)])
             assert np.allclose(rate, gradient.T @ qd, atol=1e-7)
             # The tangential part does not change the gap: the velocity along the normal alone does.
-            v = scene.contact_velocities(q, qd)[0]
+            v = scene.contacts.velocities(q, qd)[0]
             assert abs(rate[0]) <= np.linalg.norm(v) + 1e-7
 
 
@@ -509,8 +509,8 @@ def test_descriptions_of_pairs_survive_copies() -> None:
     scene = cart({"other_size": (0.4, 0.3, 0.2), "other_rpy": (0.1, 0.2, 0.3)}, at=(0.1, 0.2, 0.3))
     q = np.concatenate([[0.3], pose(0.2, 0.1, 0.5)])
     for other in (pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene), scene.to_builder().build(), pickle.loads(pickle.dumps(scene.to_builder())).build(gravity=(0, 0, -G))):
-        assert np.array_equal(other.contact_gaps(q), scene.contact_gaps(q))
-    assert scene.without_contacts().contact_names == ()
+        assert np.array_equal(other.contacts.gaps(q), scene.contacts.gaps(q))
+    assert scene.without_contacts().contacts.names == ()
 
 
 @pytest.mark.parametrize(
@@ -552,7 +552,7 @@ def test_a_pair_of_links_without_relative_motion_is_refused() -> None:
 def test_spheres_with_one_center_have_no_normal() -> None:
     scene, q = balls(), np.array(pose(0) + pose(0))
     with pytest.raises(NotFiniteError, match="gap"):
-        scene.contact_gaps(q)
+        scene.contacts.gaps(q)
     with pytest.raises(SimulationError, match='"hit".*centers coincide'):
         scene.simulate(q, np.zeros(12), dt=1e-3, steps=1)
 
@@ -560,7 +560,7 @@ def test_spheres_with_one_center_have_no_normal() -> None:
 def test_locking_keeps_pairs_that_can_still_touch() -> None:
     scene = balls()
     q = np.array(pose(0) + pose(0.5))
-    assert scene.lock(["b"], q).contact_names == ("hit",) and scene.lock(["a", "b"], q).contact_names == ()
+    assert scene.lock(["b"], q).contacts.names == ("hit",) and scene.lock(["a", "b"], q).contacts.names == ()
     with pytest.raises(SceneError, match='contact "hit".*"a", which cannot move'):
         scene.lock(["a"], q)
 

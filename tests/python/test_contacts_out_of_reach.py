@@ -40,7 +40,7 @@ def assert_same(path: phipsi.Trajectory, expected: phipsi.Trajectory) -> None:
     assert all(np.array_equal(a, b) for a, b in zip(path.works, expected.works, strict=True))
     assert np.array_equal(path.substeps, expected.substeps) and path.stops == expected.stops
     assert path.contacts is not None
-    for name in path.scene.contact_names:
+    for name in path.scene.contacts.names:
         assert not path.contacts.force[name].any() and not path.contacts.impulse[name].any()
         assert (path.contacts.state[name] == phipsi.ContactState.OPEN).all() and (path.contacts.gap[name] > 0.0).all()
 
@@ -106,7 +106,7 @@ def test_a_fast_spinning_body_is_divided_as_without_a_contact() -> None:
 
 def test_loops_and_coupled_joints_do_not_notice_a_far_contact() -> None:
     loop = four_bar(-10.0, 10.0)
-    q, qd, _ = loop.project([0.5, 0.8, 0.2], [2.0, 0.0, 0.0])
+    q, qd, _ = loop.loops.project([0.5, 0.8, 0.2], [2.0, 0.0, 0.0])
     for run in ({"friction": 0.01}, {"damping": 0.1}, {"method": "rosenbrock-3"}):
         assert_same(*(s.simulate(q, qd, dt=2e-3, steps=300, **run) for s in (with_plane(loop), loop)))
     stopped = four_bar(q[2] - 0.2, q[2] + 0.2)
@@ -238,7 +238,7 @@ def test_gradients_of_a_flight_and_a_slide_are_differences() -> None:
 
 def test_gradients_of_a_loop_with_a_far_contact_are_those_of_the_loop() -> None:
     loop = four_bar(-10.0, 10.0)
-    q, qd, _ = loop.project([0.5, 0.8, 0.2], [2.0, 0.0, 0.0])
+    q, qd, _ = loop.loops.project([0.5, 0.8, 0.2], [2.0, 0.0, 0.0])
     by_q = np.random.default_rng(4).normal(size=(41, 3))
     found, expected = (s.simulate(q, qd, dt=2e-3, steps=40).vjp(by_q) for s in (with_plane(loop), loop))
     for name in ("q", "qd", "tau"):

@@ -111,7 +111,7 @@ def test_a_robot_at_rest_exchanges_no_energy() -> None:
         builder.link(name, 1.0, (0, 0, -0.25), 0.02 * np.eye(3))
         builder.joint(name, "revolute", parent, name, xyz=(0, 0, z), axis=(0, 1, 0), friction=0.1, damping=0.05)
     loop = builder.connect("pin", "point", "b", xyz=(0, 0, -0.5), other_xyz=(0.5, 0, -0.5)).build()
-    q, qd, _ = loop.project([0.3, 0.5], [0.1, 0.0])
+    q, qd, _ = loop.loops.project([0.3, 0.5], [0.1, 0.0])
     for path in (loop.simulate(q, qd, dt=1e-3, steps=200), pendulum(friction=9.0).simulate([0.5], [0.0], dt=1e-3, steps=200)):
         assert path.energy_audit().relative_error < AUDIT
 

@@ -201,8 +201,8 @@ def gradients_of_the_motion(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, 
 
     for change in np.eye(2 * scene.nv).reshape(-1, 2, scene.nv):
         states = [(scene.integrate(q, by * change[0]), qd + by * change[1]) for by in (step, -step)]
-        if scene.constraint_names:
-            states = [tuple(scene.project(*state)[:2]) for state in states]
+        if scene.loops.names:
+            states = [tuple(scene.loops.project(*state)[:2]) for state in states]
         along = np.array([scene.difference(states[1][0], states[0][0]), states[0][1] - states[1][1]])
         slope = (value(states[0]) - value(states[1])) / (2 * step)
         assert_near(float(np.sum(along * [found.q, found.qd])) / (2 * step), slope, 1e-2 * size(found.q, found.qd))
@@ -222,7 +222,7 @@ def test_gradients_of_a_double_pendulum_that_bounces_are_those_of_the_motion(fri
 
 @pytest.mark.parametrize("restitution", [0.5, 1.0])
 def test_gradients_of_a_linkage_that_rebounds_from_its_stop_are_those_of_the_motion(restitution: float) -> None:
-    q, qd, _ = four_bar(-9.0, 9.0).project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
+    q, qd, _ = four_bar(-9.0, 9.0).loops.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
     scene = four_bar(-9.0, q[2] + 0.05)
     assert scene.simulate(q, qd, dt=1e-3, steps=150, restitution=restitution).stops
     gradients_of_the_motion(scene, q, qd, 1e-3, 150, restitution=restitution)

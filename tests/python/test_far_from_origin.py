@@ -61,8 +61,8 @@ class Pair:
         q[:3] = np.round(q[:3] * 2.0**20) / 2.0**20
         self.q = q
         self.qd, self.tau, self.more = random.uniform(-1, 1, (3, self.near.nv))
-        if self.near.constraint_names:
-            self.q, self.qd, _ = self.near.project(self.q, self.qd)
+        if self.near.loops.names:
+            self.q, self.qd, _ = self.near.loops.project(self.q, self.qd)
             self.q[:3] = q[:3] if not np.any(self.rotation - np.eye(3)) else self.q[:3]
         self.moved_q = self.moved(self.q)
 
@@ -214,30 +214,30 @@ def test_motion_of_trees(trees: Pair, options: dict[str, Any]) -> None:
 
 def test_linkages(linkages: Pair) -> None:
     pair, (qd, tau, u) = linkages, (linkages.qd, linkages.tau, linkages.more)
-    pair.same(lambda scene, q: scene.constraint_error(q))
-    pair.same(lambda scene, q: scene.constraint_jacobian(q))
-    pair.same(lambda scene, q: scene.constraint_bias(q, qd))
-    pair.same(lambda scene, q: scene.constrained_dynamics(q, qd, tau).rank)
-    pair.same(lambda scene, q: scene.constrained_dynamics(q, qd, tau).qdd, 100)
-    pair.same(lambda scene, q: scene.constrained_dynamics(q, qd, tau).forces["pin"], 100)
-    pair.same(lambda scene, q: scene.constrained_dynamics(q, qd, tau, form="square-root").qdd, 100)
-    pair.same(lambda scene, q: scene.constrained_dynamics(q, qd, tau, compliance=1e-3).qdd, 100)
+    pair.same(lambda scene, q: scene.loops.error(q))
+    pair.same(lambda scene, q: scene.loops.jacobian(q))
+    pair.same(lambda scene, q: scene.loops.bias(q, qd))
+    pair.same(lambda scene, q: scene.loops.dynamics(q, qd, tau).rank)
+    pair.same(lambda scene, q: scene.loops.dynamics(q, qd, tau).qdd, 100)
+    pair.same(lambda scene, q: scene.loops.dynamics(q, qd, tau).forces["pin"], 100)
+    pair.same(lambda scene, q: scene.loops.dynamics(q, qd, tau, form="square-root").qdd, 100)
+    pair.same(lambda scene, q: scene.loops.dynamics(q, qd, tau, compliance=1e-3).qdd, 100)
     pair.same(lambda scene, q: scene.forward_dynamics(q, qd, tau), 100)
-    pair.same(lambda scene, q: scene.constrained_inverse_dynamics(q, qd, u).tau, 100)
-    pair.same(lambda scene, q: scene.constrained_mass_matrix_inverse(q), 100)
+    pair.same(lambda scene, q: scene.loops.inverse_dynamics(q, qd, u).tau, 100)
+    pair.same(lambda scene, q: scene.loops.mass_matrix_inverse(q), 100)
     pair.same(lambda scene, q: np.concatenate(scene.forward_dynamics_derivatives(q, qd, tau)), 100)
     pair.same(lambda scene, q: np.stack(scene.forward_dynamics_vjp(q, qd, tau, u)[:3]), 100)
     pair.same(lambda scene, q: scene.forward_dynamics_jvp(q, qd, tau, u, tau, qd), 100)
     # Exactly zero for joints that move both ends equally.
-    assert not np.any(pair.far.constraint_jacobian(pair.moved_q)[:, :6])
+    assert not np.any(pair.far.loops.jacobian(pair.moved_q)[:, :6])
 
 
 def test_projection_and_motion_of_linkages(linkages: Pair) -> None:
     pair = linkages
-    assert pair.near.project(pair.q).rank == 3
+    assert pair.near.loops.project(pair.q).rank == 3
     away = np.concatenate([np.zeros(6), [0.02, -0.01, 0.03, 0.01]])
     opened, moved = pair.near.integrate(pair.q, away), pair.far.integrate(pair.moved_q, away)
-    near, far = pair.near.project(opened, pair.qd), pair.far.project(moved, pair.qd)
+    near, far = pair.near.loops.project(opened, pair.qd), pair.far.loops.project(moved, pair.qd)
     assert far.rank == near.rank == 3
     assert_near(far.q, pair.moved(near.q), FAR * size(pair.at))
     assert_near(far.q[7:], near.q[7:], FAR * 100)
@@ -275,8 +275,8 @@ def test_a_linkage_that_is_drawn_far_away(move: str) -> None:
         bound = FAR * size(at)
     else:
         bound = FAR * 1000
-    start = near.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
-    there = far.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
+    start = near.loops.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
+    there = far.loops.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
     assert there.rank == start.rank == 2
     assert_near(there.q, start.q, bound)
     assert_near(there.qd, start.qd, bound)
@@ -298,7 +298,7 @@ def test_contacts(move: str) -> None:
         q = np.concatenate([turn @ np.array([0.0, 0.0, 0.15]) + place, quaternion_of(turn)])
         qd = np.array([0.5, 0.1, 0.0, 0.2, 0.1, 0.3])
         path = scene.simulate(q, qd, dt=1e-3, steps=100)
-        ends.append((scene.contact_gaps(q), scene.contact_velocities(q, qd), path.qd[-1]))
+        ends.append((scene.contacts.gaps(q), scene.contacts.velocities(q, qd), path.qd[-1]))
     (gaps, velocities, end), (far_gaps, far_velocities, far_end) = ends
     assert_near(far_gaps, gaps, FAR * size(at))
     assert_near(np.linalg.norm(far_velocities, axis=-1), np.linalg.norm(velocities, axis=-1), FAR * 10)

@@ -5,8 +5,10 @@ control functions, gains of floating robots.
 from __future__ import annotations
 
 import builtins
+import pickle
 import re
 import warnings
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -63,10 +65,10 @@ def test_the_closest_name_comes_first(arm: phipsi.Scene, wanted: str, closest: s
         arm.placement(arm.neutral(), wanted)
 
 
-@pytest.mark.parametrize("former", ["connection_names", "connection_rows", "without_connections"])
-def test_former_names_of_constraints(arm: phipsi.Scene, former: str) -> None:
-    present = {"connection_names": "constraint_names", "connection_rows": "constraint_rows"}.get(former, "without_constraints")
-    assert hasattr(arm, present)
+@pytest.mark.parametrize("former", _glossary.RENAMED)
+def test_former_names_of_scenes(arm: phipsi.Scene, former: str) -> None:
+    present = _glossary.RENAMED[former]
+    assert attrgetter(present)(arm) is not None
     with pytest.raises(AttributeError, match=f"no attribute '{former}'; it was renamed to '{present}'"):
         getattr(arm, former)
 
@@ -148,7 +150,7 @@ def test_random_configurations(floating: phipsi.Scene) -> None:
     assert floating.random_configuration().shape == (13,)
 
 
-@pytest.mark.parametrize(("arguments", "match"), [({"rng": -1}, "rng: found -1"), ({"rng": "a"}, "rng: found 'a'"), ({"size": -1}, "size: found -1")])
+@pytest.mark.parametrize(("arguments", "match"), [({"seed": -1}, "seed: found -1"), ({"seed": "a"}, "seed: found 'a'"), ({"size": -1}, "size: found -1")])
 def test_a_broken_argument_of_random_configurations(arm: phipsi.Scene, arguments: dict[str, object], match: str) -> None:
     with pytest.raises(ArgumentError, match=match):
         arm.random_configuration(**arguments)  # type: ignore[arg-type]
@@ -386,7 +388,7 @@ def test_names_of_other_libraries_lead_to_those_of_a_scene(arm: phipsi.Scene, na
 
 
 def test_every_hint_names_what_exists() -> None:
-    assert all(hasattr(phipsi.Scene, name) for name in (*_glossary.METHODS, *_glossary.RENAMED.values()))
+    assert all(hasattr(phipsi.Scene, name) for name in _glossary.METHODS)
     names = [name for names in _glossary.METHODS.values() for name in names]
     assert len(set(names)) == len(names)
 
@@ -452,3 +454,16 @@ def test_warnings_are_at_the_line_of_the_user(arm: phipsi.Scene, call: Any) -> N
         warnings.simplefilter("always")
         call(arm)
     assert caught and all(one.filename == __file__ for one in caught), [(one.filename, str(one.message)) for one in caught]
+
+
+def test_groups_of_methods(arm: phipsi.Scene) -> None:
+    """A group holds its scene, also in a pickle, and is as read-only as it."""
+    scene = arm.to_builder().couple("gear", "joint3", "joint2").contact("tip", "link6", friction=0.5).build()
+    assert repr(scene.loops) == "<phipsi.Loops: connections: 1, rows: 1>" and repr(scene.contacts) == "<phipsi.Contacts: 1>"
+    loops, contacts = pickle.loads(pickle.dumps((scene.loops, scene.contacts)))
+    assert loops.names == ("gear",) and contacts.names == ("tip",)
+    assert loops.error([0.0, 0.1, 0.3, 0.0, 0.0, 0.0]).round(12) == 0.2
+    with pytest.raises(AttributeError):
+        scene.loops = loops  # type: ignore[misc]
+    with pytest.raises(TypeError, match=r"Loops.error\(\) got an unexpected keyword argument 'Q'"):
+        scene.loops.error(Q=0)  # type: ignore[call-arg]

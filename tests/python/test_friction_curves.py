@@ -92,7 +92,7 @@ def test_what_friction_holds_is_held(holder: str, weight: float) -> None:
     q, at = scene.neutral(), scene.v_index("x").start
     if holder == "loop beside":
         q[scene.q_index("hinge0")], q[scene.q_index("hinge1")] = 0.9, -1.2
-        q = scene.project(q).q
+        q = scene.loops.project(q).q
     bound = 1.8 + 0.2 * weight
     for tau, moves in [(bound - 0.01, False), (bound + 0.01, True), (-bound + 0.01, False), (-bound - 0.01, True)]:
         torque = np.zeros(scene.nv)

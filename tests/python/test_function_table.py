@@ -10,10 +10,11 @@ import numpy as np
 import phipsi
 import pytest
 from function_page import page
-from phipsi._functions import ARGUMENTS, COMPILED, FUNCTIONS, TABLE, shapes
+from method_page import member
+from phipsi._functions import ARGUMENTS, COMPILED, FUNCTIONS, METHODS, TABLE, method_of, shapes
 
 SCENE = phipsi.scenes.chain(3)
-METHODS = [name for name in TABLE if not name.endswith("_watched")]
+ROWS = [name for name in TABLE if not name.endswith("_watched")]
 
 
 def test_the_page_is_that_of_the_table() -> None:
@@ -29,9 +30,9 @@ def test_names_for_type_checkers_are_those_of_the_table() -> None:
     assert all(row["watched"] in {None, f"{name}_watched"} for name, row in TABLE.items())
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", ROWS)
 def test_a_row_is_what_the_method_takes_and_gives(name: str) -> None:
-    row, method = TABLE[name], getattr(phipsi.Scene, name)
+    row, method = TABLE[name], member(METHODS.get(name, name))
     parameters = inspect.signature(method).parameters
     positional = [key for key, value in parameters.items() if value.kind is value.POSITIONAL_OR_KEYWORD and key != "self"]
     expected = [*row["arguments"]]
@@ -41,7 +42,7 @@ def test_a_row_is_what_the_method_takes_and_gives(name: str) -> None:
         return
     random = np.random.default_rng(1)
     given = [random.standard_normal(SCENE.nq if key == "q" else SCENE.nv) for key in positional if key != "link"]
-    found: Any = getattr(SCENE, name)(*given, *([SCENE.link_names[-1]] if row["of_link"] else []))
+    found: Any = method_of(SCENE, name)(*given, *([SCENE.link_names[-1]] if row["of_link"] else []))
     if name == "placements":
         found = np.stack(list(found.values()))
     if isinstance(found, tuple):

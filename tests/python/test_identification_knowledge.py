@@ -25,8 +25,8 @@ def test_parameters_of_a_scene_are_those_of_its_regressor(kind: str) -> None:
     draw = np.random.default_rng(0)
     q = scene.integrate(np.broadcast_to(scene.neutral(), (4, scene.nq)), draw.uniform(-1, 1, (4, scene.nv)))
     qd, qdd = draw.uniform(-1, 1, (2, 4, scene.nv))
-    assert scene.parameters.shape == (len(scene.body_names), 10)
-    tau = np.einsum("kibp,bp->ki", scene.regressor(q, qd, qdd), scene.parameters)
+    assert scene.inertial_parameters.shape == (len(scene.body_names), 10)
+    tau = np.einsum("kibp,bp->ki", scene.regressor(q, qd, qdd), scene.inertial_parameters)
     # The armature of each joint is apart.
     own = scene.inverse_dynamics(q, qd, qdd)
     armature = scene.inverse_dynamics(q, qd, qdd) - scene.with_properties(armature=0.0).inverse_dynamics(q, qd, qdd)
@@ -39,7 +39,7 @@ def test_a_weighed_robot() -> None:
     built = like(scene, 2)
     q, qd, qdd = states(scene, 400)
     tau = built.inverse_dynamics(q, qd, qdd) + 0.05 * np.random.default_rng(0).standard_normal((400, 6))
-    total = float(np.sum(built.parameters[:, 0]))
+    total = float(np.sum(built.inertial_parameters[:, 0]))
     plain, found = (scene.identify(q, qd, qdd, tau, noise=0.05, total_mass=mass) for mass in (None, (total, 0.01)))
     assert abs(np.sum(plain.parameters[:, 0]) - total) > 0.1
     assert abs(np.sum(found.parameters[:, 0]) - total) < 0.03
@@ -99,7 +99,7 @@ def test_the_identified_robot_is_written_with_its_numbers() -> None:
     tau = like(scene, 3).inverse_dynamics(q, qd, qdd) + 0.4 * qd
     found = scene.identify(q, qd, qdd, tau, fit=["damping"], noise=0.01)
     read = phipsi.Scene.from_urdf(found.scene.to_urdf())
-    assert_near(read.parameters, found.parameters, 1e-9 * size(found.parameters))
+    assert_near(read.inertial_parameters, found.parameters, 1e-9 * size(found.parameters))
     assert_near(read.damping, list(found.joints["damping"].values()), 1e-12)
 
 
@@ -114,7 +114,7 @@ def test_each_link_has_its_own_trust() -> None:
     assert_near(found["mapping"].own, found["array"].own, 1e-12)
     assert_near(found["all"].own, found["scalar"].own, 1e-9)
     # Relative errors of a prior are about 1/sqrt(trust), and the data pull with 1/noise^2 = 100 each.
-    off, plain = (np.abs(found[name].parameters[1] - scene.parameters[1]).max() for name in ("mapping", "one"))
+    off, plain = (np.abs(found[name].parameters[1] - scene.inertial_parameters[1]).max() for name in ("mapping", "one"))
     assert 0.0 < off < 0.2 * plain
     assert found["mapping"].deviations[1, 0] < 1e-3 < found["one"].deviations[1, 0]
 
@@ -204,13 +204,13 @@ def test_residuals_and_report(tmp_path: Path) -> None:
 def test_the_residuals_of_a_loop_are_those_that_its_motions_feel() -> None:
     scene = build("loop", False)
     draw = np.random.default_rng(0)
-    q = scene.project(scene.integrate(np.broadcast_to(scene.neutral(), (60, scene.nq)), draw.uniform(-0.3, 0.3, (60, scene.nv)))).q
-    qd = scene.project(q, draw.uniform(-1, 1, q.shape)).qd
+    q = scene.loops.project(scene.integrate(np.broadcast_to(scene.neutral(), (60, scene.nq)), draw.uniform(-0.3, 0.3, (60, scene.nv)))).q
+    qd = scene.loops.project(q, draw.uniform(-1, 1, q.shape)).qd
     qdd = scene.forward_dynamics(q, qd, draw.uniform(-1, 1, q.shape))
     tau = scene.inverse_dynamics(q, qd, qdd) + scene.damping * qd
     found = scene.identify(q, qd, qdd, tau, noise=0.01)
     # Forces of the connection do no work on them.
-    forces = np.einsum("kij,kj->ki", np.eye(scene.nv) - scene.mass_matrix(q) @ scene.constrained_mass_matrix_inverse(q), draw.uniform(-5, 5, q.shape))
+    forces = np.einsum("kij,kj->ki", np.eye(scene.nv) - scene.mass_matrix(q) @ scene.loops.mass_matrix_inverse(q), draw.uniform(-5, 5, q.shape))
     assert np.abs(found.residuals(q, qd, qdd, tau + forces)).max() < 0.01
     assert np.all(found.explained_variance(q, qd, qdd, tau + forces) > 0.99)
 

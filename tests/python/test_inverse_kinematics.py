@@ -320,6 +320,10 @@ def test_a_path_that_leaves_the_reach_does_not_jump() -> None:
     assert np.array_equal(reached, ARM.inverse_kinematics(task).reached)
     assert largest_step(found.q) < 1.0 < largest_step(ARM.inverse_kinematics(task, START).q)
     assert largest_step(found.q[20:30]) < 1e-2
+    # One complete search finds that the target is out of reach; those of the next targets are short.
+    beyond = np.asarray(found.starts)[~reached]
+    assert beyond[0] > 3 and np.all(beyond[1:] == 3)
+    assert np.all(np.asarray(ARM.inverse_kinematics(task, START, follow=True, starts=5).starts)[~reached] == 5)
 
 
 def test_a_state_of_a_path_that_cannot_be_computed() -> None:

@@ -26,12 +26,12 @@ def four_bar(**limits: dict[str, float]) -> phipsi.Scene:
 
 
 FOUR_BAR = four_bar()
-CLOSED = FOUR_BAR.project([0.5, 0.8, 0.2]).q
+CLOSED = FOUR_BAR.loops.project([0.5, 0.8, 0.2]).q
 TIP = (0.0, 0.0, 0.2)
 
 
 def opened(scene: phipsi.Scene, q: np.ndarray) -> float:
-    return float(np.abs(scene.constraint_error(q)).max())
+    return float(np.abs(scene.loops.error(q)).max())
 
 
 # Connections
@@ -39,8 +39,8 @@ def opened(scene: phipsi.Scene, q: np.ndarray) -> float:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_linkage_reaches_what_it_can_reach_and_stays_closed(seed: int) -> None:
-    start = FOUR_BAR.project([0.5 + 0.3 * seed, 0.8, 0.2]).q
-    target = FOUR_BAR.placement(FOUR_BAR.project([0.9, 0.6, 0.3]).q, "coupler")[:3, 3]
+    start = FOUR_BAR.loops.project([0.5 + 0.3 * seed, 0.8, 0.2]).q
+    target = FOUR_BAR.placement(FOUR_BAR.loops.project([0.9, 0.6, 0.3]).q, "coupler")[:3, 3]
     found = FOUR_BAR.inverse_kinematics(tasks.Position("coupler", target), start)
     assert found.reached and opened(FOUR_BAR, found.q) <= 1e-12
     assert_near(FOUR_BAR.placement(found.q, "coupler")[:3, 3], target, 2e-9)
@@ -65,7 +65,7 @@ def test_what_the_tree_alone_would_reach_is_not_reached() -> None:
         for _ in range(30):
             q = q + [np.sin(crank - q[0]) * 0.3, 0.0, 0.0]
             try:
-                q = FOUR_BAR.project(q).q
+                q = FOUR_BAR.loops.project(q).q
             except ConstraintError:
                 break
         else:
@@ -77,9 +77,9 @@ def test_what_the_tree_alone_would_reach_is_not_reached() -> None:
 def test_the_covariance_is_along_the_connections() -> None:
     found = FOUR_BAR.inverse_kinematics(tasks.Position("coupler", FOUR_BAR.placement(CLOSED, "coupler")[:3, 3]), CLOSED, covariance=True)
     assert found.reached and found.covariance is not None
-    assert_near(FOUR_BAR.constraint_jacobian(found.q) @ found.covariance, np.zeros((5, 3)), 1e-12)
+    assert_near(FOUR_BAR.loops.jacobian(found.q) @ found.covariance, np.zeros((5, 3)), 1e-12)
     # One motion remains: its variance is that of a measurement of the point.
-    motion = np.linalg.svd(FOUR_BAR.constraint_jacobian(found.q))[2][2]
+    motion = np.linalg.svd(FOUR_BAR.loops.jacobian(found.q))[2][2]
     speed = FOUR_BAR.jacobian(found.q, "coupler", frame="local-world-aligned")[3:] @ motion
     assert_near(found.covariance, np.outer(motion, motion) * 1e-6 / (speed @ speed), 1e-9)
 
@@ -115,26 +115,26 @@ def test_a_ball_of_an_arm_stays_in_its_socket() -> None:
     builder.connect("socket", "point", "link5", xyz=(0.0, 0.0, 0.2))
     scene = builder.build(floating_base=True)
     random = np.random.default_rng(1)
-    q = scene.project(scene.integrate(scene.neutral(), 0.2 * random.normal(size=scene.nv))).q
+    q = scene.loops.project(scene.integrate(scene.neutral(), 0.2 * random.normal(size=scene.nv))).q
     target = scene.placement(q, "link0")
     start = scene.integrate(q, 0.3 * random.normal(size=scene.nv))
     found = scene.inverse_kinematics(tasks.Pose("link0", target), start)
     assert found.reached and opened(scene, found.q) <= 1e-12
     qd = scene.inverse_kinematics_rates(tasks.Position("link0", (0.3, 0.2, 0.1)), q, dt=0.01)
     assert np.abs(qd).max() > 1e-2
-    assert_near(scene.constraint_jacobian(q) @ qd, np.zeros(3), 1e-9)
+    assert_near(scene.loops.jacobian(q) @ qd, np.zeros(3), 1e-9)
 
 
 @pytest.mark.parametrize("target", [(0.4, 0.0, 0.3), (-0.5, 0.0, 0.5), (2.0, 0.0, 0.0)])
 def test_velocities_keep_connections(target: tuple[float, float, float]) -> None:
     qd = FOUR_BAR.inverse_kinematics_rates(tasks.Position("coupler", target), CLOSED, dt=0.01, gain=0.1)
     assert np.abs(qd).max() > 1e-2
-    assert_near(FOUR_BAR.constraint_jacobian(CLOSED) @ qd, np.zeros(5), 1e-9)
+    assert_near(FOUR_BAR.loops.jacobian(CLOSED) @ qd, np.zeros(5), 1e-9)
 
 
 def test_a_control_loop_stays_closed() -> None:
     q = CLOSED
-    target = FOUR_BAR.placement(FOUR_BAR.project([0.9, 0.6, 0.3]).q, "coupler")[:3, 3]
+    target = FOUR_BAR.placement(FOUR_BAR.loops.project([0.9, 0.6, 0.3]).q, "coupler")[:3, 3]
     for _ in range(400):
         q = FOUR_BAR.integrate(q, 0.01 * FOUR_BAR.inverse_kinematics_rates(tasks.Position("coupler", target), q, dt=0.01, gain=0.05))
         assert opened(FOUR_BAR, q) <= 1e-4
@@ -154,7 +154,7 @@ def test_coupled_coordinates_are_kept() -> None:
     joints = builder.build().joint_names
     builder.couple("gear", joints[2], joints[0], multiplier=-0.5, offset=0.1)
     scene = builder.build()
-    q = scene.project([0.2, 0.3, 0.0, 0.4]).q
+    q = scene.loops.project([0.2, 0.3, 0.0, 0.4]).q
     target = scene.placement(q, scene.body_names[-1])[:3, 3]
     found = scene.inverse_kinematics(tasks.Position(scene.body_names[-1], target), [0.5, 0.1, 0.0, 0.1])
     assert found.reached

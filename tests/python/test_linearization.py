@@ -103,7 +103,7 @@ def loop() -> Case:
         builder.joint(f"{name}_joint", "continuous", parent, name, xyz=at, axis=(0, 1, 0), armature=1e-3, damping=0.1 + 0.1 * k, stiffness=2.0 + k, rest=0.1 * k)
     builder.connect("pin", "point", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3))
     scene = builder.build()
-    found = scene.project([0.5, 0.8, 0.2], [0.3, -0.2, 0.1])
+    found = scene.loops.project([0.5, 0.8, 0.2], [0.3, -0.2, 0.1])
     return scene, found.q, found.qd, np.array([0.2, -0.1, 0.3]), torque_of(scene)
 
 

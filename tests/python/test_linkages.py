@@ -4,6 +4,7 @@ rigid.
 
 from __future__ import annotations
 
+from operator import attrgetter
 import pickle
 import warnings
 from collections.abc import Iterator
@@ -149,20 +150,20 @@ def moved(name: str, error: float) -> tuple[np.ndarray, np.ndarray, phipsi.Traje
     with expecting_warnings(error):
         scene = builder.build(tolerance=tolerance_of(error))
         wanted = np.cos(np.arange(scene.nv))
-        at, qd, rank = scene.project(q, wanted)
+        at, qd, rank = scene.loops.project(q, wanted)
         assert rank == scene.nv - mobility, (name, error)
         tau = 0.1 * np.sin(1.0 + np.arange(scene.nv))
-        found = scene.constrained_dynamics(at, qd, tau)
+        found = scene.loops.dynamics(at, qd, tau)
         assert found.rank == scene.nv - mobility
         assert np.array_equal(found.qdd, scene.forward_dynamics(at, qd, tau))
-        assert np.max(np.abs(scene.constraint_error(at))) <= 20 * max(error, FAR)
+        assert np.max(np.abs(scene.loops.error(at))) <= 20 * max(error, FAR)
         path = scene.simulate(at, qd, dt=1e-3, steps=100, tau=tau, record_every=50)
         simulator = scene.simulator(at, qd, dt=1e-3)
         simulator.step(tau, steps=100)
         assert np.array_equal(simulator.q, path.q[-1])
         # The errors of dependent constraints are in the result.
         assert path.drift.max() <= 50 * max(error, FAR)
-        inverse = scene.constrained_mass_matrix_inverse(at)
+        inverse = scene.loops.mass_matrix_inverse(at)
         assert np.linalg.matrix_rank(inverse, 1e-9 * np.max(np.abs(inverse))) == mobility
     return np.concatenate([at, qd]), found.qdd, path
 
@@ -189,16 +190,16 @@ def test_motion_tends_to_that_of_the_exact_linkage(name: str) -> None:
 def test_strict_takes_the_drawing_as_exact() -> None:
     builder, q, _ = four_bar(3.7e-6)
     strict = builder.build(strict=True)
-    assert strict.tolerance == 0.0
+    assert strict.loops.tolerance == 0.0
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            found = strict.project(q, [1.0, 0.0, 0.0])
+            found = strict.loops.project(q, [1.0, 0.0, 0.0])
         except ConstraintError as error:
             assert error.connections == ("pin",)
         else:
             assert found.rank == 3 and np.max(np.abs(found.qd)) <= 1e-6
-    assert builder.build(tolerance=0.0).tolerance == 0.0
+    assert builder.build(tolerance=0.0).loops.tolerance == 0.0
 
 
 def test_the_warning_names_joint_row_and_angle() -> None:
@@ -211,7 +212,7 @@ def test_the_warning_names_joint_row_and_angle() -> None:
         builder.link(name, mass=1.0, com=(0, 0, 0.1), inertia=ROD).joint(name, "continuous", parent, name, xyz=xyz, rpy=rpy, axis=(0, 1, 0))
     scene = builder.connect("pin", "axis", "coupler", "rocker", xyz=(0, 0, 0.5), other_xyz=(0, 0, 0.4), axis=(0, 1, 0)).build()
     with pytest.warns(LinkageWarning) as caught:
-        at = scene.project([0.4, 0.6, 0.3], [1.0, 0, 0])
+        at = scene.loops.project([0.4, 0.6, 0.3], [1.0, 0, 0])
         scene.forward_dynamics(at.q, at.qd, np.zeros(3))
     text = str(caught[0].message)
     assert len(caught) == 1
@@ -220,7 +221,7 @@ def test_the_warning_names_joint_row_and_angle() -> None:
     # Once per scene.
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        scene.project([0.4, 0.6, 0.3], [1.0, 0, 0])
+        scene.loops.project([0.4, 0.6, 0.3], [1.0, 0, 0])
 
 
 def test_axes_that_miss_by_more_than_the_tolerance_are_named() -> None:
@@ -229,10 +230,10 @@ def test_axes_that_miss_by_more_than_the_tolerance_are_named() -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            scene.project(q, [1.0, 0, 0])
+            scene.loops.project(q, [1.0, 0, 0])
         except ConstraintError:
-            scene.constraint_error(q)
-            scene.constrained_dynamics(q, np.zeros(3), np.zeros(3), compliance=1.0)
+            scene.loops.error(q)
+            scene.loops.dynamics(q, np.zeros(3), np.zeros(3), compliance=1.0)
     texts = [str(one.message) for one in caught if issubclass(one.category, LinkageWarning)]
     assert any("more than the tolerance" in text and "tolerance=" in text for text in texts), texts
 
@@ -258,13 +259,13 @@ def test_right_angles_of_a_file(angle: str, tolerance: float) -> None:
     ends = {"xyz": (0, up * 0.5, 0), "other_xyz": (0, up * 0.4, 0), "axis": (0, 0, 1)}
     builder = tree.to_builder().connect("pin", "axis", "coupler", "rocker", **ends)
     scene = builder.build()
-    assert scene.tolerance == tolerance and pickle.loads(pickle.dumps(scene)).tolerance == tolerance
+    assert scene.loops.tolerance == tolerance and pickle.loads(pickle.dumps(scene)).loops.tolerance == tolerance
     exact = four_bar_of_angles()
-    wanted = exact.project([0.4, 0.6, 0.3], [1.0, 0.0, 0.0])
+    wanted = exact.loops.project([0.4, 0.6, 0.3], [1.0, 0.0, 0.0])
     error = abs(abs(float(angle)) - np.pi / 2)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        found = scene.project([0.4, 0.6, 0.3], [1.0, 0.0, 0.0])
+        found = scene.loops.project([0.4, 0.6, 0.3], [1.0, 0.0, 0.0])
         path = scene.simulate(found.q, found.qd, dt=1e-3, steps=200)
     assert len(caught) == (1 if error > 1e-9 else 0)
     assert found.rank == 2
@@ -292,7 +293,7 @@ def test_rows_that_give_way(error: float) -> None:
     exact, scene = four_bar(0.0)[0].build(), builder.build(tolerance=5e-3)
     # A small compliance preserves the mobility of an inaccurate linkage.
     compliance = 1e-3
-    found = scene.project(q, [1.0, 0.0, 0.0], compliance=1e-4)
+    found = scene.loops.project(q, [1.0, 0.0, 0.0], compliance=1e-4)
     assert found.rank == 5 and np.max(np.abs(found.qd)) > 0.1
     path = scene.simulate(found.q, found.qd, dt=1e-3, steps=200, compliance=compliance)
     assert np.max(np.abs(path.qd[-1])) > 0.05 and path.drift.max() <= 0.05
@@ -302,7 +303,7 @@ def test_rows_that_give_way(error: float) -> None:
         one.step(steps=200)
         assert np.array_equal(one.q, path.q[-1])
     # With nearly zero compliance, the constraints are satisfied.
-    held, tight = exact.project(q, [1.0, 0.0, 0.0]), exact.project(q, [1.0, 0.0, 0.0], compliance=1e-12)
+    held, tight = exact.loops.project(q, [1.0, 0.0, 0.0]), exact.loops.project(q, [1.0, 0.0, 0.0], compliance=1e-12)
     assert np.max(np.abs(tight.q - held.q)) <= 1e-8 and np.max(np.abs(tight.qd - held.qd)) <= 1e-8
     ends = [exact.simulate(held.q, held.qd, dt=1e-3, steps=200, **options).q[-1] for options in ({}, {"compliance": 1e-12})]
     assert np.max(np.abs(ends[1] - ends[0])) <= 1e-6
@@ -312,15 +313,15 @@ def test_rows_that_give_way(error: float) -> None:
 def test_projection_with_compliance_is_a_least_squares_estimate() -> None:
     builder, q, _ = four_bar(0.0)
     scene, compliance = builder.build(), np.array([0.5, 0.5, 1.0, 2.0, 3.0])
-    found = scene.project(q, [1.0, 2.0, 3.0], compliance=compliance)
-    assert np.max(np.abs(scene.constraint_error(found.q))) > 1e-3
+    found = scene.loops.project(q, [1.0, 2.0, 3.0], compliance=compliance)
+    assert np.max(np.abs(scene.loops.error(found.q))) > 1e-3
     # Velocities are nearest by kinetic energy plus (J v)^2 / (2 compliance).
-    mass, jacobian = scene.mass_matrix(found.q), scene.constraint_jacobian(found.q)
+    mass, jacobian = scene.mass_matrix(found.q), scene.loops.jacobian(found.q)
     expected = np.linalg.solve(mass + jacobian.T @ np.diag(1 / compliance) @ jacobian, mass @ np.array([1.0, 2.0, 3.0]))
     np.testing.assert_allclose(found.qd, expected, rtol=1e-10)
-    many = scene.project(np.stack([q, q]), compliance=np.stack([compliance, 10 * compliance]))
-    assert np.array_equal(many.q[0], found.q) and np.max(np.abs(scene.constraint_error(many.q[1]))) > np.max(
-        np.abs(scene.constraint_error(found.q))
+    many = scene.loops.project(np.stack([q, q]), compliance=np.stack([compliance, 10 * compliance]))
+    assert np.array_equal(many.q[0], found.q) and np.max(np.abs(scene.loops.error(many.q[1]))) > np.max(
+        np.abs(scene.loops.error(found.q))
     )
     for options, message in (
         ({"compliance": -1.0}, "zero or above"),
@@ -328,7 +329,7 @@ def test_projection_with_compliance_is_a_least_squares_estimate() -> None:
         ({"compliance": np.ones(3)}, "5"),
     ):
         with pytest.raises((ArgumentError, phipsi.errors.ShapeError, phipsi.errors.NotFiniteError), match=message):
-            scene.project(q, **options)
+            scene.loops.project(q, **options)
         with pytest.raises((ArgumentError, phipsi.errors.ShapeError, phipsi.errors.NotFiniteError), match=message):
             scene.simulate(q, np.zeros(3), dt=1e-3, steps=1, **options)
 
@@ -336,7 +337,7 @@ def test_projection_with_compliance_is_a_least_squares_estimate() -> None:
 @pytest.mark.parametrize("tolerance", [-1e-6, 0.2, np.nan, np.inf])
 def test_broken_tolerances_are_refused(tolerance: float) -> None:
     builder, _, _ = four_bar(0.0)
-    assert builder.build(tolerance=0.1).tolerance == 0.1
+    assert builder.build(tolerance=0.1).loops.tolerance == 0.1
     with pytest.raises(SceneError, match="tolerance"):
         builder.build(tolerance=tolerance)
 
@@ -353,16 +354,16 @@ def test_singular_positions_keep_their_lower_rank() -> None:
         warnings.simplefilter("error")
         for away in (1e-7, 1e-6, 1e-5, 1e-3, 0.1):
             angle = np.pi / 2 - away
-            found = scene.project([angle, -angle, angle], [1.0, -1.0, 1.0])
+            found = scene.loops.project([angle, -angle, angle], [1.0, -1.0, 1.0])
             assert found.rank == 2 or away < 1e-6
             assert np.allclose(found.qd, [1.0, -1.0, 1.0], atol=1e-6)
 
 
-@pytest.mark.parametrize("call", ["constrained_dynamics", "project", "simulate", "simulator"])
+@pytest.mark.parametrize("call", ["loops.dynamics", "loops.project", "simulate", "simulator"])
 def test_compliance_needs_connections(call: str) -> None:
     scene = phipsi.scenes.chain(2)
     given: dict[str, dict[str, object]] = {
-        "constrained_dynamics": {"qd": np.zeros(2), "tau": np.zeros(2)}, "project": {}, "simulate": {"qd": np.zeros(2), "dt": 1e-3, "steps": 1}, "simulator": {"dt": 1e-3},
+        "loops.dynamics": {"qd": np.zeros(2), "tau": np.zeros(2)}, "loops.project": {}, "simulate": {"qd": np.zeros(2), "dt": 1e-3, "steps": 1}, "simulator": {"dt": 1e-3},
     }  # fmt: skip
     with pytest.raises(phipsi.errors.ArgumentError, match="compliance: found a value for a scene without connections"):
-        getattr(scene, call)(np.zeros(2), **given[call], compliance=1e-3)
+        attrgetter(call)(scene)(np.zeros(2), **given[call], compliance=1e-3)

@@ -81,7 +81,7 @@ def start(scene: phipsi.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """A state that satisfies the connections, away from singular positions."""
     random = np.random.default_rng(seed)
     q = np.array([0.5, 0.8, 0.2]) if scene.nq == 3 else scene.integrate(scene.neutral(), random.uniform(-0.2, 0.2, scene.nv))
-    found = scene.project(q, random.uniform(-1, 1, scene.nv))
+    found = scene.loops.project(q, random.uniform(-1, 1, scene.nv))
     return found.q, found.qd
 
 
@@ -109,7 +109,7 @@ def moved(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, seed: int) -> Call
     d, e = np.random.default_rng(seed).uniform(-1, 1, (2, scene.nv))
 
     def state(h: float) -> tuple[np.ndarray, np.ndarray]:
-        found = scene.project(scene.integrate(q, h * d), qd + h * e)
+        found = scene.loops.project(scene.integrate(q, h * d), qd + h * e)
         return found.q, found.qd
 
     return state
@@ -181,10 +181,10 @@ def test_of_inertial_parameters_beside_heavier_links() -> None:
 def test_large_corrections_are_differentiated() -> None:
     """Steps so long that the projections move joints by some degrees."""
     scene = four_bar()
-    found = scene.project([0.5, 0.8, 0.2], [6.0, -5.0, 4.0])
+    found = scene.loops.project([0.5, 0.8, 0.2], [6.0, -5.0, 4.0])
     given = everything(scene, found.q, 3)
     free = scene.without_constraints().simulate(found.q, found.qd, dt=0.05, method="semi-implicit-euler", **given)
-    assert np.abs(scene.constraint_error(free.q[1])).max() > 1e-3
+    assert np.abs(scene.loops.error(free.q[1])).max() > 1e-3
     check_all(Function(scene, found.q, found.qd, dt=0.05, method="semi-implicit-euler", **given))
 
 
@@ -224,7 +224,7 @@ def test_batches_and_steps_between_rows_are_as_singles() -> None:
 
 def test_of_divided_steps_of_a_loop_beside_differences() -> None:
     scene = four_bar()
-    q, qd, _ = scene.project([0.5, 0.8, 0.2], [12.0, 0.0, 0.0])
+    q, qd, _ = scene.loops.project([0.5, 0.8, 0.2], [12.0, 0.0, 0.0])
     function = Function(scene, q, qd, dt=5e-3, steps=4, tau=np.zeros(3))
     assert function.path.substeps > 1
     for seed in range(2):
@@ -271,7 +271,7 @@ def check_in_modes(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, still: bo
 def test_of_a_joint_that_reaches_its_stop(method: str) -> None:
     """The steps before, the impact, and rest; test_event_gradients has the gradients of rebounds."""
     scene = four_bar(limited=True)
-    found = scene.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
+    found = scene.loops.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
     given = {"dt": 0.01, "steps": 9, "method": method, "tau": [1.0, 0.1, 0.0]}
     path = check_in_modes(scene, found.q, found.qd, **given).path
     at_stop = np.abs(path.q[:, 0] - 0.55) <= 1e-5
@@ -282,7 +282,7 @@ def test_of_a_joint_that_reaches_its_stop(method: str) -> None:
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_of_a_joint_that_rests_at_its_stop(friction: float) -> None:
     """From the first step on, while the other joints move."""
-    found = five_bar().project([-0.5, 0.9, -0.1, 0.3], [0.3, 0.0, 0.2, 0.0])
+    found = five_bar().loops.project([-0.5, 0.9, -0.1, 0.3], [0.3, 0.0, 0.2, 0.0])
     scene = five_bar(upper=found.q[0] + 1e-3)
     rubbing = {"friction": [friction, 0.0, 0.0, 0.1], "friction_speed": 0.0} if friction else {}
     path = check_in_modes(scene, found.q, found.qd, dt=0.01, steps=6, method="rk4", tau=[5.0, 0.0, 0.5, 0.1], **rubbing).path
@@ -293,7 +293,7 @@ def test_of_a_joint_that_rests_at_its_stop(friction: float) -> None:
 @pytest.mark.parametrize("method", ["rk4", "implicit-euler"])
 def test_of_a_joint_that_friction_holds(method: str) -> None:
     scene = five_bar()
-    q = scene.project([-0.5, 0.9, -0.1, 0.3]).q
+    q = scene.loops.project([-0.5, 0.9, -0.1, 0.3]).q
     given = {"dt": 0.01, "steps": 6, "method": method, "tau": [0.5, 0.0, 2.0, 0.1], "friction": [9.0, 0.0, 0.2, 0.0], "friction_speed": 0.0}
     path = check_in_modes(scene, q, np.zeros(4), still=True, **given).path
     assert np.abs(path.q[:, 0] - q[0]).max() <= 1e-12 and np.abs(path.qd[-1, 1:]).min() > 1e-2
@@ -301,7 +301,7 @@ def test_of_a_joint_that_friction_holds(method: str) -> None:
 
 def test_of_a_linkage_that_friction_holds() -> None:
     scene = four_bar()
-    q = scene.project([0.5, 0.8, 0.2]).q
+    q = scene.loops.project([0.5, 0.8, 0.2]).q
     given = {"dt": 0.01, "steps": 5, "method": "rk4", "tau": [0.1, 0.0, 0.0], "friction": [20.0, 0.1, 0.1], "friction_speed": 0.0}
     path = check_in_modes(scene, q, np.zeros(3), still=True, **given).path
     assert np.array_equal(path.q[-1], q)
@@ -309,7 +309,7 @@ def test_of_a_linkage_that_friction_holds() -> None:
 
 def test_of_joints_that_slide_and_then_stick() -> None:
     scene = four_bar()
-    found = scene.project([0.5, 0.8, 0.2], [0.6, 0.0, 0.0])
+    found = scene.loops.project([0.5, 0.8, 0.2], [0.6, 0.0, 0.0])
     given = {"dt": 0.002, "steps": 14, "method": "rk4", "tau": [0.0, 0.0, 0.0], "friction": [6.0, 0.1, 0.1], "friction_speed": 0.0}
     path = check_in_modes(scene, found.q, found.qd, **given).path
     assert np.all(path.qd[-1] == 0) and np.abs(path.qd[2]).max() > 1e-2
@@ -501,6 +501,6 @@ def test_gradients_do_not_depend_on_changes_that_the_projection_removes() -> Non
     last[-1] = [0.3, -0.7, 0.4]
     found = path.vjp(last)
     # A change of q along M^-1 J^T is removed, to first order in dt.
-    minv_jt = np.linalg.solve(scene.mass_matrix(q), scene.constraint_jacobian(q).T)
+    minv_jt = np.linalg.solve(scene.mass_matrix(q), scene.loops.jacobian(q).T)
     removed = minv_jt[:, np.abs(minv_jt).max(0) > 1e-9]
     assert np.all(np.abs(found.q @ removed) <= 1e-3 * np.linalg.norm(removed, axis=0))

@@ -32,7 +32,7 @@ NO_BATCH = {"lock", "random_model", "check", "observer"}
 def public() -> Iterator[tuple[str, str, list[str]]]:
     """Object, name and parameter names of each public function or method."""
     scopes = {"": phipsi, "scenes": phipsi.scenes, "_core": _core}
-    for scope in (phipsi.Scene, phipsi.SceneBuilder, phipsi.RandomModel, phipsi.Factor, phipsi.Simulator, _core.Exact):
+    for scope in (phipsi.Scene, phipsi.Loops, phipsi.Contacts, phipsi.SceneBuilder, phipsi.RandomModel, phipsi.Factor, phipsi.Simulator, _core.Exact):
         scopes[scope.__name__] = scope
     for place, scope in scopes.items():
         for name in vars(scope):
@@ -60,9 +60,13 @@ def test_every_parameter_that_is_a_size_is_tried() -> None:
     assert sizes <= tried, sorted(sizes - tried)
 
 
+#: Classes with methods of states, and how large_calls begins their names.
+GROUPS = {"Scene": "", "Loops": "loops.", "Contacts": "contacts."}
+
+
 def test_every_method_with_a_batch_is_tried() -> None:
     batched = {
-        name for place, name, parameters in public() if place == "Scene" and {"q", "q0"} & set(parameters) and name not in NO_BATCH
+        f"{GROUPS[place]}{name}" for place, name, parameters in public() if place in GROUPS and {"q", "q0"} & set(parameters) and name not in NO_BATCH
     }
     assert batched <= set(LARGE), sorted(batched - set(LARGE))
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import capabilities
+import method_page
 import methods_by_scene
 import phipsi
 import pytest
@@ -16,7 +17,7 @@ NAMED = {"connections": "connection", "contacts": "contact", "mimic": "mimic"}
 
 
 def test_the_table_has_every_public_method() -> None:
-    public = {name for name in dir(phipsi.scenes.chain(1)) if not name.startswith("_") and callable(getattr(phipsi.Scene, name))}
+    public = {name for name in method_page.public() if callable(method_page.member(name))}
     assert public == set(methods_by_scene.CALLS) | methods_by_scene.WITHOUT_STATE
     assert not set(methods_by_scene.CALLS) & methods_by_scene.WITHOUT_STATE and set(methods_by_scene.EXPECTED) <= set(methods_by_scene.CALLS)
 

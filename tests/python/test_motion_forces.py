@@ -62,7 +62,7 @@ def test_forces_of_connections_are_what_moves_the_center_of_mass(kind: str) -> N
     start = scene.neutral()
     if kind != "rod":
         start[0] += 0.4
-    q, qd, _ = scene.project(start, [0.1, 0.2, 0.3, 1.0, -2.0, 0.5])
+    q, qd, _ = scene.loops.project(start, [0.1, 0.2, 0.3, 1.0, -2.0, 0.5])
     path = scene.simulate(q, qd, dt=1e-4, steps=400, record_every=200)
     found = of_motion(path, np.arange(3))
     assert found is not None and found.names == ("hook",) and found.at.shape == found.force.shape == (3, 1, 3)

@@ -307,7 +307,7 @@ def test_made_up_names_do_not_clash_with_names_of_the_file() -> None:
     scene = phipsi.load(NAMED)
     assert scene.joint_names == ("joint0_", "joint0", "x", "joint3", "arm/fixed")
     assert set(scene.link_names) == {"world", "floor", "body1_", "body1/site", "body1/joint0_", "body1", "body1/joint0", "arm/site", "arm", "b"}
-    assert scene.constraint_names == ("equality 0_", "equality 0")
+    assert scene.loops.names == ("equality 0_", "equality 0")
 
 
 def test_sites_are_links() -> None:
@@ -341,7 +341,7 @@ def test_margins_move_stops() -> None:
 def test_constraints_between_bodies_that_cannot_move_apart_are_none() -> None:
     text = FLOATING.replace('<body name="fixture"', '<body name="pole"/><body name="fixture"')
     scene = phipsi.load(text.replace("</mujoco>", '<equality><weld body1="pole" body2="fixture"/></equality></mujoco>'))
-    assert scene.constraint_names == ()
+    assert scene.loops.names == ()
 
 
 def test_models_are_read_in_linear_time() -> None:

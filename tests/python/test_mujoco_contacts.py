@@ -185,8 +185,8 @@ def test_equality_constraints_and_contacts_act_together() -> None:
         tail='<equality><connect name="tie" body1="body" body2="other" anchor="0.5 0 0"/></equality>',
     )  # fmt: skip
     both = scene(tied)
-    assert both.collider_names == ("floor", "geom") and both.constraint_names == ("tie",)
-    assert scene(tied, ignore=("equality",)).constraint_names == ()
+    assert both.collider_names == ("floor", "geom") and both.loops.names == ("tie",)
+    assert scene(tied, ignore=("equality",)).loops.names == ()
 
 
 ROBOTS = [path for path in shipped() if path.stem in ("ant", "half_cheetah", "hopper", "humanoid", "walker2d")]

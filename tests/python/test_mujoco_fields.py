@@ -134,7 +134,7 @@ def follows(model: mujoco.MjModel, seen: Seen, data: mujoco.MjData) -> None:
             assert_near(beyond if beyond < 0.0 else 0.0, seen.stops.get(at, 0.0), product(1, size(value)))
         else:
             assert at not in seen.stops
-    error, first = scene.constraint_error(q), 0
+    error, first = scene.loops.error(q), 0
     for rows, distance, half_sine in seen.errors.values():
         own = error[first : first + rows]
         assert_near(np.linalg.norm(own[-3:]), distance, product(16, size(distance)))
@@ -327,7 +327,7 @@ def test_gravity_compensation_that_is_switched_off(flags: str) -> None:
 
 def test_a_weld_without_torques_is_a_point() -> None:
     scene = phipsi.load(with_('<equality><weld name="pin" body1="tool" body2="leg" torquescale="0"/></equality>'))
-    assert len(scene.constraint_error(scene.neutral())) == 3
+    assert len(scene.loops.error(scene.neutral())) == 3
 
 
 def bodies(first: str, second: str, extra: str = "", flags: str = "") -> str:

@@ -71,11 +71,11 @@ def test_more_rows_than_degrees_of_freedom_with_a_floor_move_as_without_it() -> 
         return builder.connect("pin", "axis", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3), axis=(0, 1, 0))
 
     free, above = builder().build(), builder().contact("floor", "coupler", friction=0.5, offset=-1.0).build()
-    q, qd, _ = free.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
+    q, qd, _ = free.loops.project([0.5, 0.8, 0.2], [1.0, 0.0, 0.0])
     paths = [scene.simulate(q, qd, dt=1e-4, steps=200) for scene in (free, above)]
     assert np.abs(paths[0].q[-1] - paths[0].q[0]).max() > 0.01
     assert np.abs(paths[0].q[-1] - paths[1].q[-1]).max() <= 1e-4  # methods of first and higher order
-    assert np.abs(above.constraint_error(paths[1].q[-1])).max() <= 1e-9
+    assert np.abs(above.loops.error(paths[1].q[-1])).max() <= 1e-9
 
 
 def test_a_rod_near_its_dead_point_in_a_file_with_two_digits_is_no_panic() -> None:
@@ -83,14 +83,14 @@ def test_a_rod_near_its_dead_point_in_a_file_with_two_digits_is_no_panic() -> No
     bar(builder, "crank", "ground", (0, 0, 0), 0.2, rpy=(1.57, 0, 0))
     builder.connect("rod", "rod", "crank", xyz=(0, 0, 0.2), other_xyz=(0.002, -0.5, 0))
     scene = builder.build(tolerance=5e-3)
-    q, qd, rank = scene.project(scene.neutral(), [0.0])
+    q, qd, rank = scene.loops.project(scene.neutral(), [0.0])
     assert np.isfinite(scene.forward_dynamics(q, qd, [0.0])).all() and rank in (0, 1)
-    assert np.isfinite(scene.constrained_mass_matrix_inverse(q)).all()
+    assert np.isfinite(scene.loops.mass_matrix_inverse(q)).all()
     assert np.isfinite(scene.simulate(q, qd, dt=1e-3, steps=10).q).all()
 
 
 @pytest.mark.parametrize("kind", ["point", "axis", "weld", "distance"])
-@pytest.mark.parametrize("call", ["forward_dynamics(q, qd, tau)", "project(q, qd)", "simulate(q, qd, dt=1e-3, steps=2)", "constrained_mass_matrix_inverse(q)"])
+@pytest.mark.parametrize("call", ["forward_dynamics(q, qd, tau)", "loops.project(q, qd)", "simulate(q, qd, dt=1e-3, steps=2)", "loops.mass_matrix_inverse(q)"])
 def test_positions_that_overflow_name_the_connection(kind: str, call: str) -> None:
     """A block far away on a slider, connected to the base."""
     found = in_process(f"""
@@ -117,7 +117,7 @@ bar(builder, "crank", "ground", (0, 0, 0), 0.2)
 bar(builder, "rod", "crank", (0, 0, 0.2), 0.5)
 bar(builder, "slider", "ground", (0, 0, 0), 0.1, "prismatic", axis=(1, 0, 0))
 scene = builder.connect("pin", "axis", "rod", "slider", xyz=(0, 0, 0.5), other_xyz=(0, 0, 0), axis=(0, 1, 0)).build()
-q, qd, _ = scene.project([0.8, 2.0, 0.3], [3.0, 0.0, 0.0])
+q, qd, _ = scene.loops.project([0.8, 2.0, 0.3], [3.0, 0.0, 0.0])
 count = 0
 for damping in (200.0, 500.0, 1e4):
     for dt in (0.01, 0.02, 0.1):

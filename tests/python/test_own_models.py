@@ -221,11 +221,11 @@ def test_constrained_dynamics_with_models_and_square_root_form():
     loop = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     inertias, armature = population(loop, BATCH)
     q, qd, tau = states(loop, BATCH)
-    closed = loop.project(q, qd)
-    found = loop.constrained_dynamics(closed.q, closed.qd, tau, inertias=inertias, armature=armature)
+    closed = loop.loops.project(q, qd)
+    found = loop.loops.dynamics(closed.q, closed.qd, tau, inertias=inertias, armature=armature)
     for i in range(BATCH):
         own = one_scene(loop, inertias[i]).with_properties(armature=armature[i])
-        expected = own.constrained_dynamics(closed.q[i], closed.qd[i], tau[i])
+        expected = own.loops.dynamics(closed.q[i], closed.qd[i], tau[i])
         tolerances.assert_near(found.qdd[i], expected.qdd, 1e-9 * tolerances.size(expected.qdd))
         tolerances.assert_near(found.forces["gear"][i], expected.forces["gear"], 1e-9 * tolerances.size(expected.forces["gear"]))
     tree = phipsi.scenes.chain(3)
@@ -256,7 +256,7 @@ def test_a_simulated_population_is_one_simulation_per_model(name):
     q, qd, tau = states(scene, count)
     q, qd = 0.2 * q, 0.5 * qd
     if name == "loop":
-        q, qd = scene.project(q, qd)[:2]
+        q, qd = scene.loops.project(q, qd)[:2]
     own = {
         "inertias": inertias,
         "armature": armature,
@@ -287,7 +287,7 @@ def test_gradients_of_a_simulated_population_are_those_of_each_model(name):
     q, qd, tau = states(scene, count)
     q, qd = 0.2 * q, 0.5 * qd
     if name == "loop":
-        q, qd = scene.project(q, qd)[:2]
+        q, qd = scene.loops.project(q, qd)[:2]
     run = {"dt": 2e-3, "steps": 30, "method": "rosenbrock-2"}
     path = scene.simulate(q, qd, tau=tau, inertias=inertias, armature=armature, **run)
     weight = np.zeros_like(path.q)

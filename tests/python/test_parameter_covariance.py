@@ -18,7 +18,7 @@ from tolerances import assert_near, central_difference, inverse, product, size
 import phipsi
 from phipsi.errors import ArgumentError, IdentificationWarning, LogWarning, NotFiniteError, ShapeError
 from phipsi.estimation import MotionUncertainty, ParameterCovariance
-from phipsi.estimation._bodies import to_moments, to_parameters, with_parameters
+from phipsi.estimation._bodies import to_moments, to_parameters
 from phipsi.report import motion
 
 FIT = ("armature", "damping", "friction")
@@ -34,7 +34,7 @@ def drawn(scene: phipsi.Scene, draw: np.random.Generator) -> phipsi.Scene:
     for own in scene.inertial_parameters:
         root = np.linalg.cholesky(to_moments(own) / 10.0) @ draw.standard_normal((4, 15))
         found.append(to_parameters(root @ root.T))
-    return with_parameters(scene, range(len(found)), np.array(found))
+    return scene.with_inertial_parameters(np.array(found))
 
 
 @pytest.mark.parametrize("trust", [1.0, 1e-4])
@@ -97,7 +97,7 @@ def fitted(scene: phipsi.Scene, fit: tuple[str, ...], **how: Any) -> tuple[phips
     draw = np.random.default_rng(3)
     q = scene.integrate(np.broadcast_to(scene.neutral(), (120, scene.nq)), draw.uniform(-1, 1, (120, scene.nv)))
     qd, qdd = draw.uniform(-1, 1, (2, 120, scene.nv))
-    if scene.constraint_names:
+    if scene.loops.names:
         q, qd, qdd = _moving(Case("loop", False), 120, 3)
     tau = scene.inverse_dynamics(q, qd, qdd) + 0.3 * qd + 0.2 * qdd + 0.4 * sliding(qd) + 0.1 * draw.standard_normal(qd.shape)
     with warnings.catch_warnings():
@@ -144,7 +144,7 @@ def test_it_is_dense_algebra_wherever_it_is_accepted(kind: str, trust: float) ->
     with_noise = scene.inverse_dynamics_variance(q, qd, qdd, parameters=found, torque=0.5, joints={"offset": 0.25})
     assert_near(with_noise, variances + 0.75, bound)
     at = scene.forward_dynamics(q, qd, qdd)
-    inverse_mass = scene.constrained_mass_matrix_inverse(q) if kind == "loop" else np.linalg.inv(scene.mass_matrix(q))
+    inverse_mass = scene.loops.mass_matrix_inverse(q) if kind == "loop" else np.linalg.inv(scene.mass_matrix(q))
     moved, terms = dense(at)
     of_joints = inverse_mass @ moved @ np.swapaxes(inverse_mass, -1, -2)
     bound = inverse(float(np.max(np.linalg.cond(scene.mass_matrix(q)))) ** 2, max(size(of_joints), 1e-12 * terms))
@@ -201,7 +201,7 @@ def test_bands_are_those_of_perturbed_simulations() -> None:
     for bodies, joints in zip(small.columns, of_joints, strict=True):
         ends = []
         for sign in (step, -step):
-            changed = with_parameters(scene, range(2), found.parameters + sign * bodies)
+            changed = scene.with_inertial_parameters(found.parameters + sign * bodies)
             properties = {name: getattr(scene, name) + sign * joints[:, at] for at, name in enumerate(FIT)}
             path = changed.with_properties(**properties).simulate([0.3, 0.2], [1.0, -0.5], **how)
             ends.append(np.concatenate([path.q[-1], path.qd[-1]]))

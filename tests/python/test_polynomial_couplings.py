@@ -44,7 +44,7 @@ class Case(NamedTuple):
 
     def rows(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Errors, J and J' qd of the other connections, then of the couplings."""
-        error, jacobian, bias = [*self.open.constraint_error(q)], [*self.open.constraint_jacobian(q)], [*self.open.constraint_bias(q, qd)]
+        error, jacobian, bias = [*self.open.loops.error(q)], [*self.open.loops.jacobian(q)], [*self.open.loops.bias(q, qd)]
         for of in self.couplings:
             x, y = (self.scene.q_index(name).start for name in of[:2])
             first, second = (self.scene.v_index(name).start for name in of[:2])
@@ -70,7 +70,7 @@ class Case(NamedTuple):
         random = np.random.default_rng(seed)
         nv = self.scene.nv
         q = np.stack([self.scene.integrate(self.start, 0.2 * random.uniform(-1, 1, nv)) for _ in range(count)])
-        found = self.scene.project(q, random.uniform(-1, 1, (count, nv)))
+        found = self.scene.loops.project(q, random.uniform(-1, 1, (count, nv)))
         q, qd, tau = found.q, found.qd, random.uniform(-3, 3, (count, nv))
         assert qd is not None
         if count > 1:
@@ -132,12 +132,12 @@ def test_rows_are_those_of_the_polynomial(given: Case) -> None:
     q, qd, _ = given.state(0, 6)
     # Rows are defined off the connections too.
     q = scene.integrate(q, np.random.default_rng(3).uniform(-0.3, 0.3, (6, scene.nv)))
-    found = scene.constraint_error(q), scene.constraint_jacobian(q), scene.constraint_bias(q, qd)
+    found = scene.loops.error(q), scene.loops.jacobian(q), scene.loops.bias(q, qd)
     for i in range(6):
         for of_batch, expected in zip(found, given.rows(q[i], qd[i]), strict=True):
             assert_near(of_batch[i], expected, 1e-13 * size(expected))
     couplings = slice(-len(given.couplings), None)
-    assert_same_bits(scene.constraint_jacobian(q[1]), found[1][1])
+    assert_same_bits(scene.loops.jacobian(q[1]), found[1][1])
     assert np.all(np.abs(found[2][:-1, couplings]).max(0) > 1e-2) and not np.any(found[2][-1])
 
 
@@ -145,29 +145,29 @@ def test_rows_are_those_of_the_polynomial(given: Case) -> None:
 def test_accelerations_and_forces_are_those_of_dense_equations(given: Case, form: Any) -> None:
     """A batch is computed by the kernels, one state by the recursion with all checks."""
     q, qd, tau = given.state(1, 9)
-    scene, found = given.scene, given.scene.constrained_dynamics(q, qd, tau, form=form)
+    scene, found = given.scene, given.scene.loops.dynamics(q, qd, tau, form=form)
     forces = np.concatenate([*found.forces.values()], axis=-1)
     for i in range(9):
         qdd, of_rows = given.dynamics(q[i], qd[i], tau[i])
-        one = scene.constrained_dynamics(q[i], qd[i], tau[i], form=form)
+        one = scene.loops.dynamics(q[i], qd[i], tau[i], form=form)
         for result in (found.qdd[i], one.qdd, scene.forward_dynamics(q[i], qd[i], tau[i], form=form)):
             assert_near(result, qdd, 1e-11 * size(qdd))
         assert_near(forces[i], of_rows, 1e-10 * size(of_rows))
-    still = given.scene.constrained_dynamics(q, 0.0 * qd, tau, form=form).qdd
+    still = given.scene.loops.dynamics(q, 0.0 * qd, tau, form=form).qdd
     assert np.abs(still[:-1] - found.qdd[:-1]).max() > 0.1
 
 
 def test_compliance_and_inverse_dynamics(given: Case) -> None:
     q, qd, tau = given.state(2)
     scene = given.scene
-    m = len(scene.constraint_error(q))
-    found = scene.constrained_dynamics(q, qd, tau, compliance=np.full(m, 0.3))
+    m = len(scene.loops.error(q))
+    found = scene.loops.dynamics(q, qd, tau, compliance=np.full(m, 0.3))
     qdd, forces = given.dynamics(q, qd, tau, 0.3)
     assert_near(found.qdd, qdd, 1e-11 * size(qdd))
     assert_near(np.concatenate([*found.forces.values()]), forces, 1e-11 * size(forces))
     qdd = scene.forward_dynamics(q, qd, tau)
-    inverted = scene.constrained_inverse_dynamics(q, qd, qdd)
-    load = scene.constraint_jacobian(q).T @ np.concatenate([*inverted.forces.values()])
+    inverted = scene.loops.inverse_dynamics(q, qd, qdd)
+    load = scene.loops.jacobian(q).T @ np.concatenate([*inverted.forces.values()])
     assert_near(inverted.tau + load, scene.without_constraints().inverse_dynamics(q, qd, qdd), 1e-11 * size(load))
     assert_near(scene.forward_dynamics(q, qd, inverted.tau), qdd, 1e-10 * size(qdd))
 
@@ -217,16 +217,16 @@ def test_hessian_products_are_differences_of_gradients(given: Case) -> None:
 def test_projection_and_inverse_kinematics_close_the_couplings(given: Case) -> None:
     scene = given.scene
     q, qd, _ = given.state(5)
-    far = scene.project(scene.integrate(q, np.full(scene.nv, 0.2)), qd)
-    assert_near(given.rows(far.q, qd)[0], np.zeros(len(scene.constraint_error(q))), 1e-13)
+    far = scene.loops.project(scene.integrate(q, np.full(scene.nv, 0.2)), qd)
+    assert_near(given.rows(far.q, qd)[0], np.zeros(len(scene.loops.error(q))), 1e-13)
     assert far.qd is not None
-    assert_near(given.rows(far.q, qd)[1] @ far.qd, np.zeros(len(scene.constraint_error(q))), 1e-12)
+    assert_near(given.rows(far.q, qd)[1] @ far.qd, np.zeros(len(scene.loops.error(q))), 1e-12)
     # Bars in one plane have a dependent row.
     assert far.rank == np.linalg.matrix_rank(given.rows(far.q, qd)[1], tol=1e-9)
     link = scene.body_names[-1]
     wanted = scene.placement(q, link)[:3, 3]
     found = scene.inverse_kinematics([tasks.Position(link, target=wanted)], far.q)
-    assert_near(given.rows(found.q, qd)[0], 0.0 * scene.constraint_error(q), 1e-9)
+    assert_near(given.rows(found.q, qd)[0], 0.0 * scene.loops.error(q), 1e-9)
     assert_near(scene.placement(found.q, link)[:3, 3], wanted, 1e-6)
 
 
@@ -234,7 +234,7 @@ def test_variances_are_those_of_the_closed_mechanism(given: Case) -> None:
     q, qd, tau = given.state(6)
     scene, torque = given.scene, np.linspace(0.1, 0.5, given.scene.nv)
     found = scene.forward_dynamics_variance(q, qd, tau, torque=torque)
-    matrix = scene.constrained_mass_matrix_inverse(q)
+    matrix = scene.loops.mass_matrix_inverse(q)
     expected = np.einsum("ij,j,ij->i", matrix, torque, matrix)
     assert_near(np.asarray(found), expected, 1e-11 * size(expected))
 
@@ -278,7 +278,7 @@ def test_motion_is_that_of_the_independent_coordinate(method: Any, bound: float)
     q, qd = (np.array(part) for part in zip(*(state_at(*start) for start in starts), strict=True))
     scene = masses()
     path = scene.simulate(q, qd, dt=1e-3, steps=500, method=method)
-    drift, lost = np.abs(scene.constraint_error(path.q)).max(), np.ptp(sum(scene.energy(path.q, path.qd)), axis=1).max()
+    drift, lost = np.abs(scene.loops.error(path.q)).max(), np.ptp(sum(scene.energy(path.q, path.qd)), axis=1).max()
     assert drift < 1e-13 and lost < 30 * bound
     for i, start in enumerate(starts):
         y, v = integrated(*start, path.t)
@@ -335,7 +335,7 @@ def test_a_limit_of_the_follower_stops_both() -> None:
     path = scene.simulate(*state_at(0.0, 2.0), dt=1e-3, steps=100)
     [stop] = path.stops
     assert (stop.joint, stop.limit) == ("x", "upper") and path.q[:, 0].max() < 0.15 + 1e-10
-    assert np.abs(scene.constraint_error(path.q)).max() < 1e-10
+    assert np.abs(scene.loops.error(path.q)).max() < 1e-10
     # At the time at which P(y) is at the limit in the motion without it.
     y, v = integrated(0.0, 2.0, np.array([0.0, stop.time]))[:, -1]
     assert_near(CAM.at(y), 0.15, 1e-4)
@@ -354,23 +354,23 @@ def test_locked_joints_leave_their_coordinates() -> None:
     q[first], q[second] = 0.5, polynomial.polyval(0.5, SQUARE)
     q[scene.q_index("j3")] = polynomial.polyval(0.5, CUBIC)
     leader = scene.lock(["j0"], q)
-    assert np.abs(leader.constraint_error(np.delete(q, first))).max() < 1e-13
+    assert np.abs(leader.loops.error(np.delete(q, first))).max() < 1e-13
     for name, polynomial_of in (("j1", SQUARE), ("j3", CUBIC)):
         at = leader.v_index(name).start
-        row = leader.constraint_jacobian(leader.neutral())[["j1", "j3"].index(name)]
+        row = leader.loops.jacobian(leader.neutral())[["j1", "j3"].index(name)]
         assert np.array_equal(row, np.eye(leader.nv)[at])
-        assert_near(-leader.constraint_error(leader.neutral())[["j1", "j3"].index(name)], polynomial.polyval(0.5, polynomial_of), 1e-14)
+        assert_near(-leader.loops.error(leader.neutral())[["j1", "j3"].index(name)], polynomial.polyval(0.5, polynomial_of), 1e-14)
     follower = scene.lock(["j1"], q)
     # From a configuration near the root of P(y) = x.
     near = q.copy()
     near[first] = 0.05
     moved = scene.lock(["j1"], near)
     for locked in (follower, moved):
-        assert_near(-locked.constraint_error(locked.neutral())[0], 0.5, 1e-12)
-    assert len(scene.lock(["j0", "j1"], q).constraint_error(scene.lock(["j0", "j1"], q).neutral())) == 1
+        assert_near(-locked.loops.error(locked.neutral())[0], 0.5, 1e-12)
+    assert len(scene.lock(["j0", "j1"], q).loops.error(scene.lock(["j0", "j1"], q).neutral())) == 1
     below = q.copy()
     below[second] = -1.0
-    with pytest.raises(SceneError, match=r'connection "c0": found no coordinate of joint "j0".*scene.project'):
+    with pytest.raises(SceneError, match=r'connection "c0": found no coordinate of joint "j0".*scene.loops.project'):
         scene.lock(["j1"], below)
     with pytest.raises(SceneError, match=r'connection "c0": found an error of'):
         scene.lock(["j0", "j1"], below)
@@ -380,7 +380,7 @@ def test_copies_have_the_same_couplings() -> None:
     scene = CASES["branches"]().scene
     q, qd, tau = CASES["branches"]().state(9)
     for other in (pickle.loads(pickle.dumps(scene)), scene.to_builder().build(), scene.with_properties(damping=0.1)):
-        assert other.constraint_names == scene.constraint_names
+        assert other.loops.names == scene.loops.names
         assert_same_bits(other.forward_dynamics(q, qd, tau), scene.forward_dynamics(q, qd, tau))
     with pytest.raises(ArgumentError, match="connections"):
         scene.to_urdf()
@@ -390,7 +390,7 @@ def test_a_linear_polynomial_is_the_multiplier_and_the_offset() -> None:
     chain = phipsi.scenes.chain(3)
     line = chain.to_builder().couple("c", "j2", "j1", polynomial=(0.1, -2.0)).build()
     gear = chain.to_builder().couple("c", "j2", "j1", multiplier=-2.0, offset=0.1).build()
-    q = gear.project([0.4, 0.1, 0.2], [1.0, 0.2, 0.3])
+    q = gear.loops.project([0.4, 0.1, 0.2], [1.0, 0.2, 0.3])
     assert_same_bits(line.forward_dynamics(q.q, q.qd, np.ones(3)), gear.forward_dynamics(q.q, q.qd, np.ones(3)))
 
 
@@ -445,7 +445,7 @@ def test_couplings_of_mujoco_are_relative_to_its_reference() -> None:
     )
     scene, model = phipsi.Scene.from_mujoco(text), mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
-    assert scene.constraint_names == ("cam", "equality 1") and np.allclose(model.qpos0, [0.2, -0.1, 0.05])
+    assert scene.loops.names == ("cam", "equality 1") and np.allclose(model.qpos0, [0.2, -0.1, 0.05])
     data.qpos[:] = [0.7, 0.4, 0.3]
     mujoco.mj_forward(model, data)
     rows = np.zeros((2, 3))
@@ -453,10 +453,10 @@ def test_couplings_of_mujoco_are_relative_to_its_reference() -> None:
         out = np.zeros(data.nefc)
         mujoco.mj_mulJacVec(model, data, out, unit)
         rows[:, j] = out[:2]
-    assert_near(scene.constraint_error(data.qpos), data.efc_pos[:2], 1e-14)
-    assert_near(scene.constraint_jacobian(data.qpos), rows, 1e-14)
+    assert_near(scene.loops.error(data.qpos), data.efc_pos[:2], 1e-14)
+    assert_near(scene.loops.jacobian(data.qpos), rows, 1e-14)
     # At rest; MuJoCo neglects J' qd of these rows.
-    data.qpos[:] = scene.project(data.qpos).q
+    data.qpos[:] = scene.loops.project(data.qpos).q
     data.qfrc_applied[:] = tau = np.array([0.3, -0.2, 0.1])
     mujoco.mj_forward(model, data)
     found = scene.forward_dynamics(data.qpos, np.zeros(3), tau)

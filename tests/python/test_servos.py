@@ -189,8 +189,8 @@ def kind(name: str) -> tuple[phipsi.Scene, np.ndarray, np.ndarray]:
         builder = builder.joint("follow", "revolute", "a", "b", xyz=(0.4, 0, 0), axis=(0, 1, 0), mimic="lead", mimic_multiplier=-2.0, mimic_offset=0.1)
         return builder.build(mimic="couple"), np.array([0.3]), np.array([1.0])
     scene = linkage()
-    q = scene.project(scene.neutral(), np.zeros(scene.nv)).q
-    moved = scene.project(q + np.r_[0.4, np.zeros(scene.nv - 1)], np.zeros(scene.nv)).q
+    q = scene.loops.project(scene.neutral(), np.zeros(scene.nv)).q
+    moved = scene.loops.project(q + np.r_[0.4, np.zeros(scene.nv - 1)], np.zeros(scene.nv)).q
     return scene, q, moved
 
 
@@ -310,7 +310,7 @@ def test_gradients_go_through_limits_in_loops(friction: float, clip: Any) -> Non
 def test_gradients_go_through_limits_beside_contacts(clip: Any) -> None:
     q = np.array([0.2, 0.7, 0.1, 0.3])
     where: Any = {"friction": 0.6, "xyz": (0.1, 0, 0.2), "radius": 0.05}
-    above = float(arm().to_builder().contact("floor", "link3", **where).build().contact_gaps(q)[0])
+    above = float(arm().to_builder().contact("floor", "link3", **where).build().contacts.gaps(q)[0])
     scene = arm().to_builder().contact("floor", "link3", **where, offset=above - 0.03).build()
     pd = phipsi.PD(60.0, 4.0, np.array([0.5, 1.6, 0.4, 0.8]), np.zeros(4), effort=True)
     path = compared(scene, q, np.zeros(4), {"dt": 2e-3, "steps": 120, "pd": pd, "tau": np.full(4, 0.1), "effort": clip, "limits": "report"})

@@ -286,9 +286,9 @@ def test_named_contacts_that_never_touch_take_no_room(tmp_path: Path) -> None:
     assert motion.write(path, tmp_path, table=False) == [tmp_path / "trajectory.npz"]
     found = phipsi.Trajectory.load(tmp_path / "trajectory.npz", scene)
     assert path.contacts is not None and found.contacts is not None
-    touching = [name for name in scene.contact_names if path.contacts.state[name].any()]
+    touching = [name for name in scene.contacts.names if path.contacts.state[name].any()]
     assert 0 < len(touching) <= 6 and found.contacts.shapes.pairs() == [("foot", "ground")]
-    for name in scene.contact_names:
+    for name in scene.contacts.names:
         for part in ("gap", "force", "impulse", "state"):
             assert_same_bits(getattr(found.contacts, part)[name], getattr(path.contacts, part)[name])
         assert np.isnan(found.contacts.slip[name]).all() == (name not in touching)

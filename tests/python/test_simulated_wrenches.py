@@ -140,7 +140,7 @@ def test_a_balanced_mechanism_stays_at_rest(kind: str, frame: str) -> None:
 def static(kind: str) -> tuple[phipsi.Scene, np.ndarray]:
     scene = build(kind, False)
     if kind == "loop":
-        return scene, scene.project(np.array([0.5, 0.8, -0.3, 0.2]), np.zeros(4)).q
+        return scene, scene.loops.project(np.array([0.5, 0.8, -0.3, 0.2]), np.zeros(4)).q
     return scene, np.array([0.5, 0.8, -0.3, 0.2])[: scene.nq]
 
 
@@ -431,7 +431,7 @@ def test_constraint_forces_are_those_with_the_wrenches() -> None:
     wrench = np.array([0.4, -0.3, 0.5, 2.0, -1.0, 3.0])
     link = scene.link_names[-1]
     path = scene.simulate(q, np.zeros(scene.nv), dt=1e-3, steps=2, wrenches={link: wrench}, frame="world")
-    expected = scene.constrained_dynamics(q, np.zeros(scene.nv), np.zeros(scene.nv), wrenches={link: wrench_of(scene, q, link, wrench, "world")}).forces
+    expected = scene.loops.dynamics(q, np.zeros(scene.nv), np.zeros(scene.nv), wrenches={link: wrench_of(scene, q, link, wrench, "world")}).forces
     for name, force in path.constraint_forces().items():
         assert_near(force[0], expected[name], 1e-10 * size(force))
         assert np.max(np.abs(force[0])) > 0.1

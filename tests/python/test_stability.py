@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from phipsi.report import commands, pipeline
 from phipsi.report.progress import Silent
 from phipsi.report.stability import STABILITY, Stability, loops
-from phipsi.report.stability.measure import COVARIANCE, ROOT
+from phipsi.report.stability.measure import AUTO, COVARIANCE, ROOT
 
 import phipsi
 
@@ -52,6 +52,7 @@ def test_the_forms_are_told_apart(found: Stability) -> None:
     heavy = next(point for point in found.of("heavy-tip") if point.value == 1e12)
     assert heavy.errors[ROOT].norm < 1e-12
     assert heavy.errors[COVARIANCE].norm > 1e-6
+    assert heavy.errors[AUTO].norm < 1e-12
     assert heavy.floor.norm < 1e-14
 
 

@@ -30,7 +30,7 @@ def found() -> Compared:
 
 def test_the_study_is_the_report_with_the_peers_beside(found: Compared) -> None:
     names = [other.name for other in found.others]
-    assert found.methods[4:] == tuple(names)
+    assert found.methods[5:] == tuple(names)
     for one in found.points:
         assert set(one.errors) == {*phipsi._core.FORMS, *names}
         for error in one.errors.values():

@@ -60,7 +60,7 @@ def test_rebounds_of_coupled_joints_have_the_restitution(restitution: float) -> 
 
 def test_a_pushed_linkage_rests_exactly_on_its_stop() -> None:
     free = four_bar(-10.0, 10.0)
-    q, _, _ = free.project([0.5, 0.8, 0.2], np.zeros(3))
+    q, _, _ = free.loops.project([0.5, 0.8, 0.2], np.zeros(3))
     passed = free.simulate(q, np.zeros(3), tau=[-8.0, 0, 0], dt=1e-3, steps=400, damping=0.05)
     bound = float(0.5 * (passed.q[:, 2].min() + q[2]))
     scene = four_bar(bound, 10.0)
@@ -82,7 +82,7 @@ def pendulum_beside(builder: phipsi.SceneBuilder) -> phipsi.Scene:
 @pytest.mark.parametrize("held_by", ["stop", "friction"])
 def test_a_robot_beside_a_held_linkage_moves_as_if_it_were_alone(held_by: str) -> None:
     """From rest, in few substeps, with the order of the method: a row that holds has no part in the error."""
-    q = four_bar(-10.0, 10.0).project([0.5, 0.8, 0.2], np.zeros(3))[0]
+    q = four_bar(-10.0, 10.0).loops.project([0.5, 0.8, 0.2], np.zeros(3))[0]
     friction = (20.0 if held_by == "friction" else 0.0) * np.array([1.0, 1.0, 1.0, 0.0, 0.0])
     linkage = four_bar(q[2], 10.0) if held_by == "stop" else four_bar(-10.0, 10.0)
     scene = pendulum_beside(linkage.to_builder()).with_properties(friction=friction)
@@ -104,7 +104,7 @@ def test_a_robot_beside_a_held_linkage_moves_as_if_it_were_alone(held_by: str) -
 
 @pytest.mark.parametrize("restitution", [0.0, 0.7, 1.0])
 def test_stops_give_a_linkage_no_energy(restitution: float) -> None:
-    q, qd, _ = four_bar(-10.0, 10.0).project([0.5, 0.8, 0.2], [4.0, 0.0, 0.0])
+    q, qd, _ = four_bar(-10.0, 10.0).loops.project([0.5, 0.8, 0.2], [4.0, 0.0, 0.0])
     path = four_bar(q[2] - 0.2, q[2] + 0.2).simulate(q, qd, dt=2e-4, steps=5000, restitution=restitution)
     energy = path.energy().total
     assert path.stops and energy.max() <= energy[0] + 1e-3 * np.ptp(path.energy().kinetic)
@@ -116,7 +116,7 @@ def test_a_passive_linkage_conserves_energy_as_its_tree(closed: bool) -> None:
     """Fast bars with long steps, for 10 s."""
     linkage = four_bar(-1e3, 1e3)
     scene = linkage if closed else linkage.without_constraints()
-    q, qd, _ = linkage.project([0.5, 0.8, 0.2], [10.0, 0.0, 0.0])
+    q, qd, _ = linkage.loops.project([0.5, 0.8, 0.2], [10.0, 0.0, 0.0])
     path = scene.simulate(q, qd, dt=5e-3, steps=2000, record_every=20, limits="report")
     energy = path.energy()
     assert path.substeps > 4 and np.ptp(energy.total) < 1e-5 * np.max(energy.kinetic)
@@ -153,7 +153,7 @@ def test_error_control_of_a_loop_while_a_stop_holds_it() -> None:
 
     def run(**given: float) -> phipsi.Trajectory:
         scene = four_bar(bound, 10.0)
-        q, _, _ = linkage.project([0.5, 0.8, 0.2], np.zeros(3))
+        q, _, _ = linkage.loops.project([0.5, 0.8, 0.2], np.zeros(3))
         return scene.simulate(q, np.zeros(3), tau=[-8.0, 0.0, 0.0], dt=0.1, steps=4, damping=0.05, **given)
 
     coarse, fine = run(accuracy=1e-4), run(accuracy=1e-8)
@@ -164,7 +164,7 @@ def test_error_control_of_a_loop_while_a_stop_holds_it() -> None:
 
 
 def test_a_linkage_that_starts_outside_of_a_limit_returns_slowly() -> None:
-    q, _, _ = four_bar(-10.0, 10.0).project([0.5, 0.8, 0.2], np.zeros(3))
+    q, _, _ = four_bar(-10.0, 10.0).loops.project([0.5, 0.8, 0.2], np.zeros(3))
     scene = four_bar(q[2] + 0.05, 10.0)
     with pytest.warns(phipsi.errors.LimitWarning, match="rocker"):
         path = scene.simulate(q, np.zeros(3), dt=1e-3, steps=600, tau=[-4.0, 0, 0], damping=0.2)
@@ -200,7 +200,7 @@ def test_a_leg_folds_to_the_stop_of_its_knee_and_stays_there() -> None:
     q = np.array([0.3 * np.cos(0.4) + 0.3 * np.cos(0.4), -0.4, 0.8])
     path = scene.simulate(q, np.zeros(3), dt=1e-3, steps=3000, damping=[0.0, 2.0, 2.0])
     assert path.q[:, 2].max() <= 1.2 and path.q[-1, 2] == 1.2 and path.qd[-1, 2] == 0.0
-    assert path.contacts.converged and path.contacts.depth < 1e-4 and scene.contact_gaps(path.q[-1])[0] > -1e-9
+    assert path.contacts.converged and path.contacts.depth < 1e-4 and scene.contacts.gaps(path.q[-1])[0] > -1e-9
     assert {("knee", "upper")} <= {(s.joint, s.limit) for s in path.stops} and len(path.stops) < 10
     # In equilibrium the foot carries the weight.
     assert np.allclose(path.contacts.force["foot"][-1], [0, 0, 5.7 * 9.81], atol=0.5)
@@ -257,7 +257,7 @@ def test_a_joint_outside_of_its_limit_returns_beside_a_contact() -> None:
 def test_dry_friction_holds_a_linkage_exactly(friction: tuple[float, float, float]) -> None:
     """One held joint, or three that share the load, for 10 s: in simulations, batches and simulators."""
     scene = four_bar(-10.0, 10.0).with_properties(friction=np.array(friction))
-    q, _, _ = scene.project([0.5, 0.8, 0.2], np.zeros(3))
+    q, _, _ = scene.loops.project([0.5, 0.8, 0.2], np.zeros(3))
     held = scene.simulate(q, np.zeros(3), dt=0.05, steps=200, record_every=200)
     assert held.friction_speed == 0.0 and np.array_equal(held.q[-1], q) and not held.qd.any()
     held = scene.simulate(np.stack([q, q]), np.zeros((2, 3)), dt=0.05, steps=10, friction_speed=0.0)
@@ -308,7 +308,7 @@ def test_sliding_and_sticking_friction_in_loops_has_gradients() -> None:
 @pytest.mark.parametrize("crank", [-2.801755737285684, -2.8017, -2.79])
 def test_a_joint_beyond_its_stop_at_a_dead_center_ends_no_simulation(crank: float, beyond: float) -> None:
     """Crank and coupler are aligned, or nearly, so that the rocker is at its extreme and cannot return to its limit."""
-    q, _, _ = four_bar(-10.0, 10.0).project([crank, np.pi, -0.89], np.zeros(3))
+    q, _, _ = four_bar(-10.0, 10.0).loops.project([crank, np.pi, -0.89], np.zeros(3))
     scene = four_bar(-10.0, float(q[2]) - beyond)
     with pytest.warns(phipsi.errors.LimitWarning) as caught:
         path = scene.simulate(q, np.zeros(3), dt=1e-3, steps=100)
@@ -325,7 +325,7 @@ def test_a_joint_beyond_its_stop_at_a_dead_center_ends_no_simulation(crank: floa
 @pytest.mark.parametrize("crank", [-2.801755737285684, -2.8017, -2.79])
 def test_a_stop_at_a_dead_center_adds_no_energy_while_a_contact_acts(crank: float, beyond: float) -> None:
     """A ball that rests on the ground makes all steps those with contacts."""
-    q, _, _ = four_bar(-10.0, 10.0).project([crank, np.pi, -0.89], np.zeros(3))
+    q, _, _ = four_bar(-10.0, 10.0).loops.project([crank, np.pi, -0.89], np.zeros(3))
     builder = four_bar(-10.0, float(q[2]) - beyond).to_builder().link("ball", 1.0, inertia=0.01 * np.eye(3)).joint("ball", "floating", "ground", "ball")
     scene = builder.contact("ground", "ball", radius=0.1, friction=0.5).build()
     q = np.concatenate([q, [0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0]])
@@ -347,7 +347,7 @@ def test_a_stop_that_a_contact_contradicts_acts_as_soon_as_it_can() -> None:
     assert "joint \"across\" at a stop that the connections or contacts prevent" in str(caught[-1].message)
     beside = path.q[:, 0] < 0.199
     assert np.abs(path.q[beside, 1]).max() < 1e-9 and np.abs(path.qd[beside, 1]).max() < 1e-9
-    assert path.q[-1, 1] <= -0.01 and scene.contact_gaps(path.q).min() > -1e-9
+    assert path.q[-1, 1] <= -0.01 and scene.contacts.gaps(path.q).min() > -1e-9
 
 
 def test_exact_friction_beside_contacts_warns() -> None:

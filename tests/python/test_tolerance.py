@@ -6,6 +6,7 @@ import copy
 import inspect
 import pickle
 
+import method_page
 import numpy as np
 import pytest
 from conftest import random_scene
@@ -30,7 +31,7 @@ def four_bar() -> phipsi.Scene:
 SCENE = random_scene(3, 5)
 N = SCENE.nv
 LOOP = four_bar()
-START = LOOP.project([np.pi / 2, -np.pi / 2, -np.pi / 2]).q
+START = LOOP.loops.project([np.pi / 2, -np.pi / 2, -np.pi / 2]).q
 ONES = np.ones(N)
 Q = SCENE.neutral()
 BALL = phipsi.SceneBuilder().link("ball", 1.0, inertia=np.eye(3)).contact("foot", "ball", friction=0.5, xyz=(0.1, 0.0, 0.0)).build(floating_base=True)
@@ -46,10 +47,10 @@ CALLS = {
     "forward_dynamics_hvp": lambda **k: SCENE.forward_dynamics_hvp(Q, ONES, ONES, ONES, ONES, ONES, ONES, **k),
     "operational_inverse_inertia": lambda **k: SCENE.operational_inverse_inertia(Q, LINK, **k),
     "operational_inertia": lambda **k: SCENE.operational_inertia(Q, LINK, directions=np.eye(6)[:1], **k),
-    "constrained_dynamics": lambda **k: LOOP.constrained_dynamics(START, np.zeros(3), np.ones(3), **k).qdd,
-    "constrained_inverse_dynamics": lambda **k: LOOP.constrained_inverse_dynamics(START, np.zeros(3), np.zeros(3), **k).tau,
-    "constrained_mass_matrix_inverse": lambda **k: LOOP.constrained_mass_matrix_inverse(START, **k),
-    "contact_gram": lambda **k: BALL.contact_gram(BALL.neutral(), **k),
+    "loops.dynamics": lambda **k: LOOP.loops.dynamics(START, np.zeros(3), np.ones(3), **k).qdd,
+    "loops.inverse_dynamics": lambda **k: LOOP.loops.inverse_dynamics(START, np.zeros(3), np.zeros(3), **k).tau,
+    "loops.mass_matrix_inverse": lambda **k: LOOP.loops.mass_matrix_inverse(START, **k),
+    "contacts.gram": lambda **k: BALL.contacts.gram(BALL.neutral(), **k),
     "factor": lambda **k: SCENE.factor(Q, **k).solve(ONES),
     "simulate": lambda **k: SCENE.simulate(Q, ONES, dt=1e-3, steps=3, **k).q,
     "simulate_vjp": lambda **k: SCENE.simulate_vjp(
@@ -64,7 +65,7 @@ def arrays(found: object) -> list[np.ndarray]:
 
 
 def test_every_call_that_takes_a_form_takes_a_tolerance() -> None:
-    methods = {name: getattr(phipsi.Scene, name) for name in dir(phipsi.scenes.chain(1)) if not name.startswith("_")}
+    methods = {name: method_page.member(name) for name in method_page.public()}
     takes = {name: set(inspect.signature(of).parameters) for name, of in methods.items() if callable(of)}
     forms = {name for name, parameters in takes.items() if "form" in parameters}
     assert forms == set(CALLS)

@@ -149,7 +149,7 @@ def piles(dt: float, quick: bool) -> list[Row]:
             total = np.asarray(energy.kinetic + energy.potential)
             return float(np.max(total - np.minimum.accumulate(total)))
 
-        gaps = [np.minimum(scene.contact_gaps(q), 0.0) for q, _ in states]
+        gaps = [np.minimum(scene.contacts.gaps(q), 0.0) for q, _ in states]
         found += rows(scenario.name, {
             ("mean sum of squared penetrations", "m^2"): [float(np.mean(np.sum(gap**2, axis=1))) for gap in gaps],
             ("largest rise of the energy", "J"): [rise(*state) for state in states],

@@ -112,14 +112,14 @@ def scene_of(scenario: Scenario) -> phipsi.Scene:
     # Contacts with planes come first; pairs of balls are those of MuJoCo's collision detection.
     floor, *balls = scene.collider_names
     planes = scene.distances(q, pairs=[(floor, ball) for ball in balls]).distance
-    assert np.allclose(scenario.scene.contact_gaps(q)[: len(planes)], planes, rtol=1e-12, atol=1e-12)
+    assert np.allclose(scenario.scene.contacts.gaps(q)[: len(planes)], planes, rtol=1e-12, atol=1e-12)
     return scenario.scene
 
 
 def gaps_of(scene: phipsi.Scene, q: Array) -> Array:
     """Signed distances of contacts, or of shapes that overlap (infinite for others), (rows, contacts or pairs), m."""
-    if scene.contact_names or not scene._touching():
-        return scene.contact_gaps(q)
+    if scene.contacts.names or not scene._touching():
+        return scene.contacts.gaps(q)
     return scene.distances(q, limit=0.0).distance
 
 
@@ -161,10 +161,10 @@ def own(scenario: Scenario, scene: phipsi.Scene, dt: float) -> Motion:
     if scene.collider_names:
         pushes, root = of_shapes(scene, path, end)
         return Motion(path.q, path.qd, gaps_of(scene, path.q), pushes, root)
-    velocity = scene.contact_velocities(path.q[:-1], end)
-    velocity[..., 2] += np.maximum(scene.contact_gaps(path.q[:-1]), 0.0) / dt
-    held = np.stack([path.contacts.force[name][1:] * dt for name in scene.contact_names], axis=1)
-    struck = np.stack([path.contacts.impulse[name][1:] for name in scene.contact_names], axis=1)
+    velocity = scene.contacts.velocities(path.q[:-1], end)
+    velocity[..., 2] += np.maximum(scene.contacts.gaps(path.q[:-1]), 0.0) / dt
+    held = np.stack([path.contacts.force[name][1:] * dt for name in scene.contacts.names], axis=1)
+    struck = np.stack([path.contacts.impulse[name][1:] for name in scene.contacts.names], axis=1)
     friction = np.array([contact[6] for contact in scene._contacts()])
     near = held[..., 2] > 0
     order = [2, 0, 1]

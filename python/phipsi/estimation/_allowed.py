@@ -26,7 +26,7 @@ def allowed_motions(scene: Scene, q: _Array, transmission: _Array | None = None)
     projector on these motions: its singular values are zero, or one and more. The rank is that of the scene, which
     also knows the tolerance of its linkages.
     """
-    projector = scene.constrained_mass_matrix_inverse(q) @ scene.mass_matrix(q)
+    projector = scene.loops.mass_matrix_inverse(q) @ scene.mass_matrix(q)
     if transmission is not None:
         projector = transmission @ projector @ np.linalg.inv(transmission)
     left, values, _ = np.linalg.svd(projector)
@@ -36,7 +36,7 @@ def allowed_motions(scene: Scene, q: _Array, transmission: _Array | None = None)
 def on_connections(scene: Scene, q: _Array, qd: _Array) -> tuple[_Array, _Array, _Array]:
     """States on the connections near the given ones, and accelerations that they allow; those without one are omitted."""
     with np.errstate(invalid="ignore"):
-        found = scene.project(q, qd, errors="nan")
+        found = scene.loops.project(q, qd, errors="nan")
         assert found.qd is not None
         good = np.isfinite(found.q).all(axis=-1) & np.isfinite(found.qd).all(axis=-1)
         q, qd = found.q[good], found.qd[good]
@@ -55,7 +55,7 @@ class Tangent(NamedTuple):
     """Tangent space of the connections at states (q in its tangent space, qd)."""
 
     projection: _Array
-    """Derivative of Scene.project, (..., 2 nv, 2 nv)."""
+    """Derivative of Scene.loops.project, (..., 2 nv, 2 nv)."""
     basis: _Array
     """Errors that the connections allow, as columns, (..., 2 nv, 2 m) for m motions; columns can be zero."""
     coordinates: _Array

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._summary import summarized
 from ._columns import Columns
 from ._student import student_quantile
 
@@ -36,6 +37,7 @@ class Combinations(NamedTuple):
     """Base parameters = matrix @ parameters, (base, width)."""
 
 
+@summarized
 class BaseParameters(NamedTuple):
     """Combinations of parameters that torques depend on, estimated by least squares without a prior."""
 

@@ -20,7 +20,7 @@ from ._most_probable import BASIS
 if TYPE_CHECKING:
     from .._core import Scene
 
-__all__ = ["bodies_of", "prior_of_bodies", "to_moments", "to_parameters", "with_parameters"]
+__all__ = ["bodies_of", "prior_of_bodies", "to_moments", "to_parameters"]
 
 _Array = NDArray[np.float64]
 
@@ -115,18 +115,3 @@ def _size(scene: Scene) -> float:
     """Largest extent of the link origins at the neutral configuration, m; 1 if it is zero."""
     points = [place[:3, 3] for place in scene.placements(scene.neutral()).values()]
     return float(np.ptp(points, axis=0).max()) or 1.0
-
-
-def with_parameters(scene: Scene, free: Sequence[int], parameters: _Array) -> Scene:
-    """Scene with new parameters of the bodies at `free`, including the links fixed to them."""
-    names, of = scene.body_names, bodies_of(scene)
-    found = {names[at] for at in free}
-    links: dict[str, tuple[float, ArrayLike, ArrayLike | None]] = {
-        link: (0.0, np.zeros(3), None) for link, body in of.items() if body in found and link not in found
-    }
-    for at in free:
-        moments = to_moments(parameters[at])
-        mass, com = moments[3, 3], moments[:3, 3] / moments[3, 3]
-        sigma = moments[:3, :3] - mass * np.outer(com, com)
-        links[names[at]] = (float(mass), com, np.trace(sigma) * np.eye(3) - sigma)
-    return scene.with_inertias(links)

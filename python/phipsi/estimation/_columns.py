@@ -131,7 +131,7 @@ class Columns:
         if "joint_friction" in fit:
             self._coulomb = np.where(self.beside, 0.0, self._coulomb)
         #: True if torques are determined only as far as they act on motions that the connections allow.
-        self.connected = bool(scene.constraint_names)
+        self.connected = bool(scene.loops.names)
         self.motor_names = self._names()
         self.extras = [] if not self.fit else list(self._extras())
         self.width = 10 * len(self.free) + len(self.extras)

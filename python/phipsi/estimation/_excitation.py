@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from .._arguments import check_tree, names_of, numbers
 from .._friction import opposing
+from .._summary import summarized
 from ..errors import ArgumentError, InertiaWarning, ShapeError, of_argument
 from ._base import combinations
 from ._bodies import prior_of_bodies
@@ -41,6 +42,7 @@ NOISE = 0.01
 WIDE = 1e3
 
 
+@summarized
 class Excitation(NamedTuple):
     """Excitation trajectory, and predicted accuracy of the parameters. The initial velocity is not zero."""
 

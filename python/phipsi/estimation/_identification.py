@@ -39,7 +39,6 @@ from .._install import need_pages
 from ..errors import ArgumentError, IdentificationWarning, PhipsiError, ShapeError, of_argument, warn
 from ._accumulator import Accumulator, _halved, merged_triangles
 from ._base import BaseParameters, Combinations, combinations
-from ._bodies import with_parameters
 from ._checks import checked_time
 from ._columns import ASYMMETRIC, PROPERTIES, SIGNED, Columns, Extra, flattened
 from ._faults import BEYOND, Clock, beyond_bodies, warn_of_bodies
@@ -130,6 +129,11 @@ class Identification:
     """Standard deviation of `clock_offset`, s, by blocks of time; NaN without times."""
     outliers: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     """Number of torques of each motor that were not used, (motors,), because they are outliers."""
+
+    def __repr__(self) -> str:
+        rms = [float(np.nanmax(of, initial=0.0)) for of in (self.before, self.after)]
+        known = f"{len(self.parameters)} bodies from {self.states} states, {self.known} combinations of parameters known"
+        return f"<phipsi.Identification: {known}, residual of torques up to {rms[1]:.3g} (before {rms[0]:.3g})>"
 
     @property
     def parameter_covariance(self) -> ParameterCovariance:
@@ -439,14 +443,14 @@ class Identification:
         measured, torques = self._measured_and_predicted((q, qd, qdd, tau))
         return np.asarray(measured - torques)
 
-    def sample(self, n: int, *, rng: np.random.Generator | int | None = None) -> dict[str, _Array]:
+    def sample(self, n: int, *, seed: np.random.Generator | int | None = None) -> dict[str, _Array]:
         """Sample models from the uncertainty of the identification, which a physical robot can have.
 
         Parameters
         ----------
         n : int
             Number of models.
-        rng : numpy.random.Generator or int, optional
+        seed : numpy.random.Generator or int, optional
             Generator or seed; None: unpredictable.
 
         Returns
@@ -466,10 +470,10 @@ class Identification:
         >>> q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
         >>> tau = scene.inverse_dynamics(q, qd, qdd) + 0.2 * qd
         >>> found = scene.identify(q, qd, qdd, tau, fit=["damping"], noise=0.01)
-        >>> {name: values.shape for name, values in found.sample(100, rng=0).items()}
+        >>> {name: values.shape for name, values in found.sample(100, seed=0).items()}
         {'inertias': (100, 2, 10), 'damping': (100, 2)}
         """
-        return ParameterCovariance(self.scene, self).sample(n, rng=rng)
+        return ParameterCovariance(self.scene, self).sample(n, seed=seed)
 
     def report(
         self,
@@ -963,7 +967,9 @@ def _bias(problem: Problem, weights: _Array, estimate: tuple[NDArray[np.intp], _
 
 def _scene(columns: Columns, parameters: _Array, joints: dict[str, dict[str, float]]) -> Scene:
     """Scene with the estimated parameters."""
-    scene = with_parameters(columns.scene, columns.free, parameters)
+    values = columns.scene.inertial_parameters.copy()
+    values[columns.free] = parameters[columns.free]
+    scene = columns.scene.with_inertial_parameters(values)
     properties: dict[str, dict[str, float]] = {}
     shared: list[str] = []
     lacking: list[str] = []

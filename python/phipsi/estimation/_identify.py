@@ -59,7 +59,7 @@ def identify(
         if not (np.isfinite(outliers) and outliers >= LEAST):
             expected = f"expected a number of standard deviations, at least {LEAST:g}"
             raise of_argument(ArgumentError, "outliers", f"found {outliers}; {expected}")
-        if scene.constraint_names:
+        if scene.loops.names:
             found = "found a scene with connections, which determine sums of the torques"
             raise of_argument(ArgumentError, "outliers", f"{found}; expected None")
     q, qd, qdd, tau = _log(scene, q, qd, qdd, tau)

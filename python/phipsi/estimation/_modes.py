@@ -36,10 +36,10 @@ def contact_velocities(scene: Scene, q: _Array, dt: float) -> _Array:
 
     Of each contact, the gap divided by the step, and the velocity along the surface, which is zero without friction.
     """
-    nv, names = scene.nv, scene.contact_names
-    moved = [scene.contact_gaps(scene.integrate(q[..., None, :], by * np.eye(nv))) for by in (STEP, -STEP)]
+    nv, names = scene.nv, scene.contacts.names
+    moved = [scene.contacts.gaps(scene.integrate(q[..., None, :], by * np.eye(nv))) for by in (STEP, -STEP)]
     gaps = np.swapaxes(moved[0] - moved[1], -1, -2) / (2.0 * STEP)
-    along = np.moveaxis(scene.contact_velocities(q[..., None, :], np.eye(nv)), -3, -1)
+    along = np.moveaxis(scene.contacts.velocities(q[..., None, :], np.eye(nv)), -3, -1)
     normal = np.einsum("...in,...n->...i", np.linalg.pinv(np.swapaxes(along, -1, -2)), gaps)
     square = np.sum(normal**2, axis=-1, keepdims=True)
     normal = np.divide(normal, np.sqrt(square), where=square > 0.0, out=np.zeros_like(normal))
@@ -55,7 +55,7 @@ class ModeMargins:
     """The first contact whose margin is less than the error of its velocity."""
 
     def __init__(self, path: Trajectory) -> None:
-        self.path, self.names = path, path.scene.contact_names
+        self.path, self.names = path, path.scene.contacts.names
         self.found: tuple[int, str] | None = None
 
     def closed(self, row: int | NDArray[np.int_]) -> NDArray[np.bool_]:

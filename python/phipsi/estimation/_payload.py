@@ -200,7 +200,7 @@ def identify_gains(
         raise of_argument(ArgumentError, "without", f"{found}; expected a scene without")
     _check_homogeneous(columns.scene, columns.fit, columns.keep)
     scene = columns.scene
-    changed = (scene.with_payload(*load[:3], inertia=load[3]).parameters - scene.parameters)[pair.body]
+    changed = (scene.with_payload(*load[:3], inertia=load[3]).inertial_parameters - scene.inertial_parameters)[pair.body]
     inverse, deviations, blocks = *np.full((2, columns.motors), np.nan), 0
     for motor in range(columns.motors):
         if not all(problem.counts[motor] for problem in pair.problems):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from .._summary import summarized
 from ..errors import ArgumentError, LogWarning, ShapeError, of_argument, warn
 from ._checks import checked_time
 from ._values import each
@@ -34,6 +35,7 @@ ENDS = 1.5
 STEPS = 40
 
 
+@summarized
 @dataclass(frozen=True, eq=False)
 class Smoothed:
     """Smoothed positions, velocities and accelerations, with their uncertainty."""

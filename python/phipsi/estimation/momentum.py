@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from .._arguments import check_result, numbers
+from .._summary import summarized
 from ..errors import ArgumentError, ShapeError, SingularTaskError, of_argument
 from ._allowed import allowed_motions, mobility
 from ._values import each, positive
@@ -32,6 +33,7 @@ FILTERED = (1e-9, 1e3)
 SWEEPS = 50
 
 
+@summarized
 class ObservedTorque(NamedTuple):
     """Result of a step of the momentum observer."""
 
@@ -169,7 +171,7 @@ class MomentumObserver:
         self._deviation = np.sqrt(density)
         self._parameters = ParameterCovariance(scene, parameters)
         self._load = None if load is None else _checked_load(scene, load)
-        self._connected = bool(scene.constraint_names)
+        self._connected = bool(scene.loops.names)
         self._white = WhiteMomentum(process, spread**2, self.dt) if spread.any() or time.any() else None
         #: Friction whose impulses oscillate through the innovations of correlated noise is larger there.
         self._allowed = self._stiction * np.maximum(1.0, 2.0 * bandwidth * time - 1.0)

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._summary import summarized
+
 __all__ = ["ExternalWrench", "ObserverEstimate", "SmoothedMotion"]
 
 _Array = NDArray[np.float64]
@@ -44,6 +46,7 @@ class ExternalWrench:
     deviation: ArrayLike | None = None
 
 
+@summarized
 class ObserverEstimate(NamedTuple):
     """Estimate of the observer at the time of the readings of a step."""
 
@@ -67,6 +70,7 @@ class ObserverEstimate(NamedTuple):
     """Readings of that time beyond the gate of their sensor, which were not processed, by its name, (..., m)."""
 
 
+@summarized
 class SmoothedMotion(NamedTuple):
     """Smoothed estimates: the estimate at each time from the readings of all times."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from .._summary import summarized
 from ..errors import ArgumentError, ShapeError, of_argument
 from ._values import positive
 
@@ -31,6 +32,7 @@ SWEEPS = 60
 WORTH = 3.0
 
 
+@summarized
 class MomentumNoise(NamedTuple):
     """Noise of joint torques and velocities, as arguments of Scene.momentum_observer."""
 
@@ -86,7 +88,7 @@ def momentum_noise(scene: Scene, dt: float, q: ArrayLike, qd: ArrayLike, tau: Ar
     >>> observer = scene.momentum_observer(1e-3, bandwidth=10.0, **noise._asdict())
     """
     dt = positive("dt", dt)
-    if scene.constraint_names:
+    if scene.loops.names:
         raise of_argument(ArgumentError, "scene", "found connections, whose forces are unknown; expected a tree")
     given = (("q", q, scene, True), ("qd", qd, scene), ("tau", tau, scene))
     q_, qd_, tau_ = (np.asarray(_core._numbers(*one)) for one in given)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._arguments import numbers
 from .._friction import check_coulomb
 from .._motion_parts import has_steps, with_steps
+from .._summary import summarized
 from .._trajectory_files import OF_MODELS
 from ..errors import ArgumentError, InertiaWarning, ShapeError, UncertaintyWarning, of_argument, warn
 from ._allowed import Tangent, tangent_of_connections
@@ -53,7 +54,7 @@ class MotionUncertainty:
         Scene.forward_dynamics_variance. The errors are constant along a trajectory.
     initial : (2 nv, 2 nv) or (2 nv,), optional
         Initial covariance, or variances: of q in its tangent space, then of qd. With connections, errors that leave
-        them are projected onto them as by Scene.project, with least kinetic energy.
+        them are projected onto them as by Scene.loops.project, with least kinetic energy.
     torque_noise : (nv,) or float, optional
         Density of white torque noise, (N m)^2 s.
     check : str, optional
@@ -90,6 +91,7 @@ class MotionUncertainty:
     seed: int = 0
 
 
+@summarized
 class Bands(NamedTuple):
     """Error bands of a trajectory, for each row."""
 
@@ -195,14 +197,14 @@ class _Propagation:
         exact = None if np.any(self.friction > 0.0) else FRICTION_SPEED
         self.speed = self.given.get("friction_speed") or exact
         #: The solution of the contact law depends on the step before, so that every step is a row there.
-        self.every = path.record_every if self.scene.contact_names else 1
+        self.every = path.record_every if self.scene.contacts.names else 1
         self.whole = self._every_step() if self.every > 1 else path
         #: True if margins of contacts are compared with errors; samples and smoothed contacts have no modes.
         self.has_modes = bool(
-            self.scene.contact_names and uncertainty.check is None and not self.given.get("smoothing")
+            self.scene.contacts.names and uncertainty.check is None and not self.given.get("smoothing")
         )
         #: True if states satisfy the connections; their errors are then tangent to them.
-        self.rigid = bool(self.scene.constraint_names) and self._is_rigid()
+        self.rigid = bool(self.scene.loops.names) and self._is_rigid()
         if self.rigid:
             self.initial = self._tangent(np.array([0])).projection[..., 0, :, :] @ self.initial
 
@@ -298,7 +300,7 @@ class _Propagation:
         if contacts is None or not contacts.shapes.names:
             return
         pairs = contacts.shapes.pairs()
-        if pairs or (not self.scene.contact_names and np.any(contacts.iterations > 0)):
+        if pairs or (not self.scene.contacts.names and np.any(contacts.iterations > 0)):
             found = f"shapes that touch ({pairs[0][0]!r} and {pairs[0][1]!r})" if pairs else "shapes that touch between the rows"
             warn(
                 f"covariance: found {found}; the bands are those of fixed modes (open, sticking, sliding), and errors"
@@ -310,7 +312,7 @@ class _Propagation:
         """Derivatives of rows after the first, and of the velocities of contacts in steps that they do not affect."""
         path, scene, every = self.whole, self.scene, self.whole.record_every
         batch, rows = path.q.shape[:-2], (self.path.q.shape[-2] - 1) * self.every
-        most = max(2 * scene.nv, PER_CONTACT * len(scene.contact_names))
+        most = max(2 * scene.nv, PER_CONTACT * len(scene.contacts.names))
         bodies = len(scene.body_names) if len(self.parameters.columns) else 0
         values = math.prod(batch) * most * ((5 + every) * scene.nv + 10 * bodies)
         size = max(1, VALUES // max(1, values))
@@ -364,7 +366,7 @@ class _Propagation:
                 **given,
             )
         except ArgumentError as error:
-            if not ((scene.contact_names or scene.collider_names) and error.argument in ("q", "qd")):
+            if not ((scene.contacts.names or scene.collider_names) and error.argument in ("q", "qd")):
                 raise
             raise of_argument(
                 ArgumentError,
@@ -440,11 +442,13 @@ class _Propagation:
             self.scene.nv,
             {name: value for name, value in self.given.items() if value is not None},
         )
-        scene = (
-            _with_parameters(self.scene, np.einsum("s,sbp->bp", of_bodies, self.parameters.columns))
-            if len(of_bodies)
-            else self.scene
-        )
+        scene = self.scene
+        if len(of_bodies):
+            with warnings.catch_warnings():
+                # Sampled parameters need not be physically consistent; only their mean is.
+                warnings.simplefilter("ignore", InertiaWarning)
+                change = np.einsum("s,sbp->bp", of_bodies, self.parameters.columns)
+                scene = scene.with_inertial_parameters(scene.inertial_parameters + change)
         changed = np.einsum("s,sja->ja", of_bodies, self.of_joints)
         for (row, column), amount in zip(self.joints, of_joints, strict=True):
             changed[row] += amount * column
@@ -478,7 +482,7 @@ class _Propagation:
             given["friction_speed"] = self.speed
         q, qd = self.scene.integrate(q, start[..., :nv]), qd + start[..., nv:]
         if self.rigid:
-            closed = self.scene.project(q, qd)
+            closed = self.scene.loops.project(q, qd)
             assert closed.qd is not None
             q, qd = closed.q, closed.qd
         return scene.simulate(
@@ -490,33 +494,3 @@ class _Propagation:
             tau_steps=tau,
             **given,
         )
-
-
-def _with_parameters(scene: Scene, change: _Array) -> Scene:
-    """Scene with changed inertial parameters of its bodies."""
-    inertias = {}
-    for name, d in zip(scene.body_names, change, strict=True):
-        if not d.any():
-            continue
-        link = scene.link(name)
-        mass = link.mass + d[0]
-        if not mass > 0.0:
-            raise of_argument(
-                ArgumentError,
-                "parameters",
-                f"found a deviation that makes the mass of {name!r} {mass:.3g} kg in a simulation of the check;"
-                " expected smaller ones, or check=None",
-            )
-        xx, xy, yy, xz, yz, zz = d[4:]
-        shift = np.asarray(link.com)
-        about = (
-            np.asarray(link.inertia)
-            + link.mass * (shift @ shift * np.eye(3) - np.outer(shift, shift))
-            + np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        )
-        com = (link.mass * shift + d[1:4]) / mass
-        inertias[name] = mass, com, about - mass * (com @ com * np.eye(3) - np.outer(com, com))
-    with warnings.catch_warnings():
-        # Sampled parameters need not be physically consistent; only their mean is.
-        warnings.simplefilter("ignore", InertiaWarning)
-        return scene.with_inertias(inertias)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import has_followers, numbers
 from .._random import generator_of
+from .._summary import summarized
 from ..errors import ArgumentError, NotFiniteError, ShapeError, of_argument
 from ._columns import OF_JOINTS, Columns, Extra, flattened
 from ._sampling import sample
@@ -29,6 +30,7 @@ JOINT_PARAMETERS = ("armature", "damping", "friction", "offset")
 ROUNDING = 1e-12
 
 
+@summarized
 class AccelerationVariance(NamedTuple):
     """Variances of the accelerations of forward dynamics."""
 
@@ -131,14 +133,14 @@ class ParameterCovariance:
             self._columns[np.arange(len(body)), body] = self.blocks[body, column]
         return self._columns
 
-    def sample(self, n: int, *, rng: np.random.Generator | int | None = None) -> dict[str, _Array]:
+    def sample(self, n: int, *, seed: np.random.Generator | int | None = None) -> dict[str, _Array]:
         """Sample models that a physical robot can have, with the parameters of the scene as their mean.
 
         Parameters
         ----------
         n : int
             Number of models.
-        rng : numpy.random.Generator or int, optional
+        seed : numpy.random.Generator or int, optional
             Generator or seed; None: unpredictable.
 
         Returns
@@ -166,12 +168,12 @@ class ParameterCovariance:
         >>> from phipsi.estimation import ParameterCovariance
         >>> scene = phipsi.scenes.chain(2)
         >>> covariance = ParameterCovariance(scene, np.diag(([0.01] + [0.0] * 9) * 2))
-        >>> models = covariance.sample(1000, rng=0)
+        >>> models = covariance.sample(1000, seed=0)
         >>> path = scene.simulate([0.1, 0.2], np.zeros(2), dt=1e-3, steps=10, **models)
         >>> path.q.shape
         (1000, 11, 2)
         """
-        return sample(self, self._scene, n, generator_of(rng))
+        return sample(self, self._scene, n, generator_of(seed))
 
     @classmethod
     def _of_root(cls, model: Columns, root: _Array) -> ParameterCovariance:
@@ -398,7 +400,7 @@ def _has_rows(scene: Scene) -> bool:
 
     Their variances are formed from dense matrices.
     """
-    return bool(scene.constraint_names) or has_followers(scene)
+    return bool(scene.loops.names) or has_followers(scene)
 
 
 def _torque_covariance(
@@ -442,7 +444,7 @@ def forward_dynamics_variance(
     if _has_rows(scene):
         tree = {"wrenches": wrenches, "errors": errors}
         qdd = scene.forward_dynamics(q, qd, tau, **tree)
-        inverse = scene.constrained_mass_matrix_inverse(q) if scene.constraint_names else scene.mass_matrix_inverse(q)
+        inverse = scene.loops.mass_matrix_inverse(q) if scene.loops.names else scene.mass_matrix_inverse(q)
         spread = _torque_covariance(scene, (q, qd, qdd), found, noise, (joints, friction_speed), errors)
         whole = inverse @ spread @ np.swapaxes(inverse, -1, -2)
         variances = np.diagonal(whole, axis1=-2, axis2=-1).copy()

@@ -22,13 +22,13 @@ bar("rocker", "ground", (0.3, 0, 0), 0.25, "blue")
 builder.connect("pin", "axis", "coupler", "rocker", xyz=(0, 0, 0.35), other_xyz=(0, 0, 0.25), axis=(0, 1, 0))
 scene = builder.build()
 
-q, _, rank = scene.project([0.0, 1.0, 0.0])  # the nearest state with a closed loop
+q, _, rank = scene.loops.project([0.0, 1.0, 0.0])  # the nearest state with a closed loop
 path = scene.simulate(q, np.zeros(3), dt=1e-3, duration=2.0, tau=[1.5, 0.0, 0.0])
 
 turns = (path.q[-1, 0] - path.q[0, 0]) / (2 * np.pi)
-force = np.linalg.norm(scene.constrained_dynamics(path.q[-1], path.qd[-1], [1.5, 0.0, 0.0]).forces["pin"][3:])
+force = np.linalg.norm(scene.loops.dynamics(path.q[-1], path.qd[-1], [1.5, 0.0, 0.0]).forces["pin"][3:])
 print(f"{scene.nv - rank} degree of freedom; {turns:.1f} turns of the crank; the pin carries {force:.0f} N at the end")
-assert scene.nv - rank == 1 and np.abs(scene.constraint_error(path.q)).max() < 1e-9
+assert scene.nv - rank == 1 and np.abs(scene.loops.error(path.q)).max() < 1e-9
 
 if __name__ == "__main__":
     print("written:", scene.show(path, to="four_bar.html"))

@@ -44,7 +44,7 @@ assert contacts is not None
 held = sum(contacts.force[f"{name}{i}"][2] for name in ("left", "right") for i in range(4))
 print(f"the block is {1000 * raised:.1f} mm above the table; friction carries {-held:.2f} N of {0.3 * 9.81:.2f} N")
 assert abs(raised - height) < 2e-3 and np.isclose(-held, 0.3 * 9.81, rtol=1e-3)
-assert np.abs(scene.contact_velocities(simulator.q, simulator.qd)[:8]).max() < 1e-6
+assert np.abs(scene.contacts.velocities(simulator.q, simulator.qd)[:8]).max() < 1e-6
 
 if __name__ == "__main__":
     print("written:", scene.show(q, t=t, to="lift.html"))

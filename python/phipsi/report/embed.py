@@ -49,5 +49,5 @@ def robot(scene: Scene, motion: Trajectory | Array, t: Array | None = None) -> d
     html = view.page(scene, motion, t=t, shapes=[*(own or shapes.stand_ins(scene)), *shapes.of_colliders(scene, fixed_only=True)])
     # srcdoc is an attribute, in which only quotes and ampersands are special.
     frame = Markup('<iframe class="robot" title="The robot in motion" srcdoc="{}"></iframe>').format(html)
-    acts = "contacts" if scene.contact_names or scene.collider_names else "connections" if scene.constraint_names else None
+    acts = "contacts" if scene.contacts.names or scene.collider_names else "connections" if scene.loops.names else None
     return {"frame": frame, "meshes": bool(own), "lost": [str(one.message) for one in caught], "acts": acts if isinstance(motion, Trajectory) else None}

@@ -97,7 +97,7 @@ def write(path: Trajectory, folder: Path, *, table: bool) -> list[Path]:
     scene = path.scene
     archive = folder / "trajectory.npz"
     found = path._archive(compact=True) | {"dt": path.dt, "method": path.method}
-    if scene.constraint_names:
+    if scene.loops.names:
         found["drift"] = path.drift
     if path.bands is not None:
         found |= {"q_deviation": path.bands.q, "qd_deviation": path.bands.qd, "covariance": path.bands.covariance}

@@ -88,7 +88,7 @@ def over_time(run: Run) -> Chart:
             found.append((f"force of {forces.what}s, N", sizes_of))
     kinds = {"kinetic": energy.kinetic, "potential": energy.potential, "spring": energy.spring, "total": energy.total}
     found.append(("energy, J", {name: values[rows] for name, values in kinds.items() if name == "total" or np.any(values)}))
-    if scene.constraint_names:
+    if scene.loops.names:
         found.append(("constraint error, m or rad", {"drift": path.drift[rows]}))
     # Names of one legend, which the panels of joints share, have different colors.
     joints = list(dict.fromkeys(label for _, values in found[:2] for label in values))

@@ -107,8 +107,8 @@ def simulate(
                 raise BadInput(f"--check: found {check} without uncertainties; expected --covariance or --noise")
             uncertainty = replace(uncertainty, check=check)
         q, qd = start["q"], start["qd"]
-        if scene.constraint_names:
-            nearest = scene.project(q, qd)
+        if scene.loops.names:
+            nearest = scene.loops.project(q, qd)
             q, qd = nearest.q, np.asarray(nearest.qd)
         law = PD(*_gains(scene, *hold), q) if hold is not None else None
         try:
@@ -201,7 +201,7 @@ def _tell(name: str, path: Trajectory) -> None:
         click.echo(f"{plural(len(path.stops), 'impact')} on joint stops, the first at {path.stops[0].joint}, t = {path.stops[0].time:.4g} s")
     if found := touches(path):
         click.echo(f"{plural(len(found), 'pair')} of shapes touched; largest force {found[0].largest_force:.4g} N: {found[0].first} on {found[0].second}")
-    if path.scene.constraint_names:
+    if path.scene.loops.names:
         click.echo(f"largest constraint error of the connections: {path.drift.max():.1e} m or rad")
     for one in path.violations():
         click.echo(f"limit exceeded: {one.joint}, {one.limit} {one.bound:g}, first at t = {one.time:g} s, worst {one.worst:.4g}")

@@ -28,7 +28,7 @@ from .._pose import angles
 from .._xacro import COMMENT, expanded_again
 from ..errors import ArgumentError, MeshWarning, warn
 from ..mujoco import rotation
-from ..shapes import has_text, texts_of
+from ..shapes import FROM_MJCF, has_text, texts_of
 
 _Array = NDArray[np.float64]
 
@@ -128,6 +128,11 @@ def of_file(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
     file = scene.file
     found = [] if file is None or not file.is_file() or has_text(scene) else _of_path(scene, file)
     for source, text in texts_of(scene):
+        if text.startswith(FROM_MJCF):
+            part = ElementTree.fromstring(text)
+            if (file := Path(part.get("file", ""))).is_file():
+                found += of_mujoco(scene, file, part.get("prefix", ""))
+            continue
         # Paths in a text without a file are relative to the working directory.
         found += _of_urdf(scene, source or Path("urdf").absolute(), text)
     return found
@@ -370,15 +375,15 @@ SHOWN = (0, 1, 2)
 UNSET = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 
-def of_mujoco(scene: Scene, file: Path) -> Iterator[Shape]:
-    """Shapes of bodies of the scene, except planes and height fields."""
+def of_mujoco(scene: Scene, file: Path, prefix: str = "") -> Iterator[Shape]:
+    """Shapes of bodies of the scene, except planes and height fields; prefix: of the names of its links."""
     import mujoco
 
     kinds = mujoco.mjtGeom
     model, _ = compiled(file)
     known, bodies = set(scene.link_names), Names(model).bodies
     for at in range(model.ngeom):
-        link, (x, y, z) = bodies[model.geom_bodyid[at]], model.geom_size[at]
+        link, (x, y, z) = prefix + bodies[model.geom_bodyid[at]], model.geom_size[at]
         if model.geom_group[at] not in SHOWN or link not in known:
             continue
         kind = model.geom_type[at]

@@ -50,7 +50,7 @@ impl Scene {
                 outcome.rank,
                 self.constraint_rows()
             ),
-            expected: "connections that agree with each other, at positions and velocities that meet them (scene.project gives such)"
+            expected: "connections that agree with each other, at positions and velocities that meet them (scene.loops.project gives such)"
                 .to_owned(),
             residual: outcome.residual,
         }
@@ -77,7 +77,7 @@ impl Scene {
         }
         let remedy = format!(
             "a state that meets the connections to within {slack}{}",
-            in_language(", for instance that of Scene::project", ": q, qd, rank = scene.project(q, qd)")
+            in_language(", for instance that of Scene::project", ": q, qd, rank = scene.loops.project(q, qd)")
         );
         let mut rest = vec![0.0; self.constraints().rows];
         let worst =

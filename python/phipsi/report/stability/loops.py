@@ -133,7 +133,7 @@ def linkage(heavy: Sequence[int], ratio: float, seed: int) -> Linkage:
     length = np.full(LINKS, LENGTH)
     q, qd = ARCH + random.uniform(-0.1, 0.1, LINKS), random.uniform(-1.0, 1.0, LINKS)
     even = Linkage(np.ones(LINKS), length**2 / 12.0, length / 2.0, length, q, qd, random.uniform(-1.0, 1.0, LINKS))
-    held = even.scene().project(q, qd)
+    held = even.scene().loops.project(q, qd)
     assert held.qd is not None
     mass = np.array([ratio if k in heavy else 1.0 for k in range(LINKS)])
     return even._replace(mass=mass, inertia=mass * even.inertia, q=held.q, qd=held.qd)
@@ -155,7 +155,7 @@ def _loop(name: str, ratio: float, seeds: Sequence[int]) -> Loop:
         scene = one.scene()
         for form in DERIVED_FORMS:
             try:
-                found = _error(scene.constrained_dynamics(one.q, one.qd, one.tau, form=form).qdd, exact)
+                found = _error(scene.loops.dynamics(one.q, one.qd, one.tau, form=form).qdd, exact)
             except errors.PhipsiError as error:
                 found = Error(float("nan"), float("nan"), str(error))
             measured.setdefault(form, []).append(found)
@@ -173,8 +173,8 @@ def _dense(scene: _core.Scene, one: Linkage) -> Array:
     them.
     """
     plane = [2, 3]
-    rows = scene.constraint_jacobian(one.q)[plane]
+    rows = scene.loops.jacobian(one.q)[plane]
     matrix = np.block([[scene.mass_matrix(one.q), rows.T], [rows, np.zeros((2, 2))]])
-    right = np.concatenate([one.tau - scene.bias_torque(one.q, one.qd), -scene.constraint_bias(one.q, one.qd)[plane]])
+    right = np.concatenate([one.tau - scene.bias_torque(one.q, one.qd), -scene.loops.bias(one.q, one.qd)[plane]])
     solution: Array = np.linalg.solve(matrix, right)[: scene.nv]
     return solution

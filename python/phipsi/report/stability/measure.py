@@ -14,7 +14,7 @@ from ..pipeline import Findings
 from ..progress import Reporter
 from ..states import Array
 
-COVARIANCE, ROOT, LDLT, CHOLESKY = _core.FORMS
+AUTO, COVARIANCE, ROOT, LDLT, CHOLESKY = _core.FORMS
 #: Forms of derivatives.
 DERIVED_FORMS: tuple[Literal["auto", "covariance", "square-root"], ...] = ("auto", "covariance", "square-root")
 #: Number of random perturbations for each sensitivity.

@@ -10,7 +10,7 @@ import numpy as np
 from ... import _core
 from ..plotting import COLORS, GRAY, Axis, Chart, Panel, Plot, Series, level
 from ..text import power
-from .measure import COVARIANCE, ROOT, TIMED, Point, Stability
+from .measure import AUTO, COVARIANCE, ROOT, TIMED, Point, Stability
 
 ERROR = "relative error of accelerations"
 #: Plots against a parameter: file; case, title of the axis, caption.
@@ -29,8 +29,8 @@ def draw(found: Stability) -> list[Plot]:
 
 
 def _inks(found: Stability) -> dict[str, str]:
-    """A color per method."""
-    return dict(zip(_core.FORMS, COLORS, strict=False)) | {other.name: other.color for other in found.others}
+    """A color per method. auto is not drawn: its errors equal the errors of the form that it selects."""
+    return dict(zip((form for form in _core.FORMS if form != AUTO), COLORS, strict=False)) | {other.name: other.color for other in found.others}
 
 
 def _sweep(found: Stability, name: str, case: str, label: str) -> Chart:
@@ -73,7 +73,7 @@ def _timed(found: Stability, name: str, value: float) -> Panel:
     floor = next(point for point in found.of(name) if point.value == value).floor.norm
     series = [level("sensitivity of the problem", floor, x)]
     for row in rows:
-        if math.isfinite(row.norm):
+        if row.method != AUTO and math.isfinite(row.norm):
             series.append(Series(row.method, inks[row.method], [1e-9 * row.ns], [max(row.norm, 1e-18)], mark=9))
     title = f"{name}, {f'{value:g}' if 1e-2 <= value < 1e4 else power(round(math.log10(value)))}"
     return Panel(x, Axis.powers(ERROR, 1e-17, 1e2), series, title)

@@ -31,7 +31,7 @@ The mass of some bars is the ratio times that of the others. The reference is th
 Errors are in the max-norm, the maximum over the states.
 """
 CASES = """\
-Each value is the maximum over the states. The columns state and parameters are sensitivities; – means that a method failed or was not
+Each value is the maximum over the states. auto is the default form. The columns state and parameters are sensitivities; – means that a method failed or was not
 compared in all states, for the reason above.
 """
 
