@@ -21,6 +21,7 @@
 #   make numerics  after make peers: errors on extreme scenes, compared with the peers: writes docs/measured/numerics.md, its plots and the results in README.md (ten minutes)
 #   make motion [OUT=report]   after make peers: study of integrators, compared with the peers (some minutes)
 #   make robustness  after make test: completed simulations, their errors, energy and times, compared with MuJoCo: writes docs/measured/motion-robustness.md (ten minutes)
+#   make optimal-control      optimal control, compared with Crocoddyl, in .venv-crocoddyl: writes docs/measured/optimal-control.md (three minutes)
 #   make inverse-kinematics   inverse kinematics, compared with pink, mink and dynibo, in .venv-ik: writes docs/measured/inverse-kinematics-times.md (ten minutes)
 #   make loops-and-contacts  steps of closed loops compared with the tree, of a standing robot with MuJoCo: writes docs/measured/loops-and-contacts.md (a minute)
 #   make jax-calls      one call from a jitted program of JAX, through Python and as an operation of XLA: writes docs/measured/jax-calls.md

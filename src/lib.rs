@@ -146,6 +146,11 @@
 //! Compute joint positions that bring links to target poses within joint limits, from several starting points, with
 //! their covariance ([`inverse_kinematics`]).
 //!
+//! # Optimal control
+//!
+//! Compute motions of least cost with the feedback laws that hold a robot on them, within limits of effort, position
+//! and speed ([`control`]).
+//!
 //! # The paper's operators
 //!
 //! G. Rodriguez (JPL, 1987) formulated robot arm dynamics as an estimation problem. Spatial forces z(k) are the states
@@ -191,9 +196,9 @@
 //!
 //! # Features
 //!
-//! The default features are `estimation`, `inverse-kinematics`, `motion` and `report`. A program that needs the
-//! dynamics of single states alone compiles in half of the time with `default-features = false`. Without `lanes` every
-//! function exists and computes one state at a time in plain f64, with the same results up to rounding.
+//! The default features are `control`, `estimation`, `inverse-kinematics`, `motion` and `report`. A program that needs
+//! the dynamics of single states alone compiles in half of the time with `default-features = false`. Without `lanes`
+//! every function exists and computes one state at a time in plain f64, with the same results up to rounding.
 //!
 //! | feature | adds |
 //! |---|---|
@@ -201,6 +206,7 @@
 //! | `motion` | simulation, contacts, gradients of rollouts: [`motion`]; includes `derivatives` |
 //! | `estimation` | observers, variances, parts of identification (the rest is in Python): [`estimation`]; includes `derivatives` |
 //! | `inverse-kinematics` | [`inverse_kinematics`] |
+//! | `control` | optimal control: [`control`]; includes `estimation`, `inverse-kinematics` and `motion` |
 //! | `collision` | shapes that touch, by parry3d: [`scene::Collider`] |
 //! | `operators` | the operators of the paper as objects: [`operators`] |
 //! | `codegen` | code for one robot in C, CUDA or Rust: [`codegen`]; includes `derivatives` |
@@ -214,7 +220,13 @@
 //! | `python` | the Python module, built by maturin; not for use from Rust |
 
 #![cfg_attr(
-    not(all(feature = "estimation", feature = "inverse-kinematics", feature = "motion", feature = "report")),
+    not(all(
+        feature = "control",
+        feature = "estimation",
+        feature = "inverse-kinematics",
+        feature = "motion",
+        feature = "report"
+    )),
     allow(dead_code, unused_imports, rustdoc::broken_intra_doc_links)
 )]
 

@@ -23,7 +23,7 @@ body inertias are process noise covariances. Forward dynamics is a filter from t
 base to tip; the mass matrix is the covariance of the measurements.
 """
 
-from . import _glossary, errors, estimation, scenes, shapes, tasks
+from . import _glossary, control, errors, estimation, scenes, shapes, tasks
 from ._actuators import Actuator, Actuators
 from ._compare import Comparison, Difference, compare
 from ._compile import Compiled, compile

@@ -4183,11 +4183,86 @@ class Scene:
         effort: bool | ArrayLike | None = True,
         limits: bool = True,
         iterations: int = 100,
-        tolerance: float = 1e-10,
+        tolerance: float = 1e-6,
         limit_tolerance: float = 1e-6,
-        friction_speed: float = 0.1,
+        friction_speed: float = 0.2,
     ) -> Plan:
-        """X."""
+        """Motion of least cost with its feedback law: iterative LQR with limits of effort and other inequalities.
+
+        Parameters
+        ----------
+        q0 : (nq,) array_like
+            Initial configuration.
+        qd0 : (nv,) array_like, optional
+            Initial joint velocities; None: at rest.
+        dt : float
+            Time step, s.
+        steps : int
+            Number of steps.
+        costs : term or list of terms
+            Terms of phipsi.control (State, Effort, EffortRate, Function) and tasks of phipsi.tasks: half the squares of
+            errors divided by their standard deviations, times dt, at the knots before each step. Terminal(term) acts at
+            the end and is not multiplied by dt, During(term, first, last) at some knots. A leading axis of the target
+            of a task is that of its knots. NotPositive(function) is an inequality instead of a cost.
+        tau : (nv,) or (steps, nv) array_like, optional
+            First joint torques; None: those that hold q0 against gravity.
+        start : Plan or tuple of array_like, optional
+            First q (steps, nq) and qd (steps, nv) of the knots after q0, which the torques need not lead to (multiple
+            shooting), as from Plan.shift; None: the motion of the first torques.
+        effort : bool or array_like, default True
+            Limits of the torques: True: those of the joints; None: no limits; numbers, (nv,) or (2, nv) with smallest and
+            largest torques. A joint with the limit 0 has no control, nor has a floating base.
+        limits : bool, default True
+            If true, positions and speeds stay within the limits of the joints, at the knots after the start.
+        iterations : int, default 100
+            Largest number of iterations; 0: only the feedback law about the start.
+        tolerance : float, default 1e-10
+            The search ends when the model promises a decrease of at most this share of the cost.
+        limit_tolerance : float, default 1e-6
+            Largest violation of an inequality, in its unit.
+        friction_speed : float, default 0.1
+            Speed below which friction is viscous, rad/s or m/s; smaller values are nearer to dry friction and need more
+            iterations.
+
+        Returns
+        -------
+        plan : phipsi.control.Plan
+            q, qd, tau, gains, cost, converged, reason and history, with policy, shift, resume, show and save.
+
+        Raises
+        ------
+        ArgumentError
+            Friction curves, and friction of joints that others follow; terms and limits that do not fit.
+        ConstraintError
+            A start that violates the connections.
+        ShapeError, NotFiniteError, ArgumentError
+            An invalid argument or an unknown name. The message names the argument and the state.
+
+        Warns
+        -----
+        PlanWarning
+            A contact or two shapes that touch along the plan, which is made without contacts: points that stay in contact
+            are connections. Connections that the steps of the plan leave by more than 1 mm.
+
+        Notes
+        -----
+        A step is v' = v + dt a, q' = integrate(q, dt v'), that of simulate(method="implicit-euler"): springs, damping and
+        friction act at its end, and accelerations satisfy the connections. With limits=False joints pass their stops.
+
+        The Riccati recursion of the linear-quadratic model about the motion is the Kalman filter of the dynamics, run
+        from the end of the time to its start; the second derivatives are those of Gauss and Newton. Stages that lose
+        digits are computed again in array form. Step lengths are tried in lanes. O(steps nv^3) per iteration. Inequalities
+        are an augmented Lagrangian. Results have the same bits on any number of threads.
+
+        Examples
+        --------
+        >>> from phipsi import control
+        >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> goal = control.Terminal(phipsi.tasks.Position("link6", (0.5, 0.1, 0.4)))
+        >>> plan = scene.optimize([0.1] * 6, dt=0.02, steps=50, costs=[control.Effort(10.0), goal])
+        >>> plan.converged, bool(abs(scene.placement(plan.q[-1], "link6")[:3, 3] - [0.5, 0.1, 0.4]).max() < 1e-3)
+        (True, True)
+        """
     def identify(
         self,
         q: ArrayLike,

@@ -116,7 +116,7 @@ impl BoxedMinimum {
         }
     }
 
-    /// Moves u towards `trial` along the projected path until the function decreases.
+    /// Moves u to `trial` along the projected path until the function decreases.
     fn descend(&self, (d, g): (&[f64], &[f64]), (lower, upper): (&[f64], &[f64]), trial: &[f64], u: &mut [f64]) {
         let m = u.len();
         let value = |u: &[f64]| -> f64 {

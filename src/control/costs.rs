@@ -30,11 +30,12 @@ pub trait Residual: Send + Sync {
     ///
     /// # Errors
     ///
-    /// Those of the caller.
+    /// An error of the caller.
     fn evaluate(&self, state: [&[f64]; 3], residuals: &mut [f64], derivatives: [&mut [f64]; 3]) -> Result<(), Error>;
 }
 
 /// A term of the cost.
+#[non_exhaustive]
 pub enum Term {
     /// Tasks of inverse kinematics: one list for all knots, or one for each.
     Tasks(Vec<Vec<Task>>),
@@ -169,7 +170,9 @@ impl Cost {
                 }
                 for set in sets {
                     for task in set {
-                        *task = task.checked(dynamics.whole(), 0).map_err(|error| error.of_argument(&format!("costs[{at}]")))?;
+                        *task = task
+                            .checked(dynamics.whole(), 0)
+                            .map_err(|error| error.of_argument(&format!("costs[{at}]")))?;
                     }
                 }
                 Ok(())
@@ -201,7 +204,7 @@ impl Cost {
     ///
     /// # Errors
     ///
-    /// Those of tasks and of functions of the caller, and rotations by a whole turn.
+    /// Errors of tasks and of functions of the caller, and rotations by a whole turn.
     pub fn evaluate(
         &self,
         dynamics: &Dynamics,

@@ -7,7 +7,7 @@
 use super::stage::{Sizes, Turn};
 use crate::algorithm::{Algorithm, Arguments, Derivatives};
 use crate::batch::Evaluator;
-use crate::error::{Error, Fault};
+use crate::error::{Error, Fault, in_language};
 use crate::filter::Form;
 use crate::joints::{JointKind, Motion};
 use crate::model::StateModel;
@@ -61,7 +61,14 @@ impl Dynamics {
         let is_coupled = scene.coupling().is_some();
         if is_coupled && let Some(row) = forces.friction.iter().position(|&friction| friction != 0.0) {
             let found = format!("friction of joint {:?} in a scene whose joints follow others (mimic)", joint(row));
-            return Err(Error::argument("scene", found, "one without friction: scene.with_properties(friction=0.0)"));
+            return Err(Error::argument(
+                "scene",
+                found,
+                in_language(
+                    "one without friction: SceneBuilder::with_properties",
+                    "one without friction: scene.with_properties(friction=0.0)",
+                ),
+            ));
         }
         // The springs and the damping of coupled joints are explicit.
         let none = || vec![0.0; nv];
@@ -177,7 +184,7 @@ impl Dynamics {
     ///
     /// # Errors
     ///
-    /// Those of forward dynamics, with the index of the state.
+    /// An error of forward dynamics, with the index of the state.
     pub fn accelerations<'a>(
         &mut self,
         states: impl Iterator<Item = (&'a [f64], &'a [f64], &'a [f64])> + Clone,
@@ -194,7 +201,7 @@ impl Dynamics {
     ///
     /// # Errors
     ///
-    /// Those of the derivatives of forward dynamics, with the index of the state.
+    /// An error of the derivatives of forward dynamics, with the index of the state.
     pub fn derivatives<'a>(
         &mut self,
         states: impl Iterator<Item = (&'a [f64], &'a [f64], &'a [f64], &'a [f64])> + Clone,

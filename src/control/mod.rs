@@ -2,7 +2,7 @@
 //!
 //! The Riccati recursion of a linear-quadratic problem is eq. 3.6 with phi = A*, H = B*, the cost of the controls as
 //! the noise of measurements and the cost of the states as process noise. [`Optimizer`] repeats it about the motion
-//! that it found before (iterative LQR, with the second derivatives of Gauss and Newton), until the model promises no
+//! that it found before (iterative LQR, with the second derivatives of Gauss and Newton), until the model has no
 //! further decrease:
 //!
 //! ```text

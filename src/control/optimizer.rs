@@ -10,7 +10,6 @@ use super::stage::{Law, Model, Scratch, Sizes, Step, Turn, Value, stage};
 use crate::error::{Error, check_finite, check_length, check_positive};
 use crate::interrupt;
 use crate::joints::JointKind;
-use crate::motion::FRICTION_SPEED;
 use crate::scene::Scene;
 
 /// An optimal control problem of one scene.
@@ -27,7 +26,7 @@ pub struct Problem {
     pub effort: [Vec<f64>; 2],
     /// Largest number of iterations.
     pub iterations: usize,
-    /// The search ends when the model promises a decrease of at most this share of the cost.
+    /// The search ends when the model has a decrease of at most this share of the cost.
     pub tolerance: f64,
     /// Largest violation of an inequality, in its unit.
     pub limit_tolerance: f64,
@@ -50,9 +49,9 @@ impl Problem {
             costs: Vec::new(),
             effort: [effort.iter().map(|most| -most).collect(), effort],
             iterations: 100,
-            tolerance: 1e-10,
+            tolerance: 1e-6,
             limit_tolerance: 1e-6,
-            friction_speed: FRICTION_SPEED,
+            friction_speed: FRICTION_SPEED_OF_PLANS,
         }
     }
 
@@ -94,13 +93,13 @@ pub struct Start<'a> {
     pub states: Option<[&'a [f64]; 2]>,
 }
 
-/// What an iteration did.
+/// An iteration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Iteration {
     /// The cost after it.
     pub cost: f64,
-    /// The decrease that the model promised for the whole step.
+    /// The decrease of the model for the whole step.
     pub expected: f64,
     /// The step length; zero if no length decreased the cost.
     pub length: f64,
@@ -118,7 +117,7 @@ pub struct Iteration {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Outcome {
-    /// True if the model promises no further decrease, the defects vanish and the inequalities hold.
+    /// True if the model has no further decrease, the defects vanish and the inequalities hold.
     pub converged: bool,
     /// The cost, without that of inequalities.
     pub cost: f64,
@@ -170,9 +169,11 @@ pub struct Optimizer {
     defect_weight: f64,
 }
 
+/// Velocity below which friction is viscous, rad/s or m/s: near to dry friction, plans need many iterations.
+const FRICTION_SPEED_OF_PLANS: f64 = 0.2;
 /// Step lengths after which a search has failed.
 const SHORTEST: f64 = 1.0 / 1024.0;
-/// The share of the promised decrease that a step must reach.
+/// The share of the decrease of the model that a step must reach.
 const ARMIJO: f64 = 1e-4;
 /// Least and largest damping.
 const DAMPING: [f64; 2] = [1e-9, 1e10];
@@ -327,7 +328,7 @@ impl Optimizer {
             let is_feasible = self.defects.is_empty();
             let is_within = violation <= self.problem.limit_tolerance;
             if is_feasible && is_within && expected <= self.problem.tolerance * scale {
-                (converged, reason) = (true, "the model promises no further decrease");
+                (converged, reason) = (true, "the model has no further decrease");
                 break;
             }
             // The first multipliers are far from the last ones: the minimum for them is not worth many digits.
@@ -391,7 +392,7 @@ impl Optimizer {
     ///
     /// # Errors
     ///
-    /// Those of the derivatives.
+    /// An error of the derivatives.
     pub fn linearization(&mut self) -> Result<Linearization, Error> {
         self.linearize()?;
         let (steps, n, m) = (self.problem.steps, self.sizes.state(), self.sizes.controls);
@@ -738,8 +739,8 @@ impl Optimizer {
                 let found = self.merit(&rows, left);
                 (self.trial_rows, self.rollouts.motions[lane]) = (rows, trial);
                 let Ok(violation) = violation else { continue };
-                let promised = if is_feasible { model.decrease(length) } else { -length * slope };
-                if merit - found >= ARMIJO * promised && found.is_finite() {
+                let wanted = if is_feasible { model.decrease(length) } else { -length * slope };
+                if merit - found >= ARMIJO * wanted && found.is_finite() {
                     std::mem::swap(&mut self.motion, &mut self.rollouts.motions[lane]);
                     std::mem::swap(&mut self.rows, &mut self.trial_rows);
                     if length >= 1.0 {

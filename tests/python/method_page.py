@@ -51,6 +51,7 @@ TASKS = {
     "Identification, estimation and observers": (
         "identify", "regressor", "excitation", "estimate", "observer", "momentum_observer", "forward_dynamics_variance", "inverse_dynamics_variance",
     ),
+    "Optimal control": ("optimize",),
     "Checks": ("check",),
     "Code of one robot": ("to_c", "to_rust", "to_cuda"),
 }  # fmt: skip

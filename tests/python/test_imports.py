@@ -41,6 +41,7 @@ ROOMS = (
     "inverse_kinematics",
     "stochastic",
     "motion",
+    "control",
     "report",
     "plan",
     "python",

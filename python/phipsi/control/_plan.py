@@ -26,12 +26,12 @@ CLOSE = 1e-3
 
 
 class Iteration(NamedTuple):
-    """What an iteration of Scene.optimize did."""
+    """An iteration of Scene.optimize."""
 
     cost: float
     """Cost after it, without that of inequalities."""
     expected: float
-    """Decrease that the quadratic model promised for the whole step."""
+    """Decrease of the quadratic model for the whole step."""
     length: float
     """Step length; 0 if no length decreased the cost."""
     damping: float
@@ -41,7 +41,7 @@ class Iteration(NamedTuple):
     violation: float
     """Largest violation of an inequality after it."""
     array_stages: int
-    """Steps whose law was computed in array form, because the covariance form lost digits."""
+    """Steps whose law was computed in array form, because of rounding in the covariance form."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +66,12 @@ class Plan:
     cost : float
         Cost of the motion.
     converged : bool
-        True if the quadratic model promises no further decrease, the motion follows its efforts and the inequalities
+        True if the quadratic model has no further decrease, the motion follows its efforts and the inequalities
         hold.
     reason : str
         Why the search ended.
     history : list of Iteration
-        Cost, promised decrease and step length of each iteration.
+        Cost, expected decrease and step length of each iteration.
 
     Examples
     --------
@@ -311,6 +311,14 @@ class Plan:
         -------
         view
             As Scene.show.
+
+        Examples
+        --------
+        >>> import phipsi
+        >>> from phipsi import control
+        >>> scene = phipsi.scenes.chain(3)
+        >>> plan = scene.optimize([0.1] * 3, dt=0.02, steps=10, costs=control.Effort(1.0))
+        >>> page = plan.show(to="html")
         """
         return self.scene.show((self.t, self.q), **options)
 
@@ -374,9 +382,9 @@ def optimize(
     effort: Any = True,
     limits: bool = True,
     iterations: int = 100,
-    tolerance: float = 1e-10,
+    tolerance: float = 1e-6,
     limit_tolerance: float = 1e-6,
-    friction_speed: float = 0.1,
+    friction_speed: float = 0.2,
 ) -> Plan:
     """Scene.optimize."""
     from .._core import _Optimizer
@@ -403,7 +411,7 @@ def _warn_of_motion(plan: Plan) -> None:
         knot, at = np.unravel_index(np.argmin(gaps), gaps.shape)
         if gaps[knot, at] < -CLOSE:
             found = f"contact {scene.contacts.names[at]!r} {1e3 * -gaps[knot, at]:.3g} mm below its surface at step {knot}"
-    if not found and scene.contacts.collider_names:
+    if not found and scene.collider_names:
         apart = scene.distances(q, limit=0.0)
         if apart.distance.size and apart.distance.min() < -CLOSE:
             knot, at = np.unravel_index(np.argmin(apart.distance), apart.distance.shape)
