@@ -314,13 +314,16 @@ class Plan:
 
         Examples
         --------
-        >>> import phipsi
+        >>> import pathlib, phipsi, tempfile
         >>> from phipsi import control
         >>> scene = phipsi.scenes.chain(3)
         >>> plan = scene.optimize([0.1] * 3, dt=0.02, steps=10, costs=control.Effort(1.0))
-        >>> page = plan.show(to="html")
+        >>> path = pathlib.Path(tempfile.mkdtemp(), "plan.html")
+        >>> page = plan.show(to=path)
+        >>> path.exists()
+        True
         """
-        return self.scene.show((self.t, self.q), **options)
+        return self.scene.show(self.q, t=self.t, **options)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the arrays of the plan to a file of NumPy (.npz).
