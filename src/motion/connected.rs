@@ -15,7 +15,7 @@ use super::scratch::Scratch;
 use super::step_settings::StepSettings;
 use crate::batch::connected::{self, factor_rows, factors};
 use crate::batch::factor;
-use crate::batch::instruction_set::{Target, Vectorized, Work};
+use crate::batch::instruction_set::{Target, Vectorized, within_target};
 use crate::dynamics::constraints::{CLOSED, ConstraintKernel, FARTHEST, ROUNDED, Residuals, extent, largest_of};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
@@ -177,7 +177,7 @@ impl<T: Vectorized> Connected<T> {
         if self.is_hopeless {
             return u64::MAX;
         }
-        target.within(Finish { connected: self, target, form, s })
+        finish(target, self, form, s)
     }
 }
 
@@ -200,19 +200,9 @@ fn beyond_limits<T: Vectorized>(limits: &[LimitRow], (q, q_next): (&[T], &[T])) 
     lanes_but::<T>(|lane| within.lane(lane) >= 0.0)
 }
 
-struct Finish<'a, T: Vectorized, I> {
-    connected: &'a mut Connected<T>,
-    target: I,
-    form: Form,
-    s: &'a mut Scratch<T>,
-}
-
-impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn call(self) -> u64 {
-        let Self { connected, target, form, s } = self;
+within_target! {
+    /// As [`Connected::finish`].
+    fn finish<'a, T, I>(target; connected: &'a mut Connected<T>, form: Form, s: &'a mut Scratch<T>) -> u64 {
         let Connected { rows, own, innovations, change, moved, active, .. } = connected;
         let Scratch { model, constants, sweeps, q, q_stage, q_next, v_next, .. } = s;
         let zero = model.gravity[0].constant(0.0);

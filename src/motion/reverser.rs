@@ -19,23 +19,15 @@ use super::solver;
 use super::step_settings::{StepArguments, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
 use super::torque::{StepFault, Torque};
-use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized};
+use crate::batch::instruction_set::{InstructionSet, Target, Vectorized, on_instruction_set};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::filter::Form;
-#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-use crate::scalar::Fused;
-#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-use crate::scalar::Lanes;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
-#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-use pulp::x86::V3;
-#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-use pulp::x86::V4;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
-use step::{ConnectedStep, Step};
+use step::step;
 
 /// Largest number of consecutive steps that are recomputed and all stored.
 const KEPT_WHOLE: usize = 256;
@@ -113,7 +105,7 @@ impl Reverser {
     pub fn run(&mut self, job: &Job<'_>, out: &mut [f64]) -> Result<(), StepFault> {
         let (arm, form, alone) = (self.arm, self.form, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
-        let reversing = place.get_or_insert_with(|| scratch(job, (form, arm), alone));
+        let reversing = place.get_or_insert_with(|| on_instruction_set!((arm, alone), Compiled::boxed(job, form)));
         reversing.begin(job);
         let (every, mut start) = (job.rows.every, Vec::new());
         for row in (0..job.count).rev() {
@@ -190,28 +182,6 @@ fn through(
         through(stepper, reversing, (job, &current), from..(from + stride).min(steps.end), out)?;
     }
     Ok(())
-}
-
-/// Scratch memory in the scalar type of an instruction set, for one state or for several.
-fn scratch(job: &Job<'_>, (form, arm): (Form, InstructionSet), alone: bool) -> Box<dyn Reversing> {
-    let on_arm: Option<Box<dyn Reversing>> = match (arm, alone) {
-        (InstructionSet::Baseline, _) => Compiled::<f64, Baseline>::boxed(job, form),
-        #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(job, form),
-        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(job, form),
-        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
-        #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-        #[allow(unreachable_patterns)] // Avx512 is above if it is compiled
-        (InstructionSet::Avx2 | InstructionSet::Avx512 | InstructionSet::Neon, _) => {
-            Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(job, form)
-        }
-        // Not compiled, and therefore never selected.
-        #[allow(unreachable_patterns)]
-        _ => None,
-    };
-    on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(job, form, Baseline)))
 }
 
 /// Scratch memory in a scalar type, for code compiled for one instruction set.
@@ -411,14 +381,14 @@ fn through_impact(
 }
 
 impl<T: Vectorized, I: Target> Compiled<T, I> {
-    fn new(job: &Job<'_>, form: Form, target: I) -> Self {
+    fn boxed(job: &Job<'_>, form: Form, target: I) -> Box<dyn Reversing> {
         let scratch = Scratch::new(job.scene.model(), job.settings);
         let (zero, parameters) = (T::zero(), job.layout.bodies > 0);
         let limits = || if job.settings.stops { limit_rows(job.scene) } else { Vec::new() };
         let is_connected = job.settings.connected && job.settings.has_vectorized_adjoint();
         let connected = is_connected
             .then(|| Box::new(ConnectedReverse::new(job.scene, job.settings, &scratch, (limits(), parameters))));
-        Self {
+        Box::new(Self {
             connected,
             gradients: StepGradients::new(&scratch.model, job.settings, parameters),
             solver: VectorizedBackward::new(target, form, (&scratch.model, &scratch.constants)),
@@ -431,12 +401,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
             checked: None,
             closed: None,
             touching: None,
-        }
-    }
-
-    /// `None` if the processor does not support the instruction set.
-    fn boxed(job: &Job<'_>, form: Form) -> Option<Box<dyn Reversing>> {
-        Some(Box::new(Self::new(job, form, I::here()?)))
+        })
     }
 }
 
@@ -474,12 +439,7 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
     }
 
     fn step(&mut self, job: &Job<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault> {
-        let target = self.target;
-        let mut fallback = if self.connected.is_some() {
-            target.within(ConnectedStep(Step { compiled: self, job, n, start }))
-        } else {
-            target.within(Step { compiled: self, job, n, start })
-        };
+        let mut fallback = step(self.target, self, job, n, start);
         fallback &= u64::MAX >> (64 - job.states.len());
         if fallback != 0 {
             if job.settings.method == Method::Contact {

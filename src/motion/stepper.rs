@@ -2,7 +2,7 @@
 
 use super::closed_steps::{ClosedScratch, ClosedSteps};
 use super::connected::Connected;
-use super::contact::{ContactStepper, Shapes, Switching, Touching};
+use super::contact::{ContactStepper, Shapes, Switching, Touching, finish_contacts};
 use super::division::{Substeps, TreeSteps};
 use super::events::{Event, Events};
 use super::faults::{LARGEST_STEP, fault_of};
@@ -17,20 +17,14 @@ use super::step_settings::StepSettings;
 use super::torque::{StepFault, Torque};
 use super::totals::TOTALS;
 use super::works::add_work;
-use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
+use crate::batch::instruction_set::{
+    InstructionSet, Target, Vectorized, on_instruction_set, take_states, within_target,
+};
 use crate::batch::own_model::OwnInertias;
 use crate::error::Error;
 use crate::filter::Form;
-#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-use crate::scalar::Fused;
 use crate::scalar::lanes_but;
-#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-use crate::scalar::{Lanes, Real};
 use crate::scene::Scene;
-#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-use pulp::x86::V3;
-#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-use pulp::x86::V4;
 
 /// Advances states, for any scalar type.
 trait Stepping: Send + Sync {
@@ -56,13 +50,7 @@ impl Stepper {
 
     /// Largest number of states of a job.
     pub fn lanes(&self) -> usize {
-        match self.arm {
-            #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-            InstructionSet::Avx2 => Lanes::<V3>::LANES,
-            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-            InstructionSet::Avx512 => Lanes::<V4>::LANES,
-            _ => 1,
-        }
+        if self.arm == InstructionSet::Neon { 1 } else { self.arm.lanes() }
     }
 
     /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
@@ -94,31 +82,10 @@ impl Stepper {
         }
         let (arm, alone) = (self.arm, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
-        let scratch = place.get_or_insert_with(|| scratch(job.scene, job.settings, arm, alone));
+        let scratch =
+            place.get_or_insert_with(|| on_instruction_set!((arm, alone), Compiled::boxed(job.scene, job.settings)));
         scratch.run(self.form, &mut self.checked, job)
     }
-}
-
-/// Scratch memory in the scalar type of an instruction set, for one state or for several.
-fn scratch(scene: &Scene, settings: &StepSettings, arm: InstructionSet, alone: bool) -> Box<dyn Stepping> {
-    let on_arm: Option<Box<dyn Stepping>> = match (arm, alone) {
-        (InstructionSet::Baseline, _) => Compiled::<f64, Baseline>::boxed(scene, settings),
-        #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(scene, settings),
-        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(scene, settings),
-        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(scene, settings),
-        #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-        #[allow(unreachable_patterns)] // Avx512 is above if it is compiled
-        (InstructionSet::Avx2 | InstructionSet::Avx512 | InstructionSet::Neon, _) => {
-            Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(scene, settings)
-        }
-        // Not compiled, and therefore never selected.
-        #[allow(unreachable_patterns)]
-        _ => None,
-    };
-    on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(scene, settings, Baseline)))
 }
 
 /// Scratch memory in a scalar type, for code compiled for one instruction set.
@@ -133,18 +100,13 @@ struct Compiled<T: Vectorized, I> {
 }
 
 impl<T: Vectorized, I: Target> Compiled<T, I> {
-    /// `None` if the processor does not support the instruction set.
-    fn boxed(scene: &Scene, settings: &StepSettings) -> Option<Box<dyn Stepping>> {
-        Some(Box::new(Self::new(scene, settings, I::here()?)))
-    }
-
-    fn new(scene: &Scene, settings: &StepSettings, target: I) -> Self {
+    fn boxed(scene: &Scene, settings: &StepSettings, target: I) -> Box<dyn Stepping> {
         let scratch = Scratch::new(scene.model(), settings);
         let is_lanes = settings.connected && settings.is_vectorized();
         let limits = || if settings.stops { limit_rows(scene) } else { Vec::new() };
         let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch, limits())));
         let touching = settings.touches_in_lanes(scene).then(|| Box::new(Touching::new(scene, settings, &scratch)));
-        Self { scratch, target, connected, touching, own_inertias: None }
+        Box::new(Self { scratch, target, connected, touching, own_inertias: None })
     }
 }
 
@@ -221,30 +183,21 @@ impl CheckedState {
 
 impl<T: Vectorized, I: Target> Stepping for Compiled<T, I> {
     fn run(&mut self, form: Form, checked: &mut CheckedStates, job: Job<'_, '_>) -> Result<(), StepFault> {
-        let target = self.target;
-        let (connected, touching) = (self.connected.as_deref_mut(), self.touching.as_deref_mut());
-        let own_inertias = &mut self.own_inertias;
-        target.within(Run { scratch: &mut self.scratch, connected, touching, own_inertias, target, form, checked, job })
+        run(self.target, self, form, checked, job)
     }
 }
 
-struct Run<'a, 'r, T: Vectorized, I> {
-    scratch: &'a mut Scratch<T>,
-    connected: Option<&'a mut Connected<T>>,
-    touching: Option<&'a mut Touching<T>>,
-    own_inertias: &'a mut Option<Box<OwnInertias<T>>>,
-    target: I,
-    form: Form,
-    checked: &'a mut CheckedStates,
-    job: Job<'a, 'r>,
-}
-
-impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
-    type Output = Result<(), StepFault>;
-
-    #[inline(always)]
-    fn call(self) -> Result<(), StepFault> {
-        let Self { scratch: s, connected, mut touching, own_inertias, target, form, checked, job } = self;
+within_target! {
+    /// The steps of a job.
+    fn run<'a, 'r, T, I>(
+        target;
+        compiled: &'a mut Compiled<T, I>,
+        form: Form,
+        checked: &'a mut CheckedStates,
+        job: Job<'a, 'r>,
+    ) -> Result<(), StepFault> {
+        let Compiled { scratch: s, connected, touching, own_inertias, .. } = compiled;
+        let (connected, mut touching) = (connected.as_deref_mut(), touching.as_deref_mut());
         let Job { scene, settings, models, steps, states, begun, current, torque, .. } = job;
         let Job { mut rows, impacts, mut divisions, .. } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
@@ -274,8 +227,8 @@ impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
                 fallback |= connected.finish(target, form, s);
             }
             if let Some(touching) = &mut touching {
-                fallback =
-                    touching.finish((target, form), (scene, settings), s, ((&mut *current, width, kept), fallback));
+                let contacts = (&mut *current, width, kept);
+                fallback = finish_contacts(target, touching, form, (scene, settings), s, contacts, fallback);
             } else if settings.is_vectorized() {
                 fallback |= needs_fallback(settings, s);
                 add_work(settings, s);

@@ -13,7 +13,7 @@ use super::super::step::step;
 use super::super::step_settings::StepSettings;
 use super::{Connected, STEPS, beyond_limits, factors, kernel_of_rows, open_lanes, replace, slow, step_back};
 use crate::batch::accelerations::KernelArguments;
-use crate::batch::instruction_set::{Target, Vectorized, Work};
+use crate::batch::instruction_set::{Target, Vectorized, within_target};
 use crate::batch::{connected, factor, products};
 use crate::dynamics::constraints::{
     ConstraintKernel, Pushed, Residuals, RowFault, RowGradients, RowProducts, SolutionGradients, largest_of,
@@ -25,7 +25,6 @@ use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
-use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::scene::constraint::Constraints;
 use crate::spatial::RigidShift;
@@ -389,29 +388,19 @@ impl<T: Vectorized, I: Target> RowProducts<T> for At<'_, T, I> {
     }
 }
 
-/// Compiled once for all callers.
-#[inline(never)]
-fn add_row_gradients<T: Vectorized, I: Target>(
-    target: I,
-    rows: &mut RowGradients<T>,
-    at: AtMotion<'_, T>,
-    multipliers: &[T],
-    by: [&mut [T]; 2],
-) -> Result<(), RowFault> {
-    target.within(AddRowGradients(rows, at, multipliers, by))
-}
-
 /// A system, phi of every body, and (q, qd, qdd).
 type AtMotion<'a, T> = ((&'a Model<T>, &'a Constraints), &'a [RigidShift<T>], (&'a [T], &'a [T], &'a [T]));
 
-struct AddRowGradients<'a, T: Real>(&'a mut RowGradients<T>, AtMotion<'a, T>, &'a [T], [&'a mut [T]; 2]);
-
-impl<T: Vectorized> Work for AddRowGradients<'_, T> {
-    type Output = Result<(), RowFault>;
-
-    #[inline(always)]
-    fn call(self) -> Result<(), RowFault> {
-        let Self(rows, (system, shifts, motion), multipliers, by) = self;
+within_target! {
+    /// Compiled once for all callers.
+    #[inline(never)]
+    fn add_row_gradients<'a, T>(
+        rows: &'a mut RowGradients<T>,
+        at: AtMotion<'a, T>,
+        multipliers: &'a [T],
+        by: [&'a mut [T]; 2],
+    ) -> Result<(), RowFault> {
+        let (system, shifts, motion) = at;
         rows.add_acceleration_gradient(system, shifts, motion, multipliers, by)
     }
 }

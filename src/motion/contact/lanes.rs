@@ -21,7 +21,7 @@ use super::reach::touching_gap;
 use super::report::ContactReport;
 use super::step::{ContactStep, LATE, Outcome, keep, report, rest_speed};
 use crate::batch::factor;
-use crate::batch::instruction_set::{Target, Vectorized, Work};
+use crate::batch::instruction_set::{Vectorized, within_target};
 use crate::contact::{Cone, Cones, ContactProblem, Effort, Limits, SolveReport, passive};
 use crate::dynamics::contact_kernel::ContactKernel;
 use crate::dynamics::contacts::LimitRow;
@@ -82,19 +82,6 @@ impl<T: Vectorized> Touching<T> {
             solved: (0..T::LANES).map(|_| nothing()).collect(),
             alone: None,
         }
-    }
-
-    /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the
-    /// lanes that need the fallback.
-    #[inline(never)]
-    pub fn finish<I: Target>(
-        &mut self,
-        (target, form): (I, Form),
-        of: (&Scene, &StepSettings),
-        s: &mut Scratch<T>,
-        (kept, fallback): (OfContacts<'_>, u64),
-    ) -> u64 {
-        target.within(Finish { touching: self, target, form, of, s, kept, fallback })
     }
 
     /// Recomputes the step of some lanes one by one, with all checks. `totals` are the totals of these lanes.
@@ -227,22 +214,20 @@ fn alone<'a>(
     })
 }
 
-struct Finish<'a, T: Vectorized, I> {
-    touching: &'a mut Touching<T>,
-    target: I,
-    form: Form,
-    of: (&'a Scene, &'a StepSettings),
-    s: &'a mut Scratch<T>,
-    kept: OfContacts<'a>,
-    fallback: u64,
-}
-
-impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn call(self) -> u64 {
-        let Self { touching, target, form, of, s, kept: (kept, width, at), mut fallback } = self;
+within_target! {
+    /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the lanes
+    /// that need the fallback, with those that already do.
+    #[inline(never)]
+    pub(in crate::motion) fn finish_contacts<'a, T, I>(
+        target;
+        touching: &'a mut Touching<T>,
+        form: Form,
+        of: (&'a Scene, &'a StepSettings),
+        s: &'a mut Scratch<T>,
+        kept: OfContacts<'a>,
+        fallback: u64,
+    ) -> u64 {
+        let ((kept, width, at), mut fallback) = (kept, fallback);
         let ((scene, settings), count) = (of, kept.len() / width);
         let h = settings.step;
         let zero = s.model.gravity[0].constant(0.0);
