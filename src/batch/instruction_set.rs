@@ -326,6 +326,18 @@ pub(crate) fn take_states<'a, T: Vectorized>(numbers: &mut [T], states: usize, o
     T::take_lanes(numbers, |lane| of(lane.min(states - 1)));
 }
 
+/// The lanes given as bits.
+#[cfg(feature = "motion")]
+pub(crate) fn lanes_of(mut bits: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = bits.trailing_zeros() as usize;
+        (bits != 0).then(|| {
+            bits &= bits - 1;
+            lane
+        })
+    })
+}
+
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 struct Job<W>(W);
 

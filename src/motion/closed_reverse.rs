@@ -8,7 +8,7 @@ use super::backward::{ARMATURE, BackwardSolver, FRICTION, RATE, StepGradients, T
 use super::closed_steps::{ClosedScratch, ClosedSteps};
 use super::closed_stop_reverse::StopReverse;
 use super::closed_stops::{StopRecord, is_past};
-use super::constrained::{Constrained, ConstrainedScratch, Failure};
+use super::constrained::{Constrained, ConstrainedScratch, named};
 use super::division::{Substeps, Visitor};
 use super::method::Scheme;
 use super::scratch::{Scratch, add_scaled, clear};
@@ -207,10 +207,7 @@ impl ClosedReverse {
             by_v: vec![0.0; nv],
             by_free: vec![0.0; nv],
             by_mean: vec![0.0; nv],
-            by_friction: vec![0.0; nv],
-            by_target: vec![0.0; nv],
-            by_rate: vec![0.0; nv],
-            by_torque: vec![0.0; nv],
+            acting: std::array::from_fn(|_| vec![0.0; nv]),
         };
         let mut through = Ok(());
         gradients.end_increment.clear();
@@ -220,7 +217,7 @@ impl ClosedReverse {
             gradients.end[1].copy_from_slice(&stopped.by_free);
             gradients.end_increment = stopped.by_mean.iter().map(|x| x / scheme.step).collect();
         }
-        let StopReverse { by_q, by_v, by_friction, by_target, by_rate, by_torque, .. } = stopped;
+        let StopReverse { by_q, by_v, acting, .. } = stopped;
         let through = through.and_then(|()| {
             through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &end), gradients)
         });
@@ -237,9 +234,8 @@ impl ClosedReverse {
         }
         add_scaled(&mut gradients.acting[ARMATURE], 1.0, &adjoint.noise);
         add_scaled(gradients.parameters.as_flattened_mut(), 1.0, adjoint.parameters.as_flattened());
-        let acting = [(FRICTION, by_friction), (TARGET, by_target), (RATE, by_rate), (TORQUE, by_torque)];
-        for (which, more) in acting {
-            add_scaled(&mut gradients.acting[which], 1.0, &more);
+        for which in [FRICTION, TARGET, RATE, TORQUE] {
+            add_scaled(&mut gradients.acting[which], 1.0, &acting[which]);
         }
         for (start, more) in gradients.start.iter_mut().zip([by_q, by_v]) {
             add_scaled(start, 1.0, &more);
@@ -249,18 +245,6 @@ impl ClosedReverse {
             .try_for_each(|numbers| scene.check_result("gradients", numbers))
             .map_err(|error| (String::new(), error))?;
         Ok(true)
-    }
-}
-
-/// The joint and the error of a failed step.
-fn named(scene: &Scene, (lost, error): Failure) -> (String, Error) {
-    match (lost, error) {
-        (Some(lost), _) => {
-            let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-            (joint, scene.singular(lost))
-        }
-        (None, Some(error)) => (String::new(), error),
-        (None, None) => (String::new(), Error::argument("q, qd", "a failed step", "rows that simulate recorded")),
     }
 }
 

@@ -4,8 +4,10 @@ use super::method::Method;
 use super::properties::joint_of_row;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
+use crate::batch::instruction_set::Vectorized;
 use crate::error::{Error, in_language};
 use crate::filter::pivots::LostPivot;
+use crate::scalar::lanes_but;
 use crate::scene::Scene;
 
 /// Largest displacement of a joint in one step, rad or m; beyond, the motion has diverged.
@@ -24,8 +26,7 @@ pub(super) fn fault_of(
     if let Some(lost) = lost {
         // A pivot that is not finite follows from a state that diverged within the step.
         if lost.pivot.is_finite() && lost.terms.is_finite() && finite {
-            let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-            return Some((joint, scene.singular(lost)));
+            return Some(pivot_fault(scene, lost));
         }
     }
     let row = strayed.or_else(|| s.q_next.iter().any(|q| !q.is_finite()).then_some(0))?;
@@ -41,6 +42,12 @@ pub(super) fn fault_of(
     Some((joint, error))
 }
 
+/// The fault of a singular pivot, with its joint.
+pub(super) fn pivot_fault(scene: &Scene, lost: LostPivot) -> (String, Error) {
+    let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
+    (joint, scene.singular(lost))
+}
+
 /// Another fix for a motion that diverges: settings that the run does not have.
 fn remedy(settings: &StepSettings) -> &'static str {
     let StepSettings { asked, accuracy, .. } = settings;
@@ -52,4 +59,18 @@ fn remedy(settings: &StepSettings) -> &'static str {
         Method::Contact => "",
         _ => in_language(", or Method::Auto", ", or method=\"auto\""),
     }
+}
+
+/// The lanes whose end is not finite or moved too far.
+#[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
+#[inline(always)]
+pub(super) fn strays<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
+    let mut worst = s.model.gravity[0].constant(1.0);
+    for &v in &s.v_next {
+        worst = worst.worst(v.constant(LARGEST_STEP / settings.step) - v.abs());
+    }
+    for &q in &s.q_next {
+        worst += q - q;
+    }
+    lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
 }

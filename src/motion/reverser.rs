@@ -9,7 +9,8 @@ use super::contact::{ContactReverse, ModeChange, ShapeGradients};
 use super::division::{Substeps, TreeSteps};
 use super::drives::give;
 use super::events::{EventSolution, Events, Rebound};
-use super::gradient_layout::{Layout, RecordedRows};
+use super::faults::pivot_fault;
+use super::gradient_layout::{CONTACTS, INPUT, Layout, PARAMETERS, ROWS, RecordedRows, WRENCHES};
 use super::job::{self, Rows};
 use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
@@ -19,7 +20,7 @@ use super::solver;
 use super::step_settings::{StepArguments, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
 use super::torque::{StepFault, Torque};
-use crate::batch::instruction_set::{InstructionSet, Target, Vectorized, on_instruction_set};
+use crate::batch::instruction_set::{InstructionSet, Target, Vectorized, lanes_of, on_instruction_set};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::filter::Form;
@@ -158,20 +159,9 @@ fn through(
         from: steps.start,
         every: stride,
     };
-    stepper.run(job::Job {
-        scene: job.scene,
-        models: None,
-        settings: job.settings,
-        steps: steps.start..steps.start + (rows - 1) * stride,
-        states: job::States::Adjacent(job.states.clone()),
-        begun: &[],
-        current: &mut current,
-        torque: job.torque,
-        rows: Some(&mut kept),
-        impacts: None,
-        touches: None,
-        divisions: None,
-    })?;
+    let stored = (steps.start..steps.start + (rows - 1) * stride, job::States::Adjacent(job.states.clone()));
+    let plain = job::Job::of((job.scene, job.settings), stored, (&mut current, job.torque));
+    stepper.run(job::Job { rows: Some(&mut kept), ..plain })?;
     let mut current = start.to_vec();
     for row in (0..rows).rev() {
         for (state, at) in current.chunks_exact_mut((nq + nv).max(1)).enumerate() {
@@ -253,7 +243,7 @@ impl Checked {
     #[cold]
     fn new(job: &Job<'_>, form: Form) -> Self {
         let scratch = Scratch::new(job.scene.model(), job.settings);
-        let gradients = StepGradients::new(&scratch.model, job.settings, job.layout.bodies > 0);
+        let gradients = StepGradients::new(&scratch.model, job.settings, job.layout.count(PARAMETERS) > 0);
         let (coupling, tolerance) = (&job.settings.coupling, job.settings.tolerance);
         let solver = CheckedBackward::new(&scratch.model, coupling.clone(), form, tolerance);
         let forward =
@@ -301,8 +291,7 @@ impl OneState for Checked {
         })?;
         let Self { gradients, solver, forward, .. } = self;
         if let Some(lost) = forward.lost.take().or(solver.take_lost()) {
-            let joint = job.scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-            return Err((joint, job.scene.singular(lost)));
+            return Err(pivot_fault(job.scene, lost));
         }
         let mut results = gradients.results();
         results
@@ -383,7 +372,7 @@ fn through_impact(
 impl<T: Vectorized, I: Target> Compiled<T, I> {
     fn boxed(job: &Job<'_>, form: Form, target: I) -> Box<dyn Reversing> {
         let scratch = Scratch::new(job.scene.model(), job.settings);
-        let (zero, parameters) = (T::zero(), job.layout.bodies > 0);
+        let (zero, parameters) = (T::zero(), job.layout.count(PARAMETERS) > 0);
         let limits = || if job.settings.stops { limit_rows(job.scene) } else { Vec::new() };
         let is_connected = job.settings.connected && job.settings.has_vectorized_adjoint();
         let connected = is_connected
@@ -392,9 +381,9 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
             connected,
             gradients: StepGradients::new(&scratch.model, job.settings, parameters),
             solver: VectorizedBackward::new(target, form, (&scratch.model, &scratch.constants)),
-            sums: std::array::from_fn(|_| vec![zero; job.layout.nv]),
-            wrenches: vec![zero; 6 * job.layout.links],
-            parameters: vec![[zero; 10]; job.layout.bodies],
+            sums: std::array::from_fn(|_| vec![zero; job.scene.nv()]),
+            wrenches: vec![zero; job.layout.parts[WRENCHES][1]],
+            parameters: vec![[zero; 10]; job.layout.count(PARAMETERS)],
             scratch,
             form,
             target,
@@ -457,14 +446,10 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
         for (sum, &more) in parameters.as_flattened_mut().iter_mut().zip(of_step.as_flattened()) {
             *sum += more;
         }
-        for which in (0..INPUTS).filter(|&which| job.layout.inputs[which] > 1) {
+        let inputs = acting[..INPUTS].iter().chain([&*by_wrenches]).zip(INPUT..);
+        for (numbers, part) in inputs.filter(|(_, part)| job.layout.count(*part) > 1) {
             for (lane, out) in out.chunks_exact_mut(job.layout.width()).enumerate() {
-                scatter(&acting[which], lane, &mut out[job.layout.input(which, n)]);
-            }
-        }
-        if job.layout.wrenches > 1 {
-            for (lane, out) in out.chunks_exact_mut(job.layout.width()).enumerate() {
-                scatter(by_wrenches, lane, &mut out[job.layout.wrench(n)]);
+                scatter(numbers, lane, &mut out[job.layout.one(part, n)]);
             }
         }
         Ok(())
@@ -472,21 +457,19 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
 
     fn finish(&mut self, job: &Job<'_>, out: &mut [f64]) {
         let Self { gradients, sums, wrenches, parameters, .. } = self;
-        let (nv, layout) = (job.layout.nv, job.layout);
+        let layout = job.layout;
         for (lane, out) in out.chunks_exact_mut(layout.width().max(1)).enumerate() {
             let of_rows = gradients.end.iter().chain(&sums[INPUTS..]);
             for (i, numbers) in of_rows.enumerate() {
-                scatter(numbers, lane, &mut out[i * nv..(i + 1) * nv]);
+                scatter(numbers, lane, &mut out[layout.one(ROWS, i)]);
             }
-            for which in (0..INPUTS).filter(|&which| layout.inputs[which] == 1) {
-                scatter(&sums[which], lane, &mut out[layout.all(which)]);
+            let inputs = sums[..INPUTS].iter().chain([&*wrenches]).zip(INPUT..);
+            for (numbers, part) in inputs.filter(|(_, part)| layout.count(*part) == 1) {
+                scatter(numbers, lane, &mut out[layout.all(part)]);
             }
-            if layout.wrenches == 1 {
-                scatter(wrenches, lane, &mut out[layout.wrench(0)]);
-            }
-            scatter(parameters.as_flattened(), lane, &mut out[layout.parameters()]);
+            scatter(parameters.as_flattened(), lane, &mut out[layout.all(PARAMETERS)]);
             if let Some(touching) = &self.touching {
-                touching.write(job.scene, &mut out[layout.contacts()]);
+                touching.write(job.scene, &mut out[layout.all(CONTACTS)]);
                 let mut shapes = job.shapes.lock().unwrap_or_else(PoisonError::into_inner);
                 shapes.extend(touching.of_shapes(job.states.start));
             }
@@ -498,7 +481,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
     /// The step of one state of a scene with contacts.
     fn through_contacts(&mut self, job: &Job<'_>, n: usize) -> Result<(), StepFault> {
         let Self { scratch: s, gradients, form, touching, .. } = self;
-        let parameters = job.layout.bodies > 0;
+        let parameters = job.layout.count(PARAMETERS) > 0;
         let touching =
             touching.get_or_insert_with(|| Box::new(ContactReverse::new(job.scene, job.settings, *form, parameters)));
         take_lane(&mut touching.scratch, s, 0);
@@ -522,20 +505,8 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
             let mut current = vec![0.0; job.settings.width(job.scene)];
             let start = touching.scratch.q.iter().chain(&touching.scratch.v);
             current.iter_mut().zip(start).for_each(|(to, x)| *to = *x);
-            let mut step = job::Job {
-                scene: job.scene,
-                models: None,
-                settings: job.settings,
-                steps: n..n + 1,
-                states: job::States::Adjacent(state..state + 1),
-                begun: &[],
-                current: &mut current,
-                torque: job.torque,
-                rows: None,
-                impacts: None,
-                touches: None,
-                divisions: None,
-            };
+            let own = (n..n + 1, job::States::Adjacent(state..state + 1));
+            let mut step = job::Job::of((job.scene, job.settings), own, (&mut current, job.torque));
             if touching.is_free(&mut step, n, recorded, changed)? {
                 return self.recompute(&Job { settings: free, states: job.states.clone(), ..*job }, n, 1);
             }
@@ -551,17 +522,15 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
     /// Recomputes the step with all checks, for the lanes in `fallback`.
     #[cold]
     #[inline(never)]
-    fn recompute(&mut self, job: &Job<'_>, n: usize, mut fallback: u64) -> Result<(), StepFault> {
+    fn recompute(&mut self, job: &Job<'_>, n: usize, fallback: u64) -> Result<(), StepFault> {
         let Self { scratch: s, gradients, form, checked, closed, .. } = self;
-        let (form, parameters) = (*form, job.layout.bodies > 0);
+        let (form, parameters) = (*form, job.layout.count(PARAMETERS) > 0);
         let one: &mut dyn OneState = if job.settings.connected {
             &mut **closed.get_or_insert_with(|| Box::new(ClosedReverse::new(job.scene, job.settings, form, parameters)))
         } else {
             &mut **checked.get_or_insert_with(|| Box::new(Checked::new(job, form)))
         };
-        while fallback != 0 {
-            let lane = fallback.trailing_zeros() as usize;
-            fallback &= fallback - 1;
+        for lane in lanes_of(fallback) {
             let (scratch, own) = one.parts();
             take_lane(scratch, s, lane);
             for (to, from) in own.end.iter_mut().zip(&gradients.end) {

@@ -5,7 +5,7 @@ use super::connected::Connected;
 use super::contact::{ContactStepper, Shapes, Switching, Touching, finish_contacts};
 use super::division::{Substeps, TreeSteps};
 use super::events::{Event, Events};
-use super::faults::{LARGEST_STEP, fault_of};
+use super::faults::{fault_of, strays};
 use super::job::{Divisions, Impacts, Job, Models, States};
 use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
@@ -18,7 +18,7 @@ use super::torque::{StepFault, Torque};
 use super::totals::TOTALS;
 use super::works::add_work;
 use crate::batch::instruction_set::{
-    InstructionSet, Target, Vectorized, on_instruction_set, take_states, within_target,
+    InstructionSet, Target, Vectorized, lanes_of, on_instruction_set, take_states, within_target,
 };
 use crate::batch::own_model::OwnInertias;
 use crate::error::Error;
@@ -301,19 +301,10 @@ fn begin<T: Vectorized>(
     }
 }
 
-#[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
 /// The lanes whose next state is not finite or moved too far, whose modes changed, or whose step was too long.
 #[inline(always)]
 fn needs_fallback<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
-    let mut worst = T::one();
-    let limit = LARGEST_STEP / settings.step;
-    for &v in &s.v_next {
-        worst = worst.worst(v.constant(limit) - v.abs());
-    }
-    for &q in &s.q_next {
-        worst += q - q;
-    }
-    lanes_but::<T>(|lane| worst.lane(lane) >= 0.0 && s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0)
+    strays(settings, s) | lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0)
 }
 
 /// Recomputes the step of some lanes one by one, with all checks, in substeps, and with the set-valued law. `totals`
@@ -325,11 +316,9 @@ fn recompute<T: Vectorized>(
     ((scene, settings, form), models): ((&Scene, &StepSettings, Form), Option<Models<'_>>),
     alone: &mut CheckedStates,
     (n, states, begun, impacts): (usize, &States<'_>, &[usize], Option<&Impacts>),
-    ((mut fallback, totals), mut divisions): ((u64, &mut [T]), Option<&mut Divisions>),
+    ((fallback, totals), mut divisions): ((u64, &mut [T]), Option<&mut Divisions>),
 ) -> Result<(), StepFault> {
-    while fallback != 0 {
-        let lane = fallback.trailing_zeros() as usize;
-        fallback &= fallback - 1;
+    for lane in lanes_of(fallback) {
         let state = states.at(lane);
         let member = models.map(|(population, whole)| (population.of(state), whole));
         let own = member.map(|(member, whole)| member.scene(whole)).transpose();

@@ -114,20 +114,9 @@ impl Divided<'_> {
 
     /// A job of one step, which adds its impacts, with the time since its start.
     fn job<'j>(&'j self, values: &'j mut [f64], impacts: &'j Impacts) -> Job<'j, 'static> {
-        Job {
-            scene: self.scene,
-            settings: &self.settings,
-            models: None,
-            steps: self.n..self.n + 1,
-            states: States::Listed(&self.state),
-            begun: std::slice::from_ref(&self.n),
-            current: values,
-            torque: self.torque,
-            rows: None,
-            impacts: Some(impacts),
-            touches: None,
-            divisions: None,
-        }
+        let of_state = (self.n..self.n + 1, States::Listed(&self.state));
+        let plain = Job::of((self.scene, &self.settings), of_state, (values, self.torque));
+        Job { begun: std::slice::from_ref(&self.n), impacts: Some(impacts), ..plain }
     }
 
     /// The states of the contacts, and whether joints are at their limits. The relaxed law has no states.

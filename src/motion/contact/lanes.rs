@@ -6,7 +6,7 @@
 //! solved.
 
 use super::super::drives::agreement;
-use super::super::faults::LARGEST_STEP;
+use super::super::faults::strays;
 use super::super::job::{Impacts, States};
 use super::super::limit_rows::limit_rows;
 use super::super::scratch::{Scratch, fill, take_end, take_lane};
@@ -19,9 +19,10 @@ use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::project::{TOUCHES, out_of_planes};
 use super::reach::touching_gap;
 use super::report::ContactReport;
-use super::step::{ContactStep, LATE, Outcome, keep, report, rest_speed};
+use super::step::{LATE, Outcome, keep, report, rest_speed};
+use super::stepper::ContactStepper;
 use crate::batch::factor;
-use crate::batch::instruction_set::{Vectorized, within_target};
+use crate::batch::instruction_set::{Vectorized, lanes_of, within_target};
 use crate::contact::{Cone, Cones, ContactProblem, Effort, Limits, SolveReport, passive};
 use crate::dynamics::contact_kernel::ContactKernel;
 use crate::dynamics::contacts::LimitRow;
@@ -49,7 +50,7 @@ pub(in crate::motion) struct Touching<T: Vectorized> {
     innovations: Vec<T>,
     solved: Vec<Solved>,
     /// One state with all checks, created at first use.
-    alone: Option<Box<(ContactStep, Scratch<f64>)>>,
+    alone: Option<Box<ContactStepper>>,
 }
 
 /// The contacts of one state in a step.
@@ -65,7 +66,7 @@ impl<T: Vectorized> Touching<T> {
     pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>) -> Self {
         let (nan, n) = (T::from_f64(f64::NAN), scene.contact_points().len());
         let nothing = || Solved {
-            outcome: Outcome::nothing(),
+            outcome: Outcome::default(),
             free: DVector::zeros(0),
             report: SolveReport::nothing(),
             impulse_kept: 1.0,
@@ -92,30 +93,18 @@ impl<T: Vectorized> Touching<T> {
         s: &mut Scratch<T>,
         (scene, settings, form): (&Scene, &StepSettings, Form),
         (n, states, begun, impacts): (usize, &States<'_>, &[usize], Option<&Impacts>),
-        (mut fallback, totals): (u64, &mut [T]),
+        (fallback, totals): (u64, &mut [T]),
         (kept, width, at): OfContacts<'_>,
     ) -> Result<(), StepFault> {
-        let (touching, one) = &mut **alone(&mut self.alone, scene, settings, form);
-        while fallback != 0 {
-            let lane = fallback.trailing_zeros() as usize;
-            fallback &= fallback - 1;
-            take_lane(one, s, lane);
-            let state = states.at(lane);
+        let one = self.alone.get_or_insert_with(|| Box::new(ContactStepper::new(scene, settings, form)));
+        for lane in lanes_of(fallback) {
+            take_lane(&mut one.scratch, s, lane);
             let kept = &mut kept[lane * width + at..(lane + 1) * width];
-            touching.step(scene, settings, one, kept).map_err(|(joint, error)| StepFault {
-                step: n,
-                state,
-                joint,
-                error,
-            })?;
-            if let Some(impacts) = impacts
-                && !touching.impacts.is_empty()
-            {
-                impacts.add(&touching.impacts, state, settings.time(n - begun[lane]));
-            }
-            fill(totals, lane, &one.totals);
-            fill(&mut s.q_next, lane, &one.q_next);
-            fill(&mut s.v_next, lane, &one.v_next);
+            let impacts = impacts.map(|impacts| (impacts, begun[lane]));
+            one.step((scene, settings), (n, states.at(lane)), kept, (impacts, None))?;
+            fill(totals, lane, &one.scratch.totals);
+            fill(&mut s.q_next, lane, &one.scratch.q_next);
+            fill(&mut s.v_next, lane, &one.scratch.v_next);
         }
         Ok(())
     }
@@ -202,18 +191,6 @@ impl<T: Vectorized> Touching<T> {
     }
 }
 
-/// One state with all checks.
-fn alone<'a>(
-    alone: &'a mut Option<Box<(ContactStep, Scratch<f64>)>>,
-    scene: &Scene,
-    settings: &StepSettings,
-    form: Form,
-) -> &'a mut Box<(ContactStep, Scratch<f64>)> {
-    alone.get_or_insert_with(|| {
-        Box::new((ContactStep::new(scene, settings, form), Scratch::new(scene.model(), settings)))
-    })
-}
-
 within_target! {
     /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the lanes
     /// that need the fallback, with those that already do.
@@ -275,7 +252,9 @@ within_target! {
             let mut depth = -gaps.fold(0.0, f64::min);
             let mut iterations = 0;
             if depth > TOUCHES {
-                let (step, one) = &mut **alone(&mut touching.alone, scene, settings, form);
+                let alone = &mut touching.alone;
+                let alone = alone.get_or_insert_with(|| Box::new(ContactStepper::new(scene, settings, form)));
+                let ContactStepper { scratch: one, touching: step, .. } = &mut **alone;
                 take_lane(one, s, lane);
                 take_end(one, s, lane);
                 let ends = (&mut one.q_next[..], &mut one.q_stage[..]);
@@ -288,7 +267,7 @@ within_target! {
                 (depth, iterations) = found;
                 fill(&mut s.q_next, lane, &one.q_next);
             }
-            let mut nothing = Outcome::nothing();
+            let mut nothing = Outcome::default();
             let outcome = &mut touching.solved[lane].outcome;
             let outcome = if touched >> lane & 1 == 1 { outcome } else { &mut nothing };
             keep(kept, outcome, scene.contact_points().len());
@@ -314,29 +293,4 @@ impl<T: Vectorized> Touching<T> {
         }
         lanes_but::<T>(|lane| within.lane(lane) > 0.0)
     }
-}
-
-#[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
-/// The lanes whose end is not finite or moved too far.
-#[inline(always)]
-fn strays<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
-    let mut worst = s.model.gravity[0].constant(1.0);
-    for &v in &s.v_next {
-        worst = worst.worst(v.constant(LARGEST_STEP / settings.step) - v.abs());
-    }
-    for &q in &s.q_next {
-        worst += q - q;
-    }
-    lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
-}
-
-/// The lanes given as bits.
-fn lanes_of(mut bits: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let lane = bits.trailing_zeros() as usize;
-        (bits != 0).then(|| {
-            bits &= bits - 1;
-            lane
-        })
-    })
 }

@@ -105,7 +105,7 @@ impl ContactReverse {
         let scratch = Scratch::new(scene.model(), settings);
         let contacts = scene.contacts().len();
         let mut step = ContactStep::new(scene, settings, form);
-        step.record = Some(StepRecord::request());
+        step.record = Some(StepRecord::default());
         let switching = Switching::new(scene, (form, InstructionSet::Baseline), 1);
         Self {
             switching,

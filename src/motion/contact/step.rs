@@ -73,7 +73,7 @@ pub(super) struct ContactStep {
 }
 
 /// Gaps, axes and velocities of contacts at the start of a step.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct StepStart {
     pub gaps: Vec<f64>,
     pub axes: Vec<Matrix3<f64>>,
@@ -82,7 +82,8 @@ pub(super) struct StepStart {
     pub free: DVector<f64>,
 }
 
-/// Results of the contacts in a step.
+/// Results of the contacts in a step; without active contacts by default.
+#[derive(Default)]
 pub(super) struct Outcome {
     pub near: Vec<usize>,
     /// Impulses of impacts, and impulses of persistent contact.
@@ -102,21 +103,6 @@ pub(super) struct Outcome {
 }
 
 impl Outcome {
-    /// The result without active contacts.
-    pub fn nothing() -> Self {
-        Self {
-            near: Vec::new(),
-            hit: None,
-            held: DVector::zeros(0),
-            states: Vec::new(),
-            report: ContactReport::nothing(),
-            slowed: None,
-            strikes: false,
-            reverses: false,
-            laws: None,
-        }
-    }
-
     /// Makes the velocities without impulses those of the end of a step, and the displacement that of their mean.
     fn move_by_mean(&mut self, s: &mut Scratch<f64>, v_free: &[f64]) {
         self.strikes = true;
@@ -300,7 +286,7 @@ impl ContactStep {
         let touches = |i: usize| gaps[i] <= if is_between_bodies(points, i) { TOUCHING } else { 0.0 };
         let closes = |i: usize| gaps[i] + h * free[3 * i + 2] <= 0.0;
         let mut near: Vec<usize> = (0..all_rows).filter(|&i| touches(i) || closes(i)).collect();
-        let mut outcome = Outcome::nothing();
+        let mut outcome = Outcome::default();
         // The rules for slow contacts are those of the whole step.
         let (rest_speed, least) =
             (rest_speed(&s.model, division.whole, settings.accuracy), touching_gap(&s.model, division.whole));
@@ -567,10 +553,7 @@ pub(super) fn report(
         lost_in_friction: friction,
         expansion_kept: hit.map_or(1.0, |hit| hit.expansion_kept),
         impulse_kept,
-        depth: 0.0,
-        bias: 0.0,
-        hover: 0.0,
-        creep: 0.0,
+        ..ContactReport::default()
     }
 }
 

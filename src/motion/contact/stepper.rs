@@ -1,10 +1,11 @@
 //! Steps of states with contacts, one after another, and records of their contacts.
 
-use super::super::job::Job;
+use super::super::job::{Impacts, Job};
 use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
 use super::super::torque::{StepFault, Torque};
 use super::super::totals::TOTALS;
+use super::super::touches::Touches;
 use super::closed::{onto_connections, positions_onto_connections};
 use super::project::{along_surfaces, onto_surfaces, out_of_planes};
 use super::report::RECORD;
@@ -20,7 +21,7 @@ use crate::scene::contact_point::ContactPoint;
 
 /// Scratch memory for one state of a scene with contacts.
 pub(in crate::motion) struct ContactStepper {
-    scratch: Scratch<f64>,
+    pub(super) scratch: Scratch<f64>,
     pub(super) touching: ContactStep,
     shaped: Option<Box<Shaped>>,
 }
@@ -62,7 +63,7 @@ impl ContactStepper {
         let (q, rest) = current.split_at_mut(nq);
         let (v, rest) = rest.split_at_mut(nv);
         let (totals, kept) = rest.split_at_mut(TOTALS);
-        let Self { scratch: s, touching, shaped } = self;
+        let s = &mut self.scratch;
         if settings.accuracy.is_some() {
             s.adopt(settings, &settings.scheme);
         }
@@ -76,35 +77,53 @@ impl ContactStepper {
         }
         let mut outcome = Ok(());
         for n in job.steps.clone() {
+            let s = &mut self.scratch;
             if let Torque::Steps { torque, first } = job.torque {
                 let at = (n - first) * nv;
                 s.torque.copy_from_slice(&torque.state(state)[at..at + nv]);
             }
             s.take_targets(settings, (n, 1), |_| state);
-            if let Err((joint, error)) = step(shaped.as_deref_mut(), touching, (scene, settings), s, kept) {
-                outcome = Err(StepFault { step: n, state, joint, error });
+            let impacts = job.impacts.map(|impacts| (impacts, job.begun[lane]));
+            outcome = self.step((scene, settings), (n, state), kept, (impacts, job.touches));
+            let s = &mut self.scratch;
+            if outcome.is_err() {
                 break;
-            }
-            if let Some(coupling) = &settings.coupling {
-                coupling.restore(&mut s.q_next, &mut s.v_next);
-            }
-            if let (Some(touches), Some(shaped)) = (job.touches, &*shaped)
-                && touches.counts(n)
-            {
-                touches.add(shaped.forces((&s.q_next, settings.step), (state, n + 1)));
-            }
-            if let Some(impacts) = job.impacts
-                && !touching.impacts.is_empty()
-            {
-                impacts.add(&touching.impacts, state, settings.time(n - job.begun[lane]));
             }
             std::mem::swap(&mut s.q, &mut s.q_next);
             std::mem::swap(&mut s.v, &mut s.v_next);
         }
-        q.copy_from_slice(&s.q);
-        v.copy_from_slice(&s.v);
-        totals.copy_from_slice(&s.totals);
+        q.copy_from_slice(&self.scratch.q);
+        v.copy_from_slice(&self.scratch.v);
+        totals.copy_from_slice(&self.scratch.totals);
         outcome
+    }
+
+    /// Step `n` of the state in the scratch, to `q_next` and `v_next`. Adds its impacts on stops, for the step at which
+    /// the state began, and the contacts of its shapes.
+    pub(super) fn step(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        (n, state): (usize, usize),
+        kept: &mut [f64],
+        (impacts, touches): (Option<(&Impacts, usize)>, Option<&Touches>),
+    ) -> Result<(), StepFault> {
+        let Self { scratch: s, touching, shaped } = self;
+        let made = step(shaped.as_deref_mut(), touching, (scene, settings), s, kept);
+        made.map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+        if let Some(coupling) = &settings.coupling {
+            coupling.restore(&mut s.q_next, &mut s.v_next);
+        }
+        if let (Some(touches), Some(shaped)) = (touches, shaped)
+            && touches.counts(n)
+        {
+            touches.add(shaped.forces((&s.q_next, settings.step), (state, n + 1)));
+        }
+        if let Some((impacts, begun)) = impacts
+            && !touching.impacts.is_empty()
+        {
+            impacts.add(&touching.impacts, state, settings.time(n - begun));
+        }
+        Ok(())
     }
 }
 

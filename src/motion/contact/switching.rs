@@ -59,20 +59,10 @@ impl Part {
 
     /// One step of these states.
     fn job<'a>(&'a mut self, job: &Job<'a, '_>, settings: &'a StepSettings, n: usize) -> Job<'a, 'static> {
-        Job {
-            scene: job.scene,
-            settings,
-            models: None,
-            steps: n..n + 1,
-            states: States::Listed(&self.states),
-            begun: &self.begun,
-            current: &mut self.current,
-            torque: job.torque,
-            rows: None,
-            impacts: job.impacts,
-            touches: job.touches,
-            divisions: None,
-        }
+        let Job { scene, torque, impacts, touches, .. } = *job;
+        let of_states = (n..n + 1, States::Listed(&self.states));
+        let plain = Job::of((scene, settings), of_states, (&mut self.current, torque));
+        Job { begun: &self.begun, impacts, touches, ..plain }
     }
 }
 
@@ -226,7 +216,7 @@ impl Switching {
             passed |= 1 << lane;
             let current = &mut job.current[lane * width..(lane + 1) * width];
             current[..of_step].copy_from_slice(values);
-            keep(&mut current[of_step..], &Outcome::nothing(), scene.contact_points().len());
+            keep(&mut current[of_step..], &Outcome::default(), scene.contact_points().len());
         }
         if let Some(to) = job.impacts {
             for impact in impacts.take() {
