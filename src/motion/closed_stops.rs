@@ -25,7 +25,7 @@ use super::step_settings::StepSettings;
 use super::stops::{Bound, Drive, Graph, Hold, Line, Piece, SetValued, settle};
 use super::totals::note_dropped;
 use super::works::RowWork;
-use crate::contact::{Cone, expansion_kept};
+use crate::contact::{Cone, Cones, expansion_kept};
 use crate::dynamics::constraints::ProjectionStep;
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::solve;
@@ -519,7 +519,7 @@ impl Acting {
                 g[(3 * a + 2, 3 * b + 2)] = self.g[(a, b)] / h;
             }
         }
-        let cone = Cone::new(g, vec![0.0; self.near.len()]);
+        let cone = Cones::from(Cone::new(g, vec![0.0; self.near.len()]));
         let u = normal(&|a| free[rows[self.near[a]].row]);
         let more = &bounced.torques - &rest.torques;
         let kept = expansion_kept(&cone, &u, &normal(&|a| h * rest.torques[a]), &normal(&|a| h * more[a]));

@@ -164,8 +164,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let settings = &self.settings.backward();
         let pool = Pool::default();
         // Steps with contacts are not vectorized.
-        let arm = if touches { InstructionSet::Baseline } else { self.arm };
-        let (form, cost) = (self.form, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
+        let arm = if touches { InstructionSet::Baseline } else { self.given.arm };
+        let (form, cost) = (self.given.form, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
         let make = || Reverser::new(form, arm);
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let changes: Mutex<Vec<ModeChange>> = Mutex::new(Vec::new());

@@ -16,6 +16,7 @@ use super::step::step;
 use super::step_settings::StepSettings;
 use super::torque::{StepFault, Torque};
 use super::totals::TOTALS;
+use super::touches::Touches;
 use super::works::add_work;
 use crate::batch::instruction_set::{
     InstructionSet, Target, Vectorized, lanes_of, on_instruction_set, take_states, within_target,
@@ -37,7 +38,6 @@ pub(super) struct Stepper {
     one: Option<Box<dyn Stepping>>,
     many: Option<Box<dyn Stepping>>,
     checked: CheckedStates,
-    touching: Option<Box<ContactStepper>>,
     switching: Option<Box<Switching>>,
     form: Form,
 }
@@ -45,7 +45,7 @@ pub(super) struct Stepper {
 impl Stepper {
     pub fn new(form: Form, arm: InstructionSet) -> Self {
         let arm = if arm.available() { arm } else { InstructionSet::Baseline };
-        Self { arm, one: None, many: None, checked: CheckedStates::default(), touching: None, switching: None, form }
+        Self { arm, one: None, many: None, checked: CheckedStates::default(), switching: None, form }
     }
 
     /// Largest number of states of a job.
@@ -64,22 +64,20 @@ impl Stepper {
 
     /// The contact steps of one state, whose shapes may know its contacts.
     pub fn shaped_steps(&mut self, job: Job<'_, '_>, shapes: &mut Box<Shapes>) -> Result<(), StepFault> {
-        let touching = self.touching(&job);
-        touching.exchange(shapes);
-        let made = touching.run(job);
-        touching.exchange(shapes);
+        let (scene, settings) = (job.scene, job.settings);
+        self.touching(scene, settings).exchange(shapes);
+        let made = self.steps(job);
+        self.touching(scene, settings).exchange(shapes);
         made
     }
 
-    fn touching(&mut self, job: &Job<'_, '_>) -> &mut ContactStepper {
-        self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)))
+    /// The contact steps of one state, which are not vectorized.
+    pub fn touching(&mut self, scene: &Scene, settings: &StepSettings) -> &mut ContactStepper {
+        self.checked.touching(scene, settings, self.form)
     }
 
     /// The steps of a job, all by the method of its settings.
     pub fn steps(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
-        if job.settings.method == Method::Contact && !job.settings.touches_in_lanes(job.scene) {
-            return self.touching(&job).run(job);
-        }
         let (arm, alone) = (self.arm, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
         let scratch =
@@ -102,7 +100,7 @@ struct Compiled<T: Vectorized, I> {
 impl<T: Vectorized, I: Target> Compiled<T, I> {
     fn boxed(scene: &Scene, settings: &StepSettings, target: I) -> Box<dyn Stepping> {
         let scratch = Scratch::new(scene.model(), settings);
-        let is_lanes = settings.connected && settings.is_vectorized();
+        let is_lanes = settings.method != Method::Contact && settings.connected && settings.is_vectorized();
         let limits = || if settings.stops { limit_rows(scene) } else { Vec::new() };
         let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch, limits())));
         let touching = settings.touches_in_lanes(scene).then(|| Box::new(Touching::new(scene, settings, &scratch)));
@@ -125,9 +123,15 @@ struct CheckedState {
 struct CheckedStates {
     of_all: Option<Box<CheckedState>>,
     of_lanes: Vec<Option<(usize, Box<CheckedState>)>>,
+    /// For scenes with contacts.
+    touching: Option<Box<ContactStepper>>,
 }
 
 impl CheckedStates {
+    fn touching(&mut self, scene: &Scene, settings: &StepSettings, form: Form) -> &mut ContactStepper {
+        self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(scene, settings, form)))
+    }
+
     /// The scratch of a lane and its state, or that of all.
     fn of(&mut self, own: Option<(usize, usize)>, make: impl FnOnce() -> CheckedState) -> &mut CheckedState {
         let Some((lane, state)) = own else { return self.of_all.get_or_insert_with(|| Box::new(make())) };
@@ -199,7 +203,7 @@ within_target! {
         let Compiled { scratch: s, connected, touching, own_inertias, .. } = compiled;
         let (connected, mut touching) = (connected.as_deref_mut(), touching.as_deref_mut());
         let Job { scene, settings, models, steps, states, begun, current, torque, .. } = job;
-        let Job { mut rows, impacts, mut divisions, .. } = job;
+        let Job { mut rows, impacts, touches, mut divisions, .. } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = settings.width(scene);
         let kept = nq + nv + TOTALS;
@@ -212,6 +216,7 @@ within_target! {
         if let Some(connected) = &mut kernels.connected {
             connected.begin(count, s);
         }
+        let is_vectorized = if settings.method == Method::Contact { kernels.factors } else { settings.is_vectorized() };
         let mut outcome = Ok(());
         for n in steps {
             if let Torque::Steps { torque, first } = torque {
@@ -221,15 +226,16 @@ within_target! {
             s.take_targets(settings, (n, count), |lane| states.at(lane));
             let by = (settings, &settings.scheme);
             // Steps that are not vectorized run one state after another.
-            let mut fallback = if settings.is_vectorized() { step(by, s, &mut kernels) } else { u64::MAX };
+            let mut fallback = if is_vectorized { step(by, s, &mut kernels) } else { u64::MAX };
             let totals = s.totals;
             if let Some(connected) = &mut kernels.connected {
                 fallback |= connected.finish(target, form, s);
             }
             if let Some(touching) = &mut touching {
-                let contacts = (&mut *current, width, kept);
-                fallback = finish_contacts(target, touching, form, (scene, settings), s, contacts, fallback);
-            } else if settings.is_vectorized() {
+                let (contacts, alone) = ((&mut *current, width, kept), &mut checked.touching);
+                let contacts = (contacts, fallback);
+                fallback = finish_contacts(target, touching, (form, alone), (scene, settings), s, contacts);
+            } else if is_vectorized {
                 fallback |= needs_fallback(settings, s);
                 add_work(settings, s);
             }
@@ -241,12 +247,10 @@ within_target! {
                 // The totals of these lanes come from their recomputed step instead.
                 let accumulated = std::mem::replace(&mut s.totals, totals);
                 let mut counted = accumulated;
-                let (of, steps) = ((scene, settings, form), (n, &states, begun, impacts));
-                let lanes = (fallback, &mut counted[..]);
-                outcome = match &mut touching {
-                    Some(touching) => touching.recompute(s, of, steps, lanes, (&mut *current, width, kept)),
-                    None => recompute(s, (of, models), checked, steps, (lanes, divisions.as_deref_mut())),
-                };
+                let (of, steps) = ((scene, settings, form), (n, &states, begun));
+                let lanes = (fallback, &mut counted[..], (&mut *current, width, kept));
+                let results = (impacts, touches, divisions.as_deref_mut());
+                outcome = recompute(s, (of, models), checked, steps, lanes, results);
                 s.totals = counted;
                 if outcome.is_err() {
                     break;
@@ -314,28 +318,40 @@ fn needs_fallback<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64
 fn recompute<T: Vectorized>(
     s: &mut Scratch<T>,
     ((scene, settings, form), models): ((&Scene, &StepSettings, Form), Option<Models<'_>>),
-    alone: &mut CheckedStates,
-    (n, states, begun, impacts): (usize, &States<'_>, &[usize], Option<&Impacts>),
-    ((fallback, totals), mut divisions): ((u64, &mut [T]), Option<&mut Divisions>),
+    checked: &mut CheckedStates,
+    (n, states, begun): (usize, &States<'_>, &[usize]),
+    (lanes, totals, (current, width, kept)): (u64, &mut [T], (&mut [f64], usize, usize)),
+    (impacts, touches, mut divisions): (Option<&Impacts>, Option<&Touches>, Option<&mut Divisions>),
 ) -> Result<(), StepFault> {
-    for lane in lanes_of(fallback) {
+    for lane in lanes_of(lanes) {
         let state = states.at(lane);
-        let member = models.map(|(population, whole)| (population.of(state), whole));
-        let own = member.map(|(member, whole)| member.scene(whole)).transpose();
-        let own = own.map_err(|error| StepFault { step: n, state, joint: String::new(), error })?;
-        let scene = own.as_deref().map_or(scene, Scene::tree);
-        let settings = member.map_or(settings, |(member, _)| &member.settings);
-        let alone = alone.of(member.map(|_| (lane, state)), || CheckedState::new(scene, settings, form));
-        let one = &mut alone.scratch;
-        take_lane(one, s, lane);
-        let divided = (lane, divisions.as_deref_mut());
-        alone.step(scene, settings, divided).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
-        if let Some(impacts) = impacts
-            && !alone.substeps.impacts.is_empty()
-        {
-            impacts.add(&alone.substeps.impacts, state, settings.time(n - begun[lane]));
-        }
-        let one = &alone.scratch;
+        let impacts = impacts.map(|impacts| (impacts, begun[lane]));
+        let one = if settings.method == Method::Contact {
+            let alone = checked.touching(scene, settings, form);
+            take_lane(&mut alone.scratch, s, lane);
+            let kept = &mut current[lane * width + kept..(lane + 1) * width];
+            alone.step((scene, settings), (n, state), kept, (impacts, touches))?;
+            &alone.scratch
+        } else {
+            let member = models.map(|(population, whole)| (population.of(state), whole));
+            let own = member.map(|(member, whole)| member.scene(whole)).transpose();
+            let own = own.map_err(|error| StepFault { step: n, state, joint: String::new(), error })?;
+            let scene = own.as_deref().map_or(scene, Scene::tree);
+            let settings = member.map_or(settings, |(member, _)| &member.settings);
+            let alone = checked.of(member.map(|_| (lane, state)), || CheckedState::new(scene, settings, form));
+            take_lane(&mut alone.scratch, s, lane);
+            let divided = (lane, divisions.as_deref_mut());
+            alone.step(scene, settings, divided).map_err(|(joint, error)| StepFault {
+                step: n,
+                state,
+                joint,
+                error,
+            })?;
+            if let Some((impacts, begun)) = impacts.filter(|_| !alone.substeps.impacts.is_empty()) {
+                impacts.add(&alone.substeps.impacts, state, settings.time(n - begun));
+            }
+            &alone.scratch
+        };
         fill(totals, lane, &one.totals);
         fill(&mut s.q_next, lane, &one.q_next);
         fill(&mut s.v_next, lane, &one.v_next);

@@ -7,11 +7,9 @@
 
 use super::super::drives::agreement;
 use super::super::faults::strays;
-use super::super::job::{Impacts, States};
 use super::super::limit_rows::limit_rows;
 use super::super::scratch::{Scratch, fill, take_end, take_lane};
 use super::super::step_settings::StepSettings;
-use super::super::torque::StepFault;
 use super::super::works::add_work;
 use super::division::bounces;
 use super::faults::REFUSED;
@@ -23,7 +21,7 @@ use super::step::{LATE, Outcome, keep, report, rest_speed};
 use super::stepper::ContactStepper;
 use crate::batch::factor;
 use crate::batch::instruction_set::{Vectorized, lanes_of, within_target};
-use crate::contact::{Cone, Cones, ContactProblem, Effort, Limits, SolveReport, passive};
+use crate::contact::{Cone, Cones, Effort, Limits, SolveReport, passive};
 use crate::dynamics::contact_kernel::ContactKernel;
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::sweeps::{SweepScratch, place};
@@ -49,8 +47,6 @@ pub(in crate::motion) struct Touching<T: Vectorized> {
     impulses: Vec<T>,
     innovations: Vec<T>,
     solved: Vec<Solved>,
-    /// One state with all checks, created at first use.
-    alone: Option<Box<ContactStepper>>,
 }
 
 /// The contacts of one state in a step.
@@ -81,32 +77,7 @@ impl<T: Vectorized> Touching<T> {
             impulses: vec![T::zero(); 3 * n],
             innovations: vec![nan; s.model.nv()],
             solved: (0..T::LANES).map(|_| nothing()).collect(),
-            alone: None,
         }
-    }
-
-    /// Recomputes the step of some lanes one by one, with all checks. `totals` are the totals of these lanes.
-    #[cold]
-    #[inline(never)]
-    pub fn recompute(
-        &mut self,
-        s: &mut Scratch<T>,
-        (scene, settings, form): (&Scene, &StepSettings, Form),
-        (n, states, begun, impacts): (usize, &States<'_>, &[usize], Option<&Impacts>),
-        (fallback, totals): (u64, &mut [T]),
-        (kept, width, at): OfContacts<'_>,
-    ) -> Result<(), StepFault> {
-        let one = self.alone.get_or_insert_with(|| Box::new(ContactStepper::new(scene, settings, form)));
-        for lane in lanes_of(fallback) {
-            take_lane(&mut one.scratch, s, lane);
-            let kept = &mut kept[lane * width + at..(lane + 1) * width];
-            let impacts = impacts.map(|impacts| (impacts, begun[lane]));
-            one.step((scene, settings), (n, states.at(lane)), kept, (impacts, None))?;
-            fill(totals, lane, &one.scratch.totals);
-            fill(&mut s.q_next, lane, &one.scratch.q_next);
-            fill(&mut s.v_next, lane, &one.scratch.v_next);
-        }
-        Ok(())
     }
 
     /// The contacts that are near in one lane: those that touch, or would end the step below their plane.
@@ -198,13 +169,12 @@ within_target! {
     pub(in crate::motion) fn finish_contacts<'a, T, I>(
         target;
         touching: &'a mut Touching<T>,
-        form: Form,
+        checked: (Form, &'a mut Option<Box<ContactStepper>>),
         of: (&'a Scene, &'a StepSettings),
         s: &'a mut Scratch<T>,
-        kept: OfContacts<'a>,
-        fallback: u64,
+        contacts: (OfContacts<'a>, u64),
     ) -> u64 {
-        let ((kept, width, at), mut fallback) = (kept, fallback);
+        let ((form, alone), ((kept, width, at), mut fallback)) = (checked, contacts);
         let ((scene, settings), count) = (of, kept.len() / width);
         let h = settings.step;
         let zero = s.model.gravity[0].constant(0.0);
@@ -252,7 +222,6 @@ within_target! {
             let mut depth = -gaps.fold(0.0, f64::min);
             let mut iterations = 0;
             if depth > TOUCHES {
-                let alone = &mut touching.alone;
                 let alone = alone.get_or_insert_with(|| Box::new(ContactStepper::new(scene, settings, form)));
                 let ContactStepper { scratch: one, touching: step, .. } = &mut **alone;
                 take_lane(one, s, lane);

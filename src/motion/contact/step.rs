@@ -21,7 +21,7 @@ use super::project::{onto_surfaces, out_of_planes};
 use super::reach::touching_gap;
 use super::record::{Laws, StepRecord};
 use super::report::ContactReport;
-use crate::contact::{Cones, ContactProblem, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
+use crate::contact::{Cones, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;

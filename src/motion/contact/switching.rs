@@ -12,7 +12,7 @@ use super::super::totals::TOTALS;
 use super::reach::Reach;
 use super::report;
 use super::step::{Outcome, keep};
-use super::stepper::{ContactStepper, record};
+use super::stepper::record;
 use crate::batch::instruction_set::InstructionSet;
 use crate::dynamics::contacts::ContactScratch;
 use crate::filter::Form;
@@ -25,7 +25,7 @@ pub(in crate::motion) struct Switching {
     free: Box<Stepper>,
     touching: Box<Stepper>,
     /// One state, with error control.
-    pub(super) one: Option<Box<ContactStepper>>,
+    pub(super) one: Option<Box<Stepper>>,
     pub(super) form: Form,
     /// One per lane.
     pub(super) reaches: Vec<Reach>,
