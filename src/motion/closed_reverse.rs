@@ -4,7 +4,9 @@
 //! Every Newton step of the projection of positions is differentiated: its result is that of least kinetic energy to
 //! first order only, and depends on the steps beyond.
 
-use super::backward::{ARMATURE, BackwardSolver, FRICTION, RATE, StepGradients, TARGET, TORQUE, backward};
+use super::backward::{
+    ARMATURE, BackwardSolver, FRICTION, RATE, StageGradients, StepGradients, TARGET, TORQUE, backward,
+};
 use super::closed_steps::{ClosedScratch, ClosedSteps};
 use super::closed_stop_reverse::StopReverse;
 use super::closed_stops::{StopRecord, is_past};
@@ -17,11 +19,9 @@ use super::step::step;
 use super::step_settings::StepSettings;
 use crate::batch::accelerations::KernelArguments;
 use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowFault, subtract_products};
-use crate::dynamics::derivatives::{Constants, Parameters};
-use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::dynamics::derivatives::Constants;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::model::Model;
 use crate::scene::Scene;
 
 /// One state.
@@ -43,19 +43,12 @@ struct Recorded<'a, 'b> {
 }
 
 impl Solver<f64> for Recorded<'_, '_> {
-    fn solve(
-        &mut self,
-        estimates: bool,
-        scene: (&Model<f64>, &SweepModel<f64>),
-        scratch: &mut SweepScratch<f64>,
-        state: (&[f64], &[f64], &[f64]),
-        qdd: &mut [f64],
-    ) -> u64 {
+    fn solve(&mut self, estimates: bool, call: KernelArguments<'_, f64>) -> u64 {
         if estimates {
             // The first stage, also of a step that is made again.
             self.forces.clear();
         }
-        let lanes = self.forward.solve(estimates, scene, scratch, state, qdd);
+        let lanes = self.forward.solve(estimates, call);
         self.forces.push(self.forward.scratch.rows.forces.clone());
         lanes
     }
@@ -69,17 +62,8 @@ struct ClosedBackward<'a> {
 }
 
 impl BackwardSolver<f64> for ClosedBackward<'_> {
-    fn factor(&mut self, _: KernelArguments<'_, f64>) -> u64 {
-        0
-    }
-
-    fn gradients(
-        &mut self,
-        call: KernelArguments<'_, f64>,
-        cotangent: &[f64],
-        parameters: &mut [Parameters<f64>],
-        out: &mut [f64],
-    ) -> u64 {
+    fn gradients(&mut self, call: KernelArguments<'_, f64>, to: StageGradients<'_, f64>) -> u64 {
+        let StageGradients { cotangent, parameters, out } = to;
         let KernelArguments { scene: (model, _), state: (q, qd, _), qdd, .. } = call;
         let Constrained { scene, scratch, compliance } = &mut self.forward;
         let ConstrainedScratch { workspace, rows, .. } = &mut **scratch;

@@ -13,6 +13,7 @@ pub(super) use reverse::ConnectedReverse;
 use super::manifold::advance;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
+use crate::batch::accelerations::KernelArguments;
 use crate::batch::connected::{self, factor_rows, factors};
 use crate::batch::factor;
 use crate::batch::instruction_set::{Target, Vectorized, within_target};
@@ -136,10 +137,7 @@ impl<T: Vectorized> Connected<T> {
     pub fn accelerations<I: Target>(
         &mut self,
         (target, form, is_first): (I, Form, bool),
-        scene: (&Model<T>, &SweepModel<T>),
-        scratch: &mut SweepScratch<T>,
-        (q, v, u): (&[T], &[T], &[T]),
-        qdd: &mut [T],
+        KernelArguments { scene, scratch, state: (q, v, u), qdd, .. }: KernelArguments<'_, T>,
     ) -> u64 {
         if !is_first && self.is_hopeless {
             return u64::MAX;

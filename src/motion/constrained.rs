@@ -5,13 +5,11 @@ use super::faults::pivot_fault;
 use super::scratch::Scratch;
 use super::solver::Solver;
 use super::step_settings::StepSettings;
+use crate::batch::accelerations::KernelArguments;
+use crate::dynamics;
 use crate::dynamics::constraints::{
     ConstraintScratch, Outcome, Projected, ProjectionStep, RowFault, constrained_dynamics, project_with_factors,
     record_projection,
-};
-use crate::dynamics::{
-    self,
-    sweeps::{SweepModel, SweepScratch},
 };
 use crate::error::Error;
 use crate::filter::Form;
@@ -94,14 +92,8 @@ impl ConstrainedScratch {
 }
 
 impl Solver<f64> for Constrained<'_> {
-    fn solve(
-        &mut self,
-        _estimates: bool,
-        (model, _): (&Model<f64>, &SweepModel<f64>),
-        _scratch: &mut SweepScratch<f64>,
-        (q, v, u): (&[f64], &[f64], &[f64]),
-        qdd: &mut [f64],
-    ) -> u64 {
+    fn solve(&mut self, _estimates: bool, call: KernelArguments<'_, f64>) -> u64 {
+        let KernelArguments { scene: (model, _), state: (q, v, u), qdd, .. } = call;
         let ConstrainedScratch { workspace, rows, .. } = &mut *self.scratch;
         let system = (model, self.scene.constraints());
         let outcome = constrained_dynamics(system, workspace, rows, (q, v, u), (&[], self.compliance), qdd);

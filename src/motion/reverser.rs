@@ -2,7 +2,7 @@
 
 mod step;
 
-use super::backward::{ACTING, CheckedBackward, EventSolver, INPUTS, StepGradients, VectorizedBackward, backward};
+use super::backward::{ACTING, CheckedBackward, INPUTS, StepGradients, VectorizedBackward, backward};
 use super::closed_reverse::ClosedReverse;
 use super::connected::ConnectedReverse;
 use super::contact::{ContactReverse, ModeChange, ShapeGradients};
@@ -314,8 +314,7 @@ fn through_event(
         gradients.end[0][row] = 0.0;
     }
     let mut through = |gradients: &mut StepGradients<f64>, solutions: &EventSolution| {
-        let mut solver = EventSolver { solver: &mut *solver, accelerations: &solutions.accelerations };
-        backward(by, s, gradients, &mut solver, Some(&solutions.rows));
+        backward(by, s, gradients, &mut solver.known(&solutions.accelerations), Some(&solutions.rows));
     };
     let [for_positions, for_velocities] = &solutions[..] else {
         for solutions in solutions {

@@ -178,14 +178,8 @@ impl Case {
 struct General(Workspace<Number>);
 
 impl Solver<Number> for General {
-    fn solve(
-        &mut self,
-        _estimates: bool,
-        (model, _): (&Model<Number>, &SweepModel<Number>),
-        _scratch: &mut crate::dynamics::sweeps::SweepScratch<Number>,
-        (q, v, u): (&[Number], &[Number], &[Number]),
-        qdd: &mut [Number],
-    ) -> u64 {
+    fn solve(&mut self, _estimates: bool, call: KernelArguments<'_, Number>) -> u64 {
+        let KernelArguments { scene: (model, _), state: (q, v, u), qdd, .. } = call;
         dynamics::forward_dynamics(model, &mut self.0, q, v, u, &[], qdd);
         0
     }

@@ -5,7 +5,7 @@
 //! with the same factors: one more right-hand side. A state needs the [checked adjoint](super::super::closed_reverse)
 //! if the step or one of these solutions needs the checked step.
 
-use super::super::backward::{ARMATURE, BackwardSolver, StepGradients, backward};
+use super::super::backward::{ARMATURE, BackwardSolver, StageGradients, StepGradients, backward};
 use super::super::manifold::advance_cotangents;
 use super::super::scratch::{Scratch, add_scaled, clear};
 use super::super::solver::Solver;
@@ -19,7 +19,7 @@ use crate::dynamics::constraints::{
     ConstraintKernel, Pushed, Residuals, RowFault, RowGradients, RowProducts, SolutionGradients, largest_of,
 };
 use crate::dynamics::contacts::LimitRow;
-use crate::dynamics::derivatives::{CoStates, Constants, Parameters};
+use crate::dynamics::derivatives::{CoStates, Constants};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
@@ -261,21 +261,15 @@ struct Recorded<'a, T: Vectorized, I> {
 
 impl<T: Vectorized, I: Target> Solver<T> for Recorded<'_, T, I> {
     #[inline(always)]
-    fn solve(
-        &mut self,
-        estimates: bool,
-        scene: (&Model<T>, &SweepModel<T>),
-        _: &mut SweepScratch<T>,
-        state: (&[T], &[T], &[T]),
-        qdd: &mut [T],
-    ) -> u64 {
+    fn solve(&mut self, estimates: bool, call: KernelArguments<'_, T>) -> u64 {
         let (ConnectedReverse { connected, stages, .. }, (target, form)) = (&mut *self.reverse, self.kernels);
         // The first stage, also of a step that is made again.
         self.at = if estimates { 0 } else { self.at };
         let Factors { sweeps, rows } = &mut stages[self.at];
         self.at += 1;
         std::mem::swap(&mut connected.rows, rows);
-        let lanes = connected.accelerations((target, form, estimates), scene, sweeps, state, qdd);
+        let call = KernelArguments { scratch: sweeps, ..call };
+        let lanes = connected.accelerations((target, form, estimates), call);
         std::mem::swap(&mut connected.rows, rows);
         lanes
     }
@@ -283,18 +277,8 @@ impl<T: Vectorized, I: Target> Solver<T> for Recorded<'_, T, I> {
 
 impl<T: Vectorized, I: Target> BackwardSolver<T> for Recorded<'_, T, I> {
     #[inline(always)]
-    fn factor(&mut self, _: KernelArguments<'_, T>) -> u64 {
-        0
-    }
-
-    #[inline(always)]
-    fn gradients(
-        &mut self,
-        call: KernelArguments<'_, T>,
-        cotangent: &[T],
-        parameters: &mut [Parameters<T>],
-        out: &mut [T],
-    ) -> u64 {
+    fn gradients(&mut self, call: KernelArguments<'_, T>, to: StageGradients<'_, T>) -> u64 {
+        let StageGradients { cotangent, parameters, out } = to;
         let KernelArguments { scene, state: (q, qd, _), wrenches, qdd, .. } = call;
         let ConnectedReverse { connected, stages, gradients, products, forces: [forces, _], .. } = &mut *self.reverse;
         self.at -= 1;
