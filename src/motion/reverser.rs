@@ -10,7 +10,7 @@ use super::division::{Substeps, TreeSteps};
 use super::drives::give;
 use super::events::{EventSolution, Events, Rebound};
 use super::faults::pivot_fault;
-use super::gradient_layout::{CONTACTS, INPUT, Layout, PARAMETERS, ROWS, RecordedRows, WRENCHES};
+use super::gradient_layout::{CONTACTS, INPUT, Layout, PARAMETERS, ROWS, RecordedRows};
 use super::job::{self, Rows};
 use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
@@ -21,7 +21,6 @@ use super::step_settings::{StepArguments, StepSettings};
 use super::stepper::{Stepper, fill, scatter, take_lane};
 use super::torque::{StepFault, Torque};
 use crate::batch::instruction_set::{InstructionSet, Target, Vectorized, lanes_of, on_instruction_set};
-use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::Scene;
@@ -179,10 +178,8 @@ struct Compiled<T: Vectorized, I> {
     scratch: Scratch<T>,
     gradients: StepGradients<T>,
     solver: VectorizedBackward<T, I>,
-    /// Sums over all steps of [`StepGradients::acting`] and of the gradients by wrenches and parameters.
-    sums: [Vec<T>; ACTING],
-    wrenches: Vec<T>,
-    parameters: Vec<Parameters<T>>,
+    /// Sums over all steps of [`StepGradients::acting`], and of the gradients by wrenches and parameters.
+    sums: Vec<Vec<T>>,
     form: Form,
     target: I,
     /// For a scene with connections.
@@ -371,18 +368,17 @@ fn through_impact(
 impl<T: Vectorized, I: Target> Compiled<T, I> {
     fn boxed(job: &Job<'_>, form: Form, target: I) -> Box<dyn Reversing> {
         let scratch = Scratch::new(job.scene.model(), job.settings);
-        let (zero, parameters) = (T::zero(), job.layout.count(PARAMETERS) > 0);
+        let parameters = job.layout.count(PARAMETERS) > 0;
+        let mut gradients = StepGradients::new(&scratch.model, job.settings, parameters);
         let limits = || if job.settings.stops { limit_rows(job.scene) } else { Vec::new() };
         let is_connected = job.settings.connected && job.settings.has_vectorized_adjoint();
         let connected = is_connected
             .then(|| Box::new(ConnectedReverse::new(job.scene, job.settings, &scratch, (limits(), parameters))));
         Box::new(Self {
             connected,
-            gradients: StepGradients::new(&scratch.model, job.settings, parameters),
+            sums: gradients.results().skip(2).map(|numbers| numbers.to_vec()).collect(),
+            gradients,
             solver: VectorizedBackward::new(target, form, (&scratch.model, &scratch.constants)),
-            sums: std::array::from_fn(|_| vec![zero; job.scene.nv()]),
-            wrenches: vec![zero; job.layout.parts[WRENCHES][1]],
-            parameters: vec![[zero; 10]; job.layout.count(PARAMETERS)],
             scratch,
             form,
             target,
@@ -395,12 +391,10 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
 
 impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
     fn begin(&mut self, job: &Job<'_>) {
-        let Self { scratch: s, gradients, sums, wrenches, parameters, .. } = self;
-        for numbers in sums.iter_mut().chain([wrenches]).chain(&mut gradients.end) {
+        let Self { scratch: s, gradients, sums, .. } = self;
+        for numbers in sums.iter_mut().chain(&mut gradients.end).chain([&mut s.torque]) {
             clear(numbers);
         }
-        clear(parameters.as_flattened_mut());
-        clear(&mut s.torque);
         if let Some(touching) = &mut self.touching {
             touching.begin();
         }
@@ -436,16 +430,13 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
                 self.recompute(job, n, fallback)?;
             }
         }
-        let Self { gradients, sums, wrenches, parameters, .. } = self;
-        let StepGradients { start, end, acting, wrenches: by_wrenches, parameters: of_step, .. } = gradients;
+        let Self { gradients, sums, .. } = self;
+        for (sums, more) in sums.iter_mut().zip(gradients.results().skip(2)) {
+            sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += *more);
+        }
+        let StepGradients { start, end, acting, wrenches, .. } = gradients;
         std::mem::swap(start, end);
-        for (sums, acting) in sums.iter_mut().chain([wrenches]).zip(acting.iter().chain([&*by_wrenches])) {
-            sums.iter_mut().zip(acting).for_each(|(sum, &more)| *sum += more);
-        }
-        for (sum, &more) in parameters.as_flattened_mut().iter_mut().zip(of_step.as_flattened()) {
-            *sum += more;
-        }
-        let inputs = acting[..INPUTS].iter().chain([&*by_wrenches]).zip(INPUT..);
+        let inputs = acting[..INPUTS].iter().chain([&*wrenches]).zip(INPUT..);
         for (numbers, part) in inputs.filter(|(_, part)| job.layout.count(*part) > 1) {
             for (lane, out) in out.chunks_exact_mut(job.layout.width()).enumerate() {
                 scatter(numbers, lane, &mut out[job.layout.one(part, n)]);
@@ -455,18 +446,19 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
     }
 
     fn finish(&mut self, job: &Job<'_>, out: &mut [f64]) {
-        let Self { gradients, sums, wrenches, parameters, .. } = self;
+        let Self { gradients, sums, .. } = self;
         let layout = job.layout;
+        let [.., wrenches, parameters] = &sums[..] else { return };
         for (lane, out) in out.chunks_exact_mut(layout.width().max(1)).enumerate() {
-            let of_rows = gradients.end.iter().chain(&sums[INPUTS..]);
+            let of_rows = gradients.end.iter().chain(&sums[INPUTS..ACTING]);
             for (i, numbers) in of_rows.enumerate() {
                 scatter(numbers, lane, &mut out[layout.one(ROWS, i)]);
             }
-            let inputs = sums[..INPUTS].iter().chain([&*wrenches]).zip(INPUT..);
+            let inputs = sums[..INPUTS].iter().chain([wrenches]).zip(INPUT..);
             for (numbers, part) in inputs.filter(|(_, part)| layout.count(*part) == 1) {
                 scatter(numbers, lane, &mut out[layout.all(part)]);
             }
-            scatter(parameters.as_flattened(), lane, &mut out[layout.all(PARAMETERS)]);
+            scatter(parameters, lane, &mut out[layout.all(PARAMETERS)]);
             if let Some(touching) = &self.touching {
                 touching.write(job.scene, &mut out[layout.all(CONTACTS)]);
                 let mut shapes = job.shapes.lock().unwrap_or_else(PoisonError::into_inner);

@@ -16,7 +16,7 @@ use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::{Target, Vectorized, within_target};
 use crate::batch::{connected, factor, products};
 use crate::dynamics::constraints::{
-    ConstraintKernel, Pushed, Residuals, RowFault, RowGradients, RowProducts, SolutionGradients, largest_of,
+    ConstraintKernel, Pushed, Residuals, Results, RowFault, RowGradients, RowProducts, SolutionGradients, largest_of,
 };
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::derivatives::{CoStates, Constants};
@@ -334,24 +334,16 @@ impl<'a, T: Vectorized, I: Target> At<'a, T, I> {
 
 impl<T: Vectorized, I: Target> RowProducts<T> for At<'_, T, I> {
     #[inline(always)]
-    fn gradients_of_torques(
-        &mut self,
-        motion: Motion<'_, T>,
-        cotangent: &[T],
-        (constants, out): (&mut Constants<'_, T>, &mut [T]),
-    ) {
+    fn gradients_of_torques(&mut self, motion: Motion<'_, T>, cotangent: &[T], results: Results<'_, '_, T>) {
+        let (constants, out) = results;
         let Products { co_states, x, .. } = &mut *self.products;
         let room = (self.scene, (&mut self.factors.sweeps, co_states));
         products::gradients(self.kernels.0, None, room, (motion, cotangent), (constants, x, out));
     }
 
     #[inline(always)]
-    fn gradients_of_inertia(
-        &mut self,
-        [rest, qdd]: [&[T]; 2],
-        cotangent: &[T],
-        (constants, out): (&mut Constants<'_, T>, &mut [T]),
-    ) {
+    fn gradients_of_inertia(&mut self, [rest, qdd]: [&[T]; 2], cotangent: &[T], results: Results<'_, '_, T>) {
+        let (constants, out) = results;
         let Products { weightless, co_states, x, .. } = &mut *self.products;
         let room = ((&*weightless, self.scene.1), (&mut self.factors.sweeps, co_states));
         let motion = Motion { q: self.q, qd: rest, qdd: Some(qdd), wrenches: &[] };
