@@ -116,7 +116,7 @@ impl ClosedReverse {
         scheme: &Scheme,
     ) -> Result<Vec<f64>, (String, Error)> {
         let Self { scratch: s, closed: ClosedScratch { rows_of_connections: scratch, without, .. }, .. } = self;
-        let mut solver = Constrained { scene, scratch, compliance: &settings.compliance };
+        let mut solver = Constrained { scene, scratch, compliance: &settings.given.compliance };
         let end = (s.q_next.clone(), s.v_next.clone());
         let (q, v) = (std::mem::replace(&mut s.q, end.0), std::mem::replace(&mut s.v, end.1));
         clear(&mut s.dry);
@@ -137,7 +137,7 @@ impl ClosedReverse {
     ) -> Result<bool, (String, Error)> {
         let Self { scratch: s, gradients, closed, adjoint, newton, forces, .. } = self;
         let ClosedScratch { rows_of_connections, rows, without } = closed;
-        let mut forward = Constrained { scene, scratch: rows_of_connections, compliance: &settings.compliance };
+        let mut forward = Constrained { scene, scratch: rows_of_connections, compliance: &settings.given.compliance };
         let (mut by, named) = ((settings, scheme), |failure| named(scene, failure));
         s.adopt(settings, scheme);
         forces.clear();
@@ -168,13 +168,13 @@ impl ClosedReverse {
             if !settings.limited.is_empty() && record.rebound(s, scheme.step).is_some() {
                 let expected =
                     "restitution 0, or a control law without limits of effort, for gradients in closed loops";
-                let error = Error::argument("restitution", settings.restitution.to_string(), expected);
+                let error = Error::argument("restitution", settings.given.restitution.to_string(), expected);
                 return Err((String::new(), error));
             }
             if record.kept < 1.0 {
                 let expected = "rebounds that leave the kinetic energy below that before, or a smaller restitution: a \
                                 rebound that the energy limits has no gradient";
-                let error = Error::argument("restitution", settings.restitution.to_string(), expected);
+                let error = Error::argument("restitution", settings.given.restitution.to_string(), expected);
                 return Err((String::new(), error));
             }
         }
@@ -248,7 +248,7 @@ fn through_projections(
     (adjoint, newton, end): (&mut ConstraintAdjoint, &[ProjectionStep], &Projected),
     gradients: &mut StepGradients<f64>,
 ) -> Result<(), RowFault> {
-    let (system, compliance) = ((&s.model, scene.constraints()), &settings.compliance[..]);
+    let (system, compliance) = ((&s.model, scene.constraints()), &settings.given.compliance[..]);
     let ConstrainedScratch { workspace, rows, .. } = closed;
     let [of_q, of_v] = &mut gradients.end;
     let x: Vec<f64> = end.v.iter().zip(&end.free).map(|(v, u)| v - u).collect();

@@ -53,7 +53,7 @@ impl<'a> ClosedSteps<'a> {
         Constrained {
             scene: self.scene,
             scratch: &mut self.scratch.rows_of_connections,
-            compliance: &settings.compliance,
+            compliance: &settings.given.compliance,
         }
     }
 }
@@ -79,7 +79,7 @@ impl Steps for ClosedSteps<'_> {
 
     fn event(&mut self, settings: &StepSettings, s: &mut Scratch<f64>, ending: Ending<'_>) -> f64 {
         let ClosedScratch { rows_of_connections: scratch, rows, without } = &mut *self.scratch;
-        let mut solver = Constrained { scene: self.scene, scratch, compliance: &settings.compliance };
+        let mut solver = Constrained { scene: self.scene, scratch, compliance: &settings.given.compliance };
         let mut found = self.failure.take().map_or(Ok(()), Err);
         if found.is_ok() && !settings.set_valued.is_empty() {
             clear(&mut s.dry);

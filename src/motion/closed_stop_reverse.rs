@@ -51,7 +51,7 @@ impl StopReverse<'_> {
         record: &StopRecord,
         [of_q, of_v]: &mut [Vec<f64>; 2],
     ) -> Result<(), RowFault> {
-        let (h, compliance, constraints) = (self.h, &self.settings.compliance[..], self.scene.constraints());
+        let (h, compliance, constraints) = (self.h, &self.settings.given.compliance[..], self.scene.constraints());
         let StopRecord { free, mean, displacements, last, .. } = record;
         if displacements.last().is_some_and(|last| last.end.is_some()) {
             let free_rows = lock(s, &last.locked);
@@ -109,7 +109,7 @@ impl StopReverse<'_> {
         of_v: &[f64],
     ) -> Result<Vec<f64>, RowFault> {
         let Self { scene, settings, h, closed, adjoint, by_q, by_v, by_free, by_mean, .. } = self;
-        let (compliance, system) = (&settings.compliance[..], (&s.model, scene.constraints()));
+        let (compliance, system) = (&settings.given.compliance[..], (&s.model, scene.constraints()));
         let (whole, h) = (*h, solution.share * *h);
         let ConstrainedScratch { workspace, rows, .. } = &mut **closed;
         let stuck = &solution.stuck;

@@ -91,7 +91,7 @@ impl<T: Vectorized> Connected<T> {
             model.system.noise.clone_from(&settings.properties.armature);
             let constants = SweepModel::new(&model);
             let model = model.cast::<T>();
-            let sweeps = SweepScratch::new(&model, &constants).accepting(settings.tolerance);
+            let sweeps = SweepScratch::new(&model, &constants).accepting(settings.given.tolerance);
             let rows = rows_of((&model, &constants));
             Box::new(Projection { model, constants, sweeps, rows })
         });

@@ -54,7 +54,7 @@ enum Fault {
 
 impl ConstrainedScratch {
     pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
-        let workspace = Workspace { tolerance: settings.tolerance, ..Workspace::new(scene.model()) };
+        let workspace = Workspace { tolerance: settings.given.tolerance, ..Workspace::new(scene.model()) };
         Self {
             workspace: workspace.in_form(form),
             rows: ConstraintScratch::new(scene.model(), scene.constraints()),

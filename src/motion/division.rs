@@ -133,7 +133,7 @@ impl Substeps {
         self.q.copy_from_slice(&s.q);
         self.v.copy_from_slice(&s.v);
         self.impacts.clear();
-        match settings.accuracy {
+        match settings.given.accuracy {
             Some(accuracy) => self.controlled((settings, accuracy), s, steps, visit),
             None => self.through(settings, s, steps, visit),
         }

@@ -3,6 +3,7 @@
 use super::method::Method;
 use super::properties::joint_of_row;
 use super::scratch::Scratch;
+use super::settings::Settings;
 use super::step_settings::StepSettings;
 use crate::batch::instruction_set::Vectorized;
 use crate::error::{Error, in_language};
@@ -50,8 +51,8 @@ pub(super) fn pivot_fault(scene: &Scene, lost: LostPivot) -> (String, Error) {
 
 /// Another fix for a motion that diverges: settings that the run does not have.
 fn remedy(settings: &StepSettings) -> &'static str {
-    let StepSettings { asked, accuracy, .. } = settings;
-    match asked {
+    let Settings { method, accuracy, .. } = &*settings.given;
+    match method {
         Method::Auto if settings.divides && accuracy.is_none() => {
             in_language(", or set Settings::accuracy", ", or set accuracy=1e-6")
         }

@@ -164,8 +164,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let settings = &self.settings.backward();
         let pool = Pool::default();
         // Steps with contacts are not vectorized.
-        let arm = if touches { InstructionSet::Baseline } else { self.given.arm };
-        let (form, cost) = (self.given.form, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
+        let arm = if touches { InstructionSet::Baseline } else { settings.given.arm };
+        let (form, cost) = (settings.given.form, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
         let make = || Reverser::new(form, arm);
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let changes: Mutex<Vec<ModeChange>> = Mutex::new(Vec::new());
@@ -256,7 +256,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let RecordedRows { q, qd, every, by_q, by_qd } = *rows;
         let (scene, states) = (self.scene(), self.states());
         let refuse = |error| Fault { state: 0, error };
-        if self.settings.accuracy.is_some() {
+        if self.settings.given.accuracy.is_some() {
             let expected = "fixed steps, which have gradients";
             return Err(refuse(Error::argument("accuracy", "a simulation with error control", expected)));
         }

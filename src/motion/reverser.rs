@@ -241,7 +241,7 @@ impl Checked {
     fn new(job: &Job<'_>, form: Form) -> Self {
         let scratch = Scratch::new(job.scene.model(), job.settings);
         let gradients = StepGradients::new(&scratch.model, job.settings, job.layout.count(PARAMETERS) > 0);
-        let (coupling, tolerance) = (&job.settings.coupling, job.settings.tolerance);
+        let (coupling, tolerance) = (&job.settings.coupling, job.settings.given.tolerance);
         let solver = CheckedBackward::new(&scratch.model, coupling.clone(), form, tolerance);
         let forward =
             solver::Checked::new(job.scene.model(), coupling.clone(), form).accepting(tolerance).with_kernels();
@@ -370,7 +370,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
         let scratch = Scratch::new(job.scene.model(), job.settings);
         let parameters = job.layout.count(PARAMETERS) > 0;
         let mut gradients = StepGradients::new(&scratch.model, job.settings, parameters);
-        let limits = || if job.settings.stops { limit_rows(job.scene) } else { Vec::new() };
+        let limits = || if job.settings.stops() { limit_rows(job.scene) } else { Vec::new() };
         let is_connected = job.settings.connected && job.settings.has_vectorized_adjoint();
         let connected = is_connected
             .then(|| Box::new(ConnectedReverse::new(job.scene, job.settings, &scratch, (limits(), parameters))));

@@ -49,8 +49,6 @@ pub struct Rollout<S> {
     pub(super) population: Option<Arc<Population>>,
     /// The scratch of each state whose steps are those of its own scene.
     steppers: Arc<Vec<Mutex<Option<Stepper>>>>,
-    /// The settings as given, without control law and wrenches, which can change.
-    pub(super) given: Settings,
     states: usize,
     /// Per state: q, qd, the totals, and the stored values of contacts.
     current: Vec<f64>,
@@ -151,11 +149,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let stops = settings.limits == Limits::Stop;
         let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
         let has_models = !settings.properties.are_of_all(nv);
-        let mut of_all = settings.clone();
-        if has_models {
-            of_all.properties = settings.properties.largest(nv);
-        }
-        let of_steps = |touches: bool| step_settings(holds, &of_all, coupling.clone(), (q, touches));
+        let properties = if has_models { settings.properties.largest(nv) } else { settings.properties.clone() };
+        let gains = settings.gains.clone();
+        let given = Arc::new(Settings { gains: None, wrenches: None, ..settings });
+        let of_steps = |touches: bool| {
+            step_settings(holds, &given, (properties.clone(), gains.clone(), coupling.clone()), (q, touches))
+        };
         let mut step_settings = of_steps(holds.touches());
         if holds.touches() && method != Method::Contact && smoothing.is_none() {
             step_settings.free = Some(Box::new(of_steps(false)));
@@ -167,7 +166,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 let found = "smoothed contacts with models that differ between states";
                 return Err(Error::argument("smoothing", found, "the exact law, or one model for all states"));
             }
-            let population = Population::new(scene.borrow(), &step_settings, &settings.properties, states);
+            let population = Population::new(scene.borrow(), &step_settings, &given.properties, states);
             population.check(scene.borrow())?;
             Some(Arc::new(population))
         } else {
@@ -181,7 +180,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             settings: step_settings,
             steppers: Arc::new((0..if population.is_some() { states } else { 0 }).map(|_| Mutex::new(None)).collect()),
             population,
-            given: Settings { gains: None, wrenches: None, ..settings },
             states,
             current,
             begun,
@@ -236,7 +234,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub fn settings(&self) -> Settings {
         let StepSettings { gains, wrenches, .. } = &self.settings;
         let (gains, wrenches) = (gains.as_deref().cloned(), wrenches.as_ref().map(|wrenches| wrenches.given.clone()));
-        Settings { gains, wrenches, ..self.given.clone() }
+        Settings { gains, wrenches, ..Settings::clone(&self.settings.given) }
     }
 
     /// The integration method; for [`Method::Auto`], the method that it selected. In a scene with contacts, that of the
@@ -261,7 +259,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// True if joint limits act as stops.
     #[must_use]
     pub fn has_stops(&self) -> bool {
-        self.settings.stops
+        self.settings.stops()
     }
 
     /// Works and numbers of substeps of one state since it began.
@@ -407,7 +405,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return CONNECTED * (one_by_one + ONE_BODY * contacts);
         }
         let factor = if connected || touches { IN_LANES } else { 1 };
-        factor * one_by_one / self.given.arm.lanes().min(self.states.max(1))
+        factor * one_by_one / self.settings.given.arm.lanes().min(self.states.max(1))
     }
 
     /// Advances all states by `steps` steps, and records rows, the first before the first step.
@@ -442,12 +440,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let cost = self.cost().saturating_mul(steps);
         let slice = (SLICE / self.cost().max(1)).max(1);
         self.touches.begin(every, last);
-        let Self { scene, settings, given, current, begun, pool, impacts, touches, population, steppers, .. } = self;
+        let Self { scene, settings, current, begun, pool, impacts, touches, population, steppers, .. } = self;
         let (impacts, touches, population) = (&*impacts, &*touches, population.as_deref());
         let whole: &Scene = (*scene).borrow();
         let scene = whole.tree();
         let has_shapes = scene.shapes().is_some();
-        let make = || Stepper::new(given.form, given.arm);
+        let make = || Stepper::new(settings.given.form, settings.given.arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
             let alone = population.filter(|population| !population.in_lanes);

@@ -21,7 +21,7 @@ const AT_START: f64 = 1e-6;
 impl<S: Borrow<Scene>> Rollout<S> {
     /// Checks that an initial state satisfies the connections; omitted if rows have compliance.
     pub(super) fn check_connections(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
-        let is_soft = self.settings.compliance.iter().any(|&compliance| compliance > 0.0);
+        let is_soft = self.settings.given.compliance.iter().any(|&compliance| compliance > 0.0);
         if is_soft { Ok(()) } else { self.scene().check_on_connections(q, qd, AT_START) }
     }
 

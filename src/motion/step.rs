@@ -30,7 +30,7 @@ pub(super) fn step<T: Real, S: Solver<T>>(
 ) -> u64 {
     let mut fallback = on_pieces(by, s, solver);
     // Contacts change the end of their steps; error control locates the changes.
-    if settings.limited.is_empty() || settings.method == Method::Contact || settings.accuracy.is_some() {
+    if settings.limited.is_empty() || settings.method == Method::Contact || settings.given.accuracy.is_some() {
         return fallback;
     }
     for _ in 0..CHANGES {

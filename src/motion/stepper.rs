@@ -101,7 +101,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
     fn boxed(scene: &Scene, settings: &StepSettings, target: I) -> Box<dyn Stepping> {
         let scratch = Scratch::new(scene.model(), settings);
         let is_lanes = settings.method != Method::Contact && settings.connected && settings.is_vectorized();
-        let limits = || if settings.stops { limit_rows(scene) } else { Vec::new() };
+        let limits = || if settings.stops() { limit_rows(scene) } else { Vec::new() };
         let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch, limits())));
         let touching = settings.touches_in_lanes(scene).then(|| Box::new(Touching::new(scene, settings, &scratch)));
         Box::new(Self { scratch, target, connected, touching, own_inertias: None })
@@ -148,7 +148,8 @@ impl CheckedState {
         let closed = settings.connected.then(|| ClosedScratch::new(scene, settings, form));
         let scratch = Scratch::new(model, settings);
         let (events, substeps) = (Events::new(settings, &scratch), Substeps::new(&scratch));
-        let solver = Checked::new(model, settings.coupling.clone(), form).accepting(settings.tolerance).with_kernels();
+        let solver =
+            Checked::new(model, settings.coupling.clone(), form).accepting(settings.given.tolerance).with_kernels();
         Self { scratch, solver, events, substeps, closed }
     }
 

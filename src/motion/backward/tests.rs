@@ -6,7 +6,7 @@ use crate::batch::instruction_set::Baseline;
 use crate::motion::solver::Solver;
 use crate::motion::step::step;
 use crate::motion::step_settings::StepSettings;
-use crate::motion::{Gains, METHODS, Method, Properties};
+use crate::motion::{Gains, METHODS, Method, Properties, Settings};
 use crate::scalar::{DoubleDouble, Dual};
 use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
 use crate::scenes::draw::Draw;
@@ -104,7 +104,9 @@ impl Case {
         };
         let (kp, kd) = (positive(&mut random, nv, 3.0), positive(&mut random, nv, 0.5));
         let gains = Gains::new(kp, kd, target).with_target_rate(many(&mut random, nv, 0.3));
-        let settings = StepSettings::new(scene.model(), step, method, (properties, Some(gains))).backward();
+        let settings =
+            StepSettings::new(scene.model(), Arc::new(Settings::new(&scene, step)), method, (properties, Some(gains)))
+                .backward();
         let (v, torque, end) = (
             many(&mut random, nv, 1.0),
             many(&mut random, nv, 5.0),

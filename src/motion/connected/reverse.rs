@@ -86,7 +86,7 @@ impl<T: Vectorized> ConnectedReverse<T> {
         let connected = Connected::new(scene, settings, s, limits);
         let (of_step, constraints) = ((&s.model, &s.constants), scene.constraints());
         let factors = |of: (&Model<T>, &SweepModel<T>)| Factors {
-            sweeps: SweepScratch::new(of.0, of.1).accepting(settings.tolerance),
+            sweeps: SweepScratch::new(of.0, of.1).accepting(settings.given.tolerance),
             rows: kernel_of_rows(of, constraints),
         };
         let of_end = connected.own.as_ref().map_or(of_step, |own| (&own.model, &own.constants));

@@ -79,6 +79,7 @@ pub(super) fn positions_onto_connections(
 mod tests {
     use super::super::super::method::Method;
     use super::super::super::properties::Properties;
+    use super::super::super::settings::Settings;
     use super::super::super::step_settings::StepSettings;
     use super::super::at::{At, Connections, Moved};
     use crate::dynamics::constraints::Elimination;
@@ -86,6 +87,7 @@ mod tests {
     use crate::dynamics::forward::factorise;
     use crate::scene::{Connection, ConnectionKind, Contact, Scene, Surface};
     use nalgebra::{DMatrix, DVector};
+    use std::sync::Arc;
 
     /// A chain whose ends are a fixed distance apart, with that distance given twice, a contact with the ground
     /// and a pair of links.
@@ -153,7 +155,12 @@ mod tests {
         const STEP: f64 = 1e-3;
         let scene = scene();
         let (model, points, nv) = (scene.model(), scene.contact_points(), scene.nv());
-        let settings = StepSettings::new(model, 1e-3, Method::Contact, (Properties::of(&scene), None));
+        let settings = StepSettings::new(
+            model,
+            Arc::new(Settings::new(&scene, 1e-3)),
+            Method::Contact,
+            (Properties::of(&scene), None),
+        );
         let (mut workspace, mut rows) = (scene.workspace(), ContactScratch::new(model, points, Vec::new()));
         let mut connections = Connections::new(&scene, &settings, model, false);
         let (workspace, rows, connections) = (&mut workspace, &mut rows, &mut connections);

@@ -293,14 +293,14 @@ impl Switching {
     pub(super) fn controlled(&mut self, job: &mut Job<'_, '_>, n: usize, lane: usize) -> Result<(), StepFault> {
         let (scene, settings) = (job.scene, job.settings);
         let (width, contacts) = (settings.width(scene), scene.contact_points().len());
-        let Some(accuracy) = settings.accuracy else { return Ok(()) };
+        let Some(accuracy) = settings.given.accuracy else { return Ok(()) };
         let values = job.current[lane * width..][..width].to_vec();
         let mut step = Divided {
             scene,
             torque: job.torque,
             n,
             state: [job.states.at(lane)],
-            limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
+            limits: if settings.stops() { limit_rows(scene) } else { Vec::new() },
             accuracy,
             step: settings.step,
             settings: settings.clone(),

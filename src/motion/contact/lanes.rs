@@ -70,7 +70,7 @@ impl<T: Vectorized> Touching<T> {
         Self {
             kernel: ContactKernel::new((&s.model, &s.constants), scene.contact_points()),
             ahead: SweepScratch::new(&s.model, &s.constants),
-            limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
+            limits: if settings.stops() { limit_rows(scene) } else { Vec::new() },
             start: vec![nan; 3 * n],
             free: vec![nan; 3 * n],
             after: vec![nan; 3 * n],
@@ -111,7 +111,7 @@ impl<T: Vectorized> Touching<T> {
         let Self { kernel, start, free, impulses, solved, .. } = self;
         let Solved { outcome, free: free_here, report, impulse_kept } = &mut solved[lane];
         let (points, h, near) = (scene.contact_points(), settings.step, &outcome.near);
-        let rest_speed = rest_speed(model, h, settings.accuracy);
+        let rest_speed = rest_speed(model, h, settings.given.accuracy);
         let hits = |&i: &usize| points[i].restitution > 0.0 && start[3 * i + 2].lanes()[lane] < -rest_speed;
         if near.iter().any(hits) {
             return false;
@@ -156,7 +156,7 @@ impl<T: Vectorized> Touching<T> {
         }
         let pick = |all: &[T]| DVector::from_fn(3 * near.len(), |i, _| all[3 * near[i / 3] + i % 3].lanes()[lane]);
         let velocities = (&outcome.held, [&pick(start), &*free, &pick(after)]);
-        let counted = (near.len(), rest_speed(model, settings.step, settings.accuracy));
+        let counted = (near.len(), rest_speed(model, settings.step, settings.given.accuracy));
         outcome.report = report(solved, solved.iterations, *impulse_kept, (0.0, None), velocities, counted);
         true
     }

@@ -115,11 +115,11 @@ impl Outcome {
 
 impl ContactStep {
     pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
-        let limits = if settings.stops { limit_rows(scene) } else { Vec::new() };
+        let limits = if settings.stops() { limit_rows(scene) } else { Vec::new() };
         let mut rows = ContactScratch::new(scene.model(), scene.contact_points(), limits);
         rows.closed = eliminated(scene, settings);
         // The equations of motion are those of the tree; coupled joints are rows of the step.
-        let solver = Checked::new(scene.model(), None, form).accepting(settings.tolerance);
+        let solver = Checked::new(scene.model(), None, form).accepting(settings.given.tolerance);
         let (impacts, division) = (Vec::new(), Division::default());
         let (contradicted, frozen) = (Vec::new(), Vec::new());
         Self { solver, rows, impacts, record: None, acceleration: 0.0, reverses: false, division, contradicted, frozen }
@@ -230,7 +230,7 @@ impl ContactStep {
             (depth, 0)
         } else {
             let workspace = &mut self.solver.workspace;
-            if settings.accuracy.is_some() {
+            if settings.given.accuracy.is_some() {
                 // The error is then smooth in the length of the step.
                 let held = outcome
                     .near
@@ -289,9 +289,9 @@ impl ContactStep {
         let mut outcome = Outcome::default();
         // The rules for slow contacts are those of the whole step.
         let (rest_speed, least) =
-            (rest_speed(&s.model, division.whole, settings.accuracy), touching_gap(&s.model, division.whole));
+            (rest_speed(&s.model, division.whole, settings.given.accuracy), touching_gap(&s.model, division.whole));
         let change = |i: usize| (free[3 * i + 2] - start[3 * i + 2]) * division.whole / h;
-        let of_stops = settings.restitution;
+        let of_stops = settings.given.restitution;
         let restitution = |i: usize, speed: f64| match points.get(i) {
             Some(point) if speed < -rest_speed => point.restitution,
             None if rebounds(speed, speed + change(i), of_stops) => of_stops,

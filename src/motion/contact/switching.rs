@@ -104,7 +104,7 @@ impl Switching {
         let all = u64::MAX >> (64 - job.states.len());
         let (acting, fault) = self.free_steps(job, n, all);
         let mut outcome = fault.map_or(Ok(()), Err);
-        if settings.accuracy.is_some() {
+        if settings.given.accuracy.is_some() {
             for lane in (0..job.states.len()).filter(|lane| acting >> lane & 1 == 1) {
                 let fault = self.controlled(job, n, lane);
                 let is_earlier = |fault: &StepFault| {
@@ -115,7 +115,7 @@ impl Switching {
                 }
             }
         }
-        let mut left = if settings.accuracy.is_some() { 0 } else { acting };
+        let mut left = if settings.given.accuracy.is_some() { 0 } else { acting };
         while left != 0 {
             let Self { part, touching, reaches, .. } = self;
             let shapes = reaches[left.trailing_zeros() as usize].shapes.as_mut();
