@@ -11,12 +11,12 @@ use super::super::scratch::{Scratch, add_scaled, clear};
 use super::super::solver::Solver;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
-use super::{Connected, STEPS, beyond_limits, factors, kernel_of_rows, open_lanes, replace, slow, step_back};
+use super::{Connected, STEPS, beyond_limits, factors, keep, kernel_of_rows, open_lanes, replace, slow, step_back};
 use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::{Target, Vectorized, within_target};
 use crate::batch::{connected, factor, products};
 use crate::dynamics::constraints::{
-    ConstraintKernel, Pushed, Residuals, Results, RowFault, RowGradients, RowProducts, SolutionGradients, largest_of,
+    ConstraintKernel, Pushed, Residuals, Results, RowFault, RowGradients, RowProducts, SolutionGradients,
 };
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::derivatives::{CoStates, Constants};
@@ -192,23 +192,9 @@ impl<T: Vectorized> ConnectedReverse<T> {
         let end = &mut end[0].at;
         change.copy_from_slice(v_next);
         clear(forces);
-        let speed = largest_of(v_next, zero).mul_add(size, zero.constant(1.0));
-        (before, made) = (zero.constant(f64::INFINITY), 0);
-        loop {
-            let Factors { sweeps, rows } = &mut *end;
-            let left = rows.largest(Residuals::Rates);
-            let open = open_lanes(left, before, speed, 0.25);
-            let going = open & active & !doubt;
-            if going == 0 || made == STEPS {
-                doubt |= open;
-                break;
-            }
-            (before, made) = (left, made + 1);
-            slow((target, scene), (sweeps, rows), (innovations, of_x), (v_next, going));
-            of_rows.copy_from_slice(rows.step());
-            keep(of_rows, going, zero);
-            add_scaled(forces, 1.0, of_rows);
-        }
+        let (Factors { sweeps, rows }, lanes) = (&mut *end, (size, active & !doubt));
+        let vectors = (&mut innovations[..], &mut of_x[..]);
+        doubt |= slow((target, scene), (sweeps, rows), vectors, (v_next, lanes), Some([of_rows, &mut forces[..]]));
         for (change, &v) in change.iter_mut().zip(&*v_next) {
             *change = v - *change;
         }
@@ -237,18 +223,6 @@ impl<T: Vectorized> ConnectedReverse<T> {
 /// All lanes of a result that failed.
 fn failed(outcome: Result<(), RowFault>) -> u64 {
     if outcome.is_err() { u64::MAX } else { 0 }
-}
-
-/// Sets all lanes but those given as bits to zero.
-#[inline(always)]
-fn keep<T: Vectorized>(numbers: &mut [T], lanes: u64, zero: T) {
-    for number in numbers {
-        for (lane, number) in number.lanes_mut().iter_mut().enumerate() {
-            if lanes >> lane & 1 == 0 {
-                *number = zero.lanes()[lane];
-            }
-        }
-    }
 }
 
 /// The accelerations of the stages with their factors: forward, where `at` is the next stage, and backward, where it is
