@@ -33,11 +33,12 @@ use crate::dynamics;
 use crate::dynamics::derivatives::{self, CoStates, Constants, Parameters, ProductScratch};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::SweepModel;
+use crate::error::Error;
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
-use crate::scene::Coupling;
+use crate::scene::{Coupling, Scene};
 use crate::workspace::Workspace;
 use std::sync::Arc;
 
@@ -123,6 +124,14 @@ pub(super) struct StageGradients<'a, T> {
     pub cotangent: &'a [T],
     pub parameters: &'a mut [Parameters<T>],
     pub out: &'a mut [T],
+}
+
+impl StepGradients<f64> {
+    /// Checks that all results are finite. Returns the joint and the error if they are not.
+    pub fn check(&mut self, scene: &Scene) -> Result<(), (String, Error)> {
+        let mut results = self.results();
+        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
+    }
 }
 
 /// Computes the accelerations of a stage and their gradients. Both methods return, as bits, the lanes whose error

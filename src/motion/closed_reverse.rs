@@ -224,11 +224,7 @@ impl ClosedReverse {
         for (start, more) in gradients.start.iter_mut().zip([by_q, by_v]) {
             add_scaled(start, 1.0, &more);
         }
-        let mut results = gradients.results();
-        results
-            .try_for_each(|numbers| scene.check_result("gradients", numbers))
-            .map_err(|error| (String::new(), error))?;
-        Ok(true)
+        gradients.check(scene).map(|()| true)
     }
 }
 

@@ -6,9 +6,8 @@ use super::backward::{ACTING, CheckedBackward, INPUTS, StepGradients, Vectorized
 use super::closed_reverse::ClosedReverse;
 use super::connected::ConnectedReverse;
 use super::contact::{ContactReverse, ModeChange, ShapeGradients};
-use super::division::{Substeps, TreeSteps};
 use super::drives::give;
-use super::events::{EventSolution, Events, Rebound};
+use super::events::{EventSolution, Rebound};
 use super::faults::pivot_fault;
 use super::gradient_layout::{CONTACTS, INPUT, Layout, PARAMETERS, ROWS, RecordedRows};
 use super::job::{self, Rows};
@@ -16,9 +15,8 @@ use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
 use super::reversed_substeps::{Parts, RecordedEvent, Substep, through_substeps};
 use super::scratch::{Scratch, add_scaled, clear};
-use super::solver;
 use super::step_settings::{StepArguments, StepSettings};
-use super::stepper::{Stepper, fill, scatter, take_lane};
+use super::stepper::{CheckedState, Stepper, fill, scatter, take_lane};
 use super::torque::{StepFault, Torque};
 use crate::batch::instruction_set::{InstructionSet, Target, Vectorized, lanes_of, on_instruction_set};
 use crate::error::Error;
@@ -227,32 +225,25 @@ impl OneState for ClosedReverse {
 
 /// One state with all checks, in substeps, and with the set-valued law.
 struct Checked {
-    scratch: Scratch<f64>,
+    one: CheckedState,
     gradients: StepGradients<f64>,
     solver: CheckedBackward,
-    /// The step forward, and its substeps.
-    forward: solver::Checked,
-    events: Events,
-    substeps: Substeps,
 }
 
 impl Checked {
     #[cold]
     fn new(job: &Job<'_>, form: Form) -> Self {
-        let scratch = Scratch::new(job.scene.model(), job.settings);
-        let gradients = StepGradients::new(&scratch.model, job.settings, job.layout.count(PARAMETERS) > 0);
-        let (coupling, tolerance) = (&job.settings.coupling, job.settings.given.tolerance);
-        let solver = CheckedBackward::new(&scratch.model, coupling.clone(), form, tolerance);
-        let forward =
-            solver::Checked::new(job.scene.model(), coupling.clone(), form).accepting(tolerance).with_kernels();
-        let (events, substeps) = (Events::new(job.settings, &scratch), Substeps::new(&scratch));
-        Self { scratch, gradients, solver, forward, events, substeps }
+        let one = CheckedState::new(job.scene, job.settings, form);
+        let (model, tolerance) = (&one.scratch.model, job.settings.given.tolerance);
+        let gradients = StepGradients::new(model, job.settings, job.layout.count(PARAMETERS) > 0);
+        let solver = CheckedBackward::new(model, job.settings.coupling.clone(), form, tolerance);
+        Self { one, gradients, solver }
     }
 }
 
 impl Parts for Checked {
     fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>) {
-        (&mut self.scratch, &mut self.gradients)
+        (&mut self.one.scratch, &mut self.gradients)
     }
 }
 
@@ -260,12 +251,11 @@ impl OneState for Checked {
     #[inline(never)]
     fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
         let (settings, mut made) = (job.settings, Vec::new());
-        let mut steps = TreeSteps { solver: &mut self.forward, events: &mut self.events };
-        self.substeps.advance(settings, &mut self.scratch, &mut steps, &mut |scheme, s, event| {
+        self.one.step(job.scene, settings, &mut |scheme, s, event| {
             made.push(Substep::new(settings, scheme, s, event));
-        });
-        through_substeps(self, settings, made, |one, Substep { scheme, pieces, event, .. }| {
-            let Self { scratch, gradients, solver, forward, events, .. } = one;
+        })?;
+        through_substeps(self, settings, made, |state, Substep { scheme, pieces, event, .. }| {
+            let Self { one: CheckedState { scratch, solver: forward, events, .. }, gradients, solver } = state;
             let by = (settings, &scheme);
             match event {
                 None => {
@@ -286,14 +276,11 @@ impl OneState for Checked {
             }
             Ok(())
         })?;
-        let Self { gradients, solver, forward, .. } = self;
-        if let Some(lost) = forward.lost.take().or(solver.take_lost()) {
+        let Self { one, gradients, solver } = self;
+        if let Some(lost) = one.solver.lost.take().or(solver.take_lost()) {
             return Err(pivot_fault(job.scene, lost));
         }
-        let mut results = gradients.results();
-        results
-            .try_for_each(|numbers| job.scene.check_result("gradients", numbers))
-            .map_err(|error| (String::new(), error))
+        gradients.check(job.scene)
     }
 }
 

@@ -3,12 +3,12 @@
 use super::closed_steps::{ClosedScratch, ClosedSteps};
 use super::connected::Connected;
 use super::contact::{ContactStepper, Shapes, Switching, Touching, finish_contacts};
-use super::division::{Substeps, TreeSteps};
-use super::events::{Event, Events};
+use super::division::{Substeps, TreeSteps, Visitor};
+use super::events::Events;
 use super::faults::{fault_of, strays};
 use super::job::{Divisions, Impacts, Job, Models, States};
 use super::limit_rows::limit_rows;
-use super::method::{Method, Scheme};
+use super::method::Method;
 use super::scratch::Scratch;
 pub(super) use super::scratch::{fill, scatter, take_lane};
 use super::solver::{Checked, Kernels};
@@ -109,10 +109,10 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
 }
 
 /// One state, for steps that the vectorized step rejected.
-struct CheckedState {
-    scratch: Scratch<f64>,
-    solver: Checked,
-    events: Events,
+pub(super) struct CheckedState {
+    pub scratch: Scratch<f64>,
+    pub solver: Checked,
+    pub events: Events,
     substeps: Substeps,
     /// For a scene with connections.
     closed: Option<ClosedScratch>,
@@ -143,7 +143,7 @@ impl CheckedStates {
 
 impl CheckedState {
     #[cold]
-    fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
+    pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
         let model = scene.model();
         let closed = settings.connected.then(|| ClosedScratch::new(scene, settings, form));
         let scratch = Scratch::new(model, settings);
@@ -153,30 +153,25 @@ impl CheckedState {
         Self { scratch, solver, events, substeps, closed }
     }
 
-    /// One step of one state. Returns the joint and the error if it fails.
+    /// One step of one state, as [`Substeps::advance`]. Returns the joint and the error if it fails.
     #[inline(never)]
-    fn step(
+    pub fn step(
         &mut self,
         scene: &Scene,
         settings: &StepSettings,
-        (lane, mut divisions): (usize, Option<&mut Divisions>),
+        visit: &mut Visitor<'_>,
     ) -> Result<(), (String, Error)> {
         let Self { scratch, solver, events, substeps, closed } = self;
-        let mut visit = |scheme: &Scheme, s: &Scratch<f64>, _: Option<&Event<'_>>| {
-            if let Some(divisions) = &mut divisions {
-                divisions.add(lane, scheme.step, (&s.q, &s.v));
-            }
-        };
         let lost = if let Some(closed) = closed {
             let mut steps = ClosedSteps::new(scene, closed);
-            substeps.advance(settings, scratch, &mut steps, &mut visit);
+            substeps.advance(settings, scratch, &mut steps, visit);
             let (lost, error) = steps.failure.unwrap_or_default();
             if let Some(error) = error {
                 return Err((String::new(), error));
             }
             lost
         } else {
-            substeps.advance(settings, scratch, &mut TreeSteps { solver, events }, &mut visit);
+            substeps.advance(settings, scratch, &mut TreeSteps { solver, events }, visit);
             solver.lost.take()
         };
         if let Some(coupling) = &settings.coupling {
@@ -341,13 +336,10 @@ fn recompute<T: Vectorized>(
             let settings = member.map_or(settings, |(member, _)| &member.settings);
             let alone = checked.of(member.map(|_| (lane, state)), || CheckedState::new(scene, settings, form));
             take_lane(&mut alone.scratch, s, lane);
-            let divided = (lane, divisions.as_deref_mut());
-            alone.step(scene, settings, divided).map_err(|(joint, error)| StepFault {
-                step: n,
-                state,
-                joint,
-                error,
-            })?;
+            let made = alone.step(scene, settings, &mut |scheme, s, _| {
+                divisions.iter_mut().for_each(|divisions| divisions.add(lane, scheme.step, (&s.q, &s.v)));
+            });
+            made.map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
             if let Some((impacts, begun)) = impacts.filter(|_| !alone.substeps.impacts.is_empty()) {
                 impacts.add(&alone.substeps.impacts, state, settings.time(n - begun));
             }

@@ -184,8 +184,7 @@ impl ContactReverse {
         let through = self.through_parts((of_step, settings));
         self.shaped = shaped;
         self.modes.add(n, self.contacts.iter().copied().zip(through?), changed);
-        let mut results = self.gradients.results();
-        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
+        self.gradients.check(scene)
     }
 
     /// Propagates the gradients through the parts of a step, which end at impacts: with b(h) the product of the cotangent
