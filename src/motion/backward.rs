@@ -35,7 +35,6 @@ use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::SweepModel;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
 use crate::scene::{Coupling, Scene};
@@ -180,7 +179,7 @@ impl<T: Vectorized, I: Target> BackwardSolver<T> for VectorizedBackward<T, I> {
 
 /// Solver for one state with all checks, in the form of the workspace.
 pub(super) struct CheckedBackward {
-    solver: Checked,
+    pub solver: Checked,
     products: ProductScratch<f64>,
 }
 
@@ -188,11 +187,6 @@ impl CheckedBackward {
     pub fn new(model: &Model<f64>, coupling: Option<Arc<Coupling>>, form: Form, tolerance: Option<f64>) -> Self {
         let solver = Checked::new(model, coupling, form).accepting(tolerance);
         Self { solver, products: ProductScratch::new(model) }
-    }
-
-    /// Returns the first singular pivot, and forgets it.
-    pub fn take_lost(&mut self) -> Option<LostPivot> {
-        self.solver.lost.take()
     }
 
     /// The same solver for a step with known accelerations.

@@ -39,8 +39,8 @@ pub(super) fn step_settings(
     if let Some(coupling) = &coupling {
         coupling.give_armature(&mut properties.armature);
     }
-    let mut of =
-        StepSettings::new(scene.model(), Arc::clone(given), chosen, (properties, gains)).with_coupling(coupling);
+    let mut of = StepSettings::new(scene.model(), Arc::clone(given), chosen, (properties, gains));
+    of.coupling = coupling;
     of.divides = method == Method::Auto && !touches;
     if let Some(gains) = &of.gains {
         (of.limits_sum, of.has_motors) = (gains.limits_sum, !gains.stall.is_empty());

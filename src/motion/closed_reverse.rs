@@ -7,16 +7,16 @@
 use super::backward::{
     ARMATURE, BackwardSolver, FRICTION, RATE, StageGradients, StepGradients, TARGET, TORQUE, backward,
 };
-use super::closed_steps::{ClosedScratch, ClosedSteps};
+use super::closed_steps::ClosedScratch;
 use super::closed_stop_reverse::StopReverse;
 use super::closed_stops::{StopRecord, is_past};
 use super::constrained::{Constrained, ConstrainedScratch, named};
-use super::division::{Substeps, Visitor};
 use super::method::Scheme;
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
+use super::stepper::CheckedState;
 use crate::batch::accelerations::KernelArguments;
 use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowFault, subtract_products};
 use crate::dynamics::derivatives::Constants;
@@ -26,11 +26,9 @@ use crate::scene::Scene;
 
 /// One state.
 pub(super) struct ClosedReverse {
-    pub scratch: Scratch<f64>,
+    pub one: CheckedState,
     pub gradients: StepGradients<f64>,
-    closed: ClosedScratch,
     adjoint: ConstraintAdjoint,
-    divided: Substeps,
     newton: Vec<ProjectionStep>,
     /// Forces of the connections in each stage.
     forces: Vec<Vec<f64>>,
@@ -83,28 +81,14 @@ impl BackwardSolver<f64> for ClosedBackward<'_> {
 
 impl ClosedReverse {
     pub fn new(scene: &Scene, settings: &StepSettings, form: Form, parameters: bool) -> Self {
-        let scratch = Scratch::new(scene.model(), settings);
+        let one = CheckedState::new(scene, settings, form);
         Self {
-            gradients: StepGradients::new(&scratch.model, settings, parameters),
-            closed: ClosedScratch::new(scene, settings, form),
+            gradients: StepGradients::new(&one.scratch.model, settings, parameters),
             adjoint: ConstraintAdjoint::new(scene.model(), scene.constraints(), parameters),
-            divided: Substeps::new(&scratch),
             newton: Vec::new(),
             forces: Vec::new(),
-            scratch,
+            one,
         }
-    }
-
-    /// The step forward, in substeps.
-    pub fn substeps(
-        &mut self,
-        scene: &Scene,
-        settings: &StepSettings,
-        visit: &mut Visitor<'_>,
-    ) -> Result<(), (String, Error)> {
-        let mut steps = ClosedSteps::new(scene, &mut self.closed);
-        self.divided.advance(settings, &mut self.scratch, &mut steps, visit);
-        steps.failure.map_or(Ok(()), |failure| Err(named(scene, failure)))
     }
 
     /// The accelerations at the end of the step in the scratch, at its last velocities, in a step of h without friction
@@ -115,13 +99,14 @@ impl ClosedReverse {
         settings: &StepSettings,
         scheme: &Scheme,
     ) -> Result<Vec<f64>, (String, Error)> {
-        let Self { scratch: s, closed: ClosedScratch { rows_of_connections: scratch, without, .. }, .. } = self;
+        let CheckedState { scratch: s, closed: Some(closed), .. } = &mut self.one else { return Ok(Vec::new()) };
+        let ClosedScratch { rows_of_connections: scratch, without, .. } = closed;
         let mut solver = Constrained { scene, scratch, compliance: &settings.given.compliance };
         let end = (s.q_next.clone(), s.v_next.clone());
         let (q, v) = (std::mem::replace(&mut s.q, end.0), std::mem::replace(&mut s.v, end.1));
         clear(&mut s.dry);
         step((without, scheme), s, &mut solver);
-        let finished = solver.finish(without, s);
+        let finished = solver.finish(without, s, None);
         let accelerations = s.v_next.iter().zip(&s.v).map(|(next, v)| (next - v) / scheme.step).collect();
         (s.q, s.v) = (q, v);
         finished.map(|()| accelerations).map_err(|failure| named(scene, failure))
@@ -135,7 +120,8 @@ impl ClosedReverse {
         scheme: &Scheme,
         is_whole: bool,
     ) -> Result<bool, (String, Error)> {
-        let Self { scratch: s, gradients, closed, adjoint, newton, forces, .. } = self;
+        let Self { one, gradients, adjoint, newton, forces } = self;
+        let CheckedState { scratch: s, closed: Some(closed), .. } = one else { return Ok(false) };
         let ClosedScratch { rows_of_connections, rows, without } = closed;
         let mut forward = Constrained { scene, scratch: rows_of_connections, compliance: &settings.given.compliance };
         let (mut by, named) = ((settings, scheme), |failure| named(scene, failure));
@@ -144,7 +130,7 @@ impl ClosedReverse {
         step(by, s, &mut Recorded { forward: &mut forward, forces });
         let mut free = s.v_next.clone();
         newton.clear();
-        let finished = forward.finish_recorded(settings, s, Some(newton));
+        let finished = forward.finish(settings, s, Some(newton));
         let acts = !(s.consistent > 0.0) || rows.iter().any(|of| is_past(of, s));
         if is_whole && settings.divides && (acts || !(s.short_enough > 0.0) || finished.is_err()) {
             return Ok(false);
@@ -158,7 +144,7 @@ impl ClosedReverse {
             step(by, s, &mut Recorded { forward: &mut forward, forces });
             free.copy_from_slice(&s.v_next);
             newton.clear();
-            forward.finish_recorded(settings, s, Some(newton)).map_err(named)?;
+            forward.finish(settings, s, Some(newton)).map_err(named)?;
         }
         let end =
             Projected { q: s.q_next.clone(), v: s.v_next.clone(), free, forces: forward.scratch.rows.forces.clone() };

@@ -66,7 +66,7 @@ impl Steps for ClosedSteps<'_> {
     }
 
     fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>) {
-        self.failure = self.failure.take().or(self.constrained(settings).finish(settings, s).err());
+        self.failure = self.failure.take().or(self.constrained(settings).finish(settings, s, None).err());
         if self.scratch.rows.iter().any(|of| is_past(of, s)) {
             s.consistent = -1.0;
         }
@@ -86,7 +86,7 @@ impl Steps for ClosedSteps<'_> {
             let scheme = Scheme::new(settings.method, ending.0);
             s.release_drives(settings, scheme.implicit_step());
             step((without, &scheme), s, &mut solver);
-            found = solver.finish(settings, s);
+            found = solver.finish(settings, s, None);
         }
         let (h, mut record) = (ending.0, StopRecord::default());
         let error = found.and_then(|()| solver.stop(settings, rows, (s, ending), &mut record));

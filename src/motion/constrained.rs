@@ -104,13 +104,9 @@ impl Solver<f64> for Constrained<'_> {
 }
 
 impl Constrained<'_> {
-    /// Ends a step: projects `q_next` and `v_next` onto the connections. Returns the fault of the step.
-    pub fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>) -> Result<(), Failure> {
-        self.finish_recorded(settings, s, None)
-    }
-
-    /// As [`Constrained::finish`]; adds the steps of the projection of positions to `steps`, as [`record_projection`].
-    pub(super) fn finish_recorded(
+    /// Ends a step: projects `q_next` and `v_next` onto the connections. Returns the fault of the step; adds the steps of
+    /// the projection of positions to `steps`, as [`record_projection`].
+    pub fn finish(
         &mut self,
         settings: &StepSettings,
         s: &mut Scratch<f64>,

@@ -195,7 +195,7 @@ trait OneState: Parts {
 
 impl Parts for ClosedReverse {
     fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>) {
-        (&mut self.scratch, &mut self.gradients)
+        (&mut self.one.scratch, &mut self.gradients)
     }
 }
 
@@ -206,7 +206,9 @@ impl OneState for ClosedReverse {
             return Ok(());
         }
         let mut made = Vec::new();
-        self.substeps(scene, settings, &mut |scheme, s, event| made.push(Substep::new(settings, scheme, s, event)))?;
+        self.one.step(scene, settings, &mut |scheme, s, event| {
+            made.push(Substep::new(settings, scheme, s, event));
+        })?;
         through_substeps(self, settings, made, |closed, Substep { scheme, event, .. }| {
             let scheme = Scheme::new(settings.method, scheme.step);
             let Some(rebound) = event.and_then(|event| event.rebound) else {
@@ -216,8 +218,8 @@ impl OneState for ClosedReverse {
             clear(&mut closed.gradients.end[0]);
             closed.step((scene, settings), &scheme, false)?;
             let after = closed.accelerations_after(scene, settings, &scheme)?;
-            let ClosedReverse { scratch, gradients, .. } = closed;
-            through_impact((&scratch.v, scheme.step), (&rebound, &after), [&of_q, &of_v], &mut gradients.start);
+            let ClosedReverse { one, gradients, .. } = closed;
+            through_impact((&one.scratch.v, scheme.step), (&rebound, &after), [&of_q, &of_v], &mut gradients.start);
             Ok(())
         })
     }
@@ -277,7 +279,7 @@ impl OneState for Checked {
             Ok(())
         })?;
         let Self { one, gradients, solver } = self;
-        if let Some(lost) = one.solver.lost.take().or(solver.take_lost()) {
+        if let Some(lost) = one.solver.lost.take().or(solver.solver.lost.take()) {
             return Err(pivot_fault(job.scene, lost));
         }
         gradients.check(job.scene)

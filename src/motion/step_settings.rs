@@ -117,11 +117,6 @@ impl StepSettings {
         self.wrenches = wrenches;
     }
 
-    /// The same settings for coupled joints.
-    pub fn with_coupling(self, coupling: Option<Arc<Coupling>>) -> Self {
-        Self { coupling, ..self }
-    }
-
     /// True if steps are vectorized: those without coupled joints, compliant connections, friction curves and error
     /// control.
     pub fn is_vectorized(&self) -> bool {

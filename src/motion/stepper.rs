@@ -115,7 +115,7 @@ pub(super) struct CheckedState {
     pub events: Events,
     substeps: Substeps,
     /// For a scene with connections.
-    closed: Option<ClosedScratch>,
+    pub closed: Option<ClosedScratch>,
 }
 
 /// The scratch of the states of a job: one for all, or one for each lane whose state has its own model.
