@@ -273,7 +273,7 @@ impl Graph {
             0 => knots.first().map_or(0.0, |(v, _)| v - 1.0 - v.abs()),
             k => knots.get(k).map_or(knots[k - 1].0 + 1.0 + knots[k - 1].0.abs(), |(v, _)| 0.5 * (v + knots[k - 1].0)),
         };
-        let mut lines: Vec<Line> = (0..=knots.len()).map(|k| drive.line(middle(k))).collect();
+        let lines: Vec<Line> = (0..=knots.len()).map(|k| drive.line(middle(k))).collect();
         let mut k = 0;
         knots.retain(|_| {
             k += 1;
@@ -281,14 +281,14 @@ impl Graph {
         });
         knots.extend(own.iter().copied().zip(self.holds));
         knots.sort_by(|a, b| a.0.total_cmp(&b.0));
-        lines.dedup();
-        let (mut graph, mut passed) = (Self { count: 0, drive: Some(drive), ..*self }, 0);
-        graph.lines[0] = lines[0];
-        for (v, hold) in knots {
-            passed += usize::from(hold.is_none());
+        let mut graph = Self { count: 0, drive: Some(drive), ..*self };
+        for (k, &(v, hold)) in knots.iter().enumerate() {
+            let next = knots.get(k + 1).map_or(v + 1.0 + v.abs(), |(next, _)| 0.5 * (v + next));
             graph.push(v, hold, self.torques[own.iter().filter(|own| **own <= v).count()]);
-            graph.lines[graph.count] = lines[passed];
+            graph.lines[k + 1] = drive.line(next);
         }
+        let before = knots.first().map_or(0.0, |(v, _)| v - 1.0 - v.abs());
+        graph.lines[0] = drive.line(before);
         graph
     }
 
