@@ -142,7 +142,7 @@ impl Case {
         assert_eq!(fallback, 0, "{:?}: {:?}, {:?}", self.settings.method, s.consistent, s.short_enough);
         let mut checked = CheckedBackward::new(&s.model, None, Form::Auto, None);
         backward((&self.settings, &self.settings.scheme), &mut s, &mut both[1], &mut checked, None);
-        assert!(checked.take_lost().is_none());
+        assert!(checked.solver.lost.is_none());
         both
     }
 

@@ -1,4 +1,4 @@
-//! Steps of states with contacts, one after another, and records of their contacts.
+//! Steps of one state with contacts, and records of its contacts.
 
 use super::super::job::Impacts;
 use super::super::scratch::Scratch;
