@@ -131,6 +131,9 @@ impl Cones {
 
     /// [`Cone::shared_evenly`] of each group.
     pub fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
+        if let [(_, cone)] = &self.groups[..] {
+            return cone.shared_evenly(p, c, limits);
+        }
         let shared = |members: &[usize], cone: &Cone| {
             let p = cone.shared_evenly(pick(&p, members), &pick(c, members), &limits.of(members));
             (p, SolveReport::nothing())

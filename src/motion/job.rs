@@ -119,7 +119,7 @@ pub(super) struct Job<'a, 'r> {
     pub divisions: Option<&'a mut Divisions>,
 }
 
-impl<'a, 'r> Job<'a, 'r> {
+impl<'a> Job<'a, '_> {
     /// Steps of states of a scene from their `current` values, of which nothing else is stored.
     pub fn of(
         (scene, settings): (&'a Scene, &'a StepSettings),

@@ -337,7 +337,9 @@ fn recompute<T: Vectorized>(
             let alone = checked.of(member.map(|_| (lane, state)), || CheckedState::new(scene, settings, form));
             take_lane(&mut alone.scratch, s, lane);
             let made = alone.step(scene, settings, &mut |scheme, s, _| {
-                divisions.iter_mut().for_each(|divisions| divisions.add(lane, scheme.step, (&s.q, &s.v)));
+                if let Some(divisions) = &mut divisions {
+                    divisions.add(lane, scheme.step, (&s.q, &s.v));
+                }
             });
             made.map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
             if let Some((impacts, begun)) = impacts.filter(|_| !alone.substeps.impacts.is_empty()) {
