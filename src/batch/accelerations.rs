@@ -19,6 +19,16 @@ pub(crate) struct KernelArguments<'a, T: Real> {
     pub qdd: &'a mut [T],
 }
 
+#[cfg(feature = "motion")]
+impl<T: Real> KernelArguments<'_, T> {
+    /// The same arguments for a call before another one.
+    #[inline(always)]
+    pub fn again(&mut self) -> KernelArguments<'_, T> {
+        let Self { scene, scratch, state, wrenches, qdd } = self;
+        KernelArguments { scene: *scene, scratch, state: *state, wrenches, qdd }
+    }
+}
+
 /// The arguments and results of a kernel with scratch of its own.
 pub(super) struct KernelCall<'a, T: Real, K> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),

@@ -120,29 +120,70 @@ macro_rules! within_target {
     ($($(#[$meta:meta])* $visible:vis fn $name:ident<$($life:lifetime),+, $T:ident>(
         $($argument:ident: $kind:ty),* $(,)?
     ) -> $result:ty $body:block)*) => { $(
+        $crate::batch::instruction_set::within_target! {
+            $(#[$meta])*
+            $visible fn $name<$($life),+, $T, I>(target; $($argument: $kind),*) -> $result $body
+        }
+    )* };
+    // The same, for functions that pass their target on.
+    ($($(#[$meta:meta])* $visible:vis fn $name:ident<$($life:lifetime),+, $T:ident, $I:ident>(
+        $target:ident; $($argument:ident: $kind:ty),* $(,)?
+    ) -> $result:ty $body:block)*) => { $(
         $(#[$meta])*
         $visible fn $name<
-            $($life,)+ $T: $crate::batch::instruction_set::Vectorized, I: $crate::batch::instruction_set::Target
-        >(target: I, $($argument: $kind),*) -> $result {
-            use $crate::batch::instruction_set::{Vectorized, Work};
+            $($life,)+ $T: $crate::batch::instruction_set::Vectorized, $I: $crate::batch::instruction_set::Target
+        >($target: $I, $($argument: $kind),*) -> $result {
+            use $crate::batch::instruction_set::{Target, Vectorized, Work};
 
-            struct Call<$($life,)+ $T: Vectorized>($($kind),*);
+            struct Call<$($life,)+ $T: Vectorized, $I: Target>($I, $($kind),*);
 
-            impl<$($life,)+ $T: Vectorized> Work for Call<$($life,)+ $T> {
+            impl<$($life,)+ $T: Vectorized, $I: Target> Work for Call<$($life,)+ $T, $I> {
                 type Output = $result;
 
                 #[inline(always)]
                 fn call(self) -> $result {
-                    let Self($($argument),*) = self;
+                    let Self($target, $($argument),*) = self;
+                    let _ = $target;
                     $body
                 }
             }
 
-            target.within(Call($($argument),*))
+            $target.within(Call($target, $($argument),*))
         }
     )* };
 }
 pub(crate) use within_target;
+
+/// Scratch memory in the scalar of an instruction set, for one state or for several: the result of `boxed`, which the
+/// macro calls with the instruction set as a further argument. Without `lanes`, and for the baseline, the scalar is f64.
+#[cfg(feature = "motion")]
+macro_rules! on_instruction_set {
+    (($arm:expr, $alone:expr), $Compiled:ident::boxed($($argument:expr),*)) => {{
+        use $crate::batch::instruction_set::{Baseline, InstructionSet, Target};
+        let on_arm = match ($arm, $alone) {
+            #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
+            (InstructionSet::Avx2, false) => pulp::x86::V3::here()
+                .map(|target| $Compiled::<$crate::scalar::Lanes<pulp::x86::V3>, _>::boxed($($argument,)* target)),
+            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+            (InstructionSet::Avx512, false) => pulp::x86::V4::here()
+                .map(|target| $Compiled::<$crate::scalar::Lanes<pulp::x86::V4>, _>::boxed($($argument,)* target)),
+            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+            (InstructionSet::Avx512, true) => pulp::x86::V4::here()
+                .map(|target| $Compiled::<$crate::scalar::Fused, _>::boxed($($argument,)* target)),
+            #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
+            #[allow(unreachable_patterns)] // Avx512 is above if it is compiled
+            (InstructionSet::Avx2 | InstructionSet::Avx512 | InstructionSet::Neon, _) => {
+                <$crate::scalar::Fused as $crate::batch::instruction_set::Vectorized>::Least::here()
+                    .map(|target| $Compiled::<$crate::scalar::Fused, _>::boxed($($argument,)* target))
+            }
+            // The baseline; others are not compiled, and therefore never selected.
+            _ => None,
+        };
+        on_arm.unwrap_or_else(|| $Compiled::<f64, _>::boxed($($argument,)* Baseline))
+    }};
+}
+#[cfg(feature = "motion")]
+pub(crate) use on_instruction_set;
 
 /// Functions that are compiled for the widest instructions of this processor; see `within_target!`.
 #[cfg(feature = "estimation")]
@@ -283,6 +324,18 @@ pub trait Vectorized: Real {
 #[inline(always)]
 pub(crate) fn take_states<'a, T: Vectorized>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [f64]) {
     T::take_lanes(numbers, |lane| of(lane.min(states - 1)));
+}
+
+/// The lanes given as bits.
+#[cfg(feature = "motion")]
+pub(crate) fn lanes_of(mut bits: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = bits.trailing_zeros() as usize;
+        (bits != 0).then(|| {
+            bits &= bits - 1;
+            lane
+        })
+    })
 }
 
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]

@@ -1,54 +1,17 @@
 //! Impacts that do not increase the kinetic energy, of one problem or of independent groups.
 
-use super::law::{Cone, Limits};
+use super::groups::Cones;
+use super::law::Limits;
 use super::report::{Effort, SolveReport};
 use nalgebra::DVector;
 
-/// The contact law of contacts in one problem or in independent groups.
-pub(crate) trait ContactProblem {
-    /// G p.
-    fn response(&self, p: &DVector<f64>) -> DVector<f64>;
-
-    /// [`Cone::impulses`].
-    fn impulses(
-        &self,
-        c: &DVector<f64>,
-        start: Option<&DVector<f64>>,
-        limits: &Limits,
-        effort: Effort,
-    ) -> (DVector<f64>, SolveReport);
-
-    /// [`Cone::shared_evenly`].
-    fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64>;
-}
-
-impl ContactProblem for Cone {
-    fn response(&self, p: &DVector<f64>) -> DVector<f64> {
-        self.g.times(p)
-    }
-
-    fn impulses(
-        &self,
-        c: &DVector<f64>,
-        start: Option<&DVector<f64>>,
-        limits: &Limits,
-        effort: Effort,
-    ) -> (DVector<f64>, SolveReport) {
-        self.impulses(c, start, limits, effort)
-    }
-
-    fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
-        self.shared_evenly(p, c, limits)
-    }
-}
-
 /// Change of the kinetic energy by impulses p at contact velocities u, J: u p + p G p/2. It does not depend on masses.
-pub(crate) fn work(cone: &impl ContactProblem, u: &DVector<f64>, p: &DVector<f64>) -> f64 {
+pub(crate) fn work(cone: &Cones, u: &DVector<f64>, p: &DVector<f64>) -> f64 {
     u.dot(p) + 0.5 * p.dot(&cone.response(p))
 }
 
 /// Scales p down if an unfinished solve would increase the kinetic energy; returns the impulses and the factor.
-pub(crate) fn passive(cone: &impl ContactProblem, u: &DVector<f64>, p: DVector<f64>) -> (DVector<f64>, f64) {
+pub(crate) fn passive(cone: &Cones, u: &DVector<f64>, p: DVector<f64>) -> (DVector<f64>, f64) {
     if work(cone, u, &p) <= 0.0 {
         return (p, 1.0);
     }
@@ -58,12 +21,7 @@ pub(crate) fn passive(cone: &impl ContactProblem, u: &DVector<f64>, p: DVector<f
 }
 
 /// The largest factor s in [0, 1] for which p1 + s p2 does not increase the kinetic energy, provided that p1 does not.
-pub(crate) fn expansion_kept(
-    cone: &impl ContactProblem,
-    u: &DVector<f64>,
-    p1: &DVector<f64>,
-    p2: &DVector<f64>,
-) -> f64 {
+pub(crate) fn expansion_kept(cone: &Cones, u: &DVector<f64>, p1: &DVector<f64>, p2: &DVector<f64>) -> f64 {
     if work(cone, u, &(p1 + p2)) <= 0.0 {
         return 1.0;
     }
@@ -96,7 +54,7 @@ pub(crate) struct Impact {
 /// Compression: u1 = u + G p1 with Coulomb friction for u1. Expansion: u2 = u1 + G p2 with normal impulses of at least
 /// e `p1_n` and Coulomb friction for u2. The result is p = p1 + s p2, where s <= 1 is the largest factor that does not
 /// increase the kinetic energy.
-pub(crate) fn impact(cone: &impl ContactProblem, u: &DVector<f64>, restitution: &[f64], effort: Effort) -> Impact {
+pub(crate) fn impact(cone: &Cones, u: &DVector<f64>, restitution: &[f64], effort: Effort) -> Impact {
     let limits = Limits::beside(u);
     let (p1, first) = cone.impulses(u, None, &limits, effort);
     let rebounds = restitution.iter().any(|&e| e > 0.0);

@@ -1,6 +1,5 @@
 //! Contacts in independent groups: G is block diagonal, and the law of each group is solved alone.
 
-use super::energy::ContactProblem;
 use super::gram::Gram;
 use super::law::{Cone, ContactState, Limits};
 use super::report::{Effort, SolveReport};
@@ -100,21 +99,21 @@ impl Cones {
         }
         (all, report)
     }
-}
 
-impl ContactProblem for Cones {
-    fn response(&self, p: &DVector<f64>) -> DVector<f64> {
+    /// G p.
+    pub fn response(&self, p: &DVector<f64>) -> DVector<f64> {
         if let [(_, cone)] = &self.groups[..] {
-            return cone.response(p);
+            return cone.g.times(p);
         }
         let mut all = DVector::zeros(p.len());
         for (members, cone) in &self.groups {
-            put(&cone.response(&pick(p, members)), members, &mut all);
+            put(&cone.g.times(&pick(p, members)), members, &mut all);
         }
         all
     }
 
-    fn impulses(
+    /// [`Cone::impulses`] of each group.
+    pub fn impulses(
         &self,
         c: &DVector<f64>,
         start: Option<&DVector<f64>>,
@@ -130,12 +129,22 @@ impl ContactProblem for Cones {
         })
     }
 
-    fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
+    /// [`Cone::shared_evenly`] of each group.
+    pub fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
+        if let [(_, cone)] = &self.groups[..] {
+            return cone.shared_evenly(p, c, limits);
+        }
         let shared = |members: &[usize], cone: &Cone| {
             let p = cone.shared_evenly(pick(&p, members), &pick(c, members), &limits.of(members));
             (p, SolveReport::nothing())
         };
         self.each(shared).0
+    }
+}
+
+impl From<Cone> for Cones {
+    fn from(cone: Cone) -> Self {
+        Self { contacts: cone.len(), groups: vec![((0..cone.len()).collect(), cone)] }
     }
 }
 

@@ -35,7 +35,7 @@ mod solve;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use energy::{ContactProblem, Impact, expansion_kept, impact, passive};
+pub(crate) use energy::{Impact, expansion_kept, impact, passive};
 pub(crate) use gram::{Gram, RowPattern};
 pub(crate) use groups::Cones;
 pub(crate) use implicit::{LawCotangents, Turning};

@@ -14,23 +14,6 @@ use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// dqdd/dq, dqdd/dqd and dqdd/dtau of a scene with connections.
-    fn derivatives_through_connections(
-        &self,
-        workspace: &mut Workspace<f64>,
-        (q, qd, tau): (&[f64], &[f64], &[f64]),
-        wrenches: &[SpatialVector<f64>],
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        let scratch = &mut ConstraintScratch::new(self.model(), self.constraints());
-        let mut qdd = vec![f64::NAN; self.nv()];
-        self.accelerations_through_connections(workspace, scratch, (q, qd, tau), (wrenches, &[]), &mut qdd)?;
-        self.check_result("forward dynamics", &qdd)?;
-        let system = (self.model(), self.constraints());
-        constraints::constrained_derivatives(system, workspace, scratch, (q, qd, &qdd), wrenches, out)
-            .map_err(|at| self.row_fault(at))
-    }
-
     /// Products of a scene with connections, in O(N + m^2 depth + m^3) for m rows.
     fn products_through_connections(
         &self,
@@ -110,7 +93,10 @@ impl Scene {
         let &Arguments { q, qd, u, wrenches, .. } = state;
         let model = self.model();
         if matches!(which, Derivatives::ForwardDynamics(_)) && !self.constraints().is_empty() {
-            return self.derivatives_through_connections(workspace, (q, qd, u), wrenches, out);
+            let system = (model, self.constraints());
+            return self.at_constrained_state(workspace, state, |workspace, (rows, _), at| {
+                constraints::constrained_derivatives(system, workspace, rows, at, wrenches, out)
+            });
         }
         let scratch = &mut DerivativeScratch::new(model);
         derivatives::of_state(which, model, (workspace, scratch), (q, qd, u), wrenches, out)

@@ -23,7 +23,7 @@ use super::method::STAGES;
 use super::modes::{STUCK_NOISE, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::{Checked, Solver};
-use super::step::{finish_stage, finish_step, rounded_speed, set_friction, stage};
+use super::step::{at_stage, finish_stage, finish_step, rounded_speed, set_friction, stage};
 use super::step_settings::{StepArguments, StepSettings};
 use super::wrenches::LinkWrenches;
 use crate::batch::accelerations::KernelArguments;
@@ -33,11 +33,11 @@ use crate::dynamics;
 use crate::dynamics::derivatives::{self, CoStates, Constants, Parameters, ProductScratch};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::SweepModel;
+use crate::error::Error;
 use crate::filter::Form;
-use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
-use crate::scene::Coupling;
+use crate::scene::{Coupling, Scene};
 use crate::workspace::Workspace;
 use std::sync::Arc;
 
@@ -117,21 +117,33 @@ impl<T: Real> StepGradients<T> {
     }
 }
 
+/// The gradients of a stage: by q, v and u, (3 nv) into `out`, for the `cotangent` of qdd, and by the parameters if
+/// `parameters` is not empty.
+pub(super) struct StageGradients<'a, T> {
+    pub cotangent: &'a [T],
+    pub parameters: &'a mut [Parameters<T>],
+    pub out: &'a mut [T],
+}
+
+impl StepGradients<f64> {
+    /// Checks that all results are finite. Returns the joint and the error if they are not.
+    pub fn check(&mut self, scene: &Scene) -> Result<(), (String, Error)> {
+        let mut results = self.results();
+        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
+    }
+}
+
 /// Computes the accelerations of a stage and their gradients. Both methods return, as bits, the lanes whose error
 /// estimate exceeds the tolerance.
 pub(super) trait BackwardSolver<T: Real> {
-    /// Writes qdd and keeps the factor of M.
-    fn factor(&mut self, call: KernelArguments<'_, T>) -> u64;
+    /// Writes qdd and keeps the factor of M, unless both are known.
+    #[inline(always)]
+    fn factor(&mut self, _: KernelArguments<'_, T>) -> u64 {
+        0
+    }
 
-    /// Gradients by q, v and u for the `cotangent` of qdd, with the factor of the last [`BackwardSolver::factor`], and
-    /// by the parameters if `parameters` is not empty.
-    fn gradients(
-        &mut self,
-        call: KernelArguments<'_, T>,
-        cotangent: &[T],
-        parameters: &mut [Parameters<T>],
-        out: &mut [T],
-    ) -> u64;
+    /// The gradients with the factor of the last [`BackwardSolver::factor`].
+    fn gradients(&mut self, call: KernelArguments<'_, T>, to: StageGradients<'_, T>) -> u64;
 }
 
 /// Solver with the compiled kernels of one instruction set.
@@ -155,13 +167,8 @@ impl<T: Vectorized, I: Target> BackwardSolver<T> for VectorizedBackward<T, I> {
     }
 
     #[inline(always)]
-    fn gradients(
-        &mut self,
-        call: KernelArguments<'_, T>,
-        cotangent: &[T],
-        parameters: &mut [Parameters<T>],
-        out: &mut [T],
-    ) -> u64 {
+    fn gradients(&mut self, call: KernelArguments<'_, T>, to: StageGradients<'_, T>) -> u64 {
+        let StageGradients { cotangent, parameters, out } = to;
         let KernelArguments { scene, scratch, state: (q, qd, _), wrenches, qdd } = call;
         let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
         let constants = &mut Constants { parameters, ..Constants::default() };
@@ -172,7 +179,7 @@ impl<T: Vectorized, I: Target> BackwardSolver<T> for VectorizedBackward<T, I> {
 
 /// Solver for one state with all checks, in the form of the workspace.
 pub(super) struct CheckedBackward {
-    solver: Checked,
+    pub solver: Checked,
     products: ProductScratch<f64>,
 }
 
@@ -182,40 +189,28 @@ impl CheckedBackward {
         Self { solver, products: ProductScratch::new(model) }
     }
 
-    /// Returns the first singular pivot, and forgets it.
-    pub fn take_lost(&mut self) -> Option<LostPivot> {
-        self.solver.lost.take()
-    }
-
-    /// Gradients at known accelerations, for `u_bar` = (M + N)^-1 cotangent.
-    fn at_accelerations(
-        &mut self,
-        model: &Model<f64>,
-        state: (&[f64], &[f64], &[f64]),
-        u_bar: &[f64],
-        results: (&mut [Parameters<f64>], &mut [f64]),
-    ) {
-        gradients_by_torques(model, (&mut self.solver.workspace, &mut self.products), state, u_bar, results);
+    /// The same solver for a step with known accelerations.
+    pub fn known<'a>(&'a mut self, accelerations: &'a [f64]) -> KnownAccelerations<'a> {
+        KnownAccelerations {
+            solver: &mut self.solver,
+            products: &mut self.products,
+            accelerations: Some(accelerations),
+        }
     }
 }
 
 impl BackwardSolver<f64> for CheckedBackward {
     fn factor(&mut self, call: KernelArguments<'_, f64>) -> u64 {
-        let KernelArguments { scene, scratch, state, qdd, .. } = call;
-        self.solver.solve(true, scene, scratch, state, qdd)
+        self.solver.solve(true, call)
     }
 
-    fn gradients(
-        &mut self,
-        call: KernelArguments<'_, f64>,
-        cotangent: &[f64],
-        parameters: &mut [Parameters<f64>],
-        out: &mut [f64],
-    ) -> u64 {
+    fn gradients(&mut self, call: KernelArguments<'_, f64>, to: StageGradients<'_, f64>) -> u64 {
+        let StageGradients { cotangent, parameters, out } = to;
         let KernelArguments { scene: (model, _), state, wrenches, qdd, .. } = call;
         let mut u_bar = vec![f64::NAN; cotangent.len()];
         if self.solver.solve_coupled(model, (state.0, None), cotangent, &mut u_bar) {
-            self.at_accelerations(model, (state.0, state.1, qdd), &u_bar, (parameters, out));
+            let room = (&mut self.solver.workspace, &mut self.products);
+            gradients_by_torques(model, room, (state.0, state.1, qdd), &u_bar, (parameters, out));
             return 0;
         }
         let Self { solver: Checked { workspace, lost, .. }, products } = self;
@@ -229,48 +224,36 @@ impl BackwardSolver<f64> for CheckedBackward {
     }
 }
 
-/// Solver for an event, whose accelerations are known.
-pub(super) struct EventSolver<'a> {
-    pub solver: &'a mut CheckedBackward,
-    pub accelerations: &'a [f64],
+/// Solver for a step whose accelerations are known: those of an event; or, without them, those in the scratch, with the
+/// factor of M in the workspace.
+pub(super) struct KnownAccelerations<'a> {
+    pub solver: &'a mut Checked,
+    pub products: &'a mut ProductScratch<f64>,
+    pub accelerations: Option<&'a [f64]>,
 }
 
-impl BackwardSolver<f64> for EventSolver<'_> {
+impl BackwardSolver<f64> for KnownAccelerations<'_> {
     fn factor(&mut self, call: KernelArguments<'_, f64>) -> u64 {
-        call.qdd.copy_from_slice(self.accelerations);
+        self.accelerations.iter().for_each(|known| call.qdd.copy_from_slice(known));
         0
     }
 
-    fn gradients(
-        &mut self,
-        call: KernelArguments<'_, f64>,
-        cotangent: &[f64],
-        parameters: &mut [Parameters<f64>],
-        out: &mut [f64],
-    ) -> u64 {
-        let KernelArguments { scene: (model, _), state: (q, qd, _), .. } = call;
+    fn gradients(&mut self, call: KernelArguments<'_, f64>, to: StageGradients<'_, f64>) -> u64 {
+        let StageGradients { cotangent, parameters, out } = to;
+        let KernelArguments { scene: (model, _), state: (q, qd, _), qdd, .. } = call;
         let mut u_bar = vec![f64::NAN; cotangent.len()];
-        self.solver.solver.factorise_and_solve(model, q, cotangent, &mut u_bar);
-        self.solver.at_accelerations(model, (q, qd, self.accelerations), &u_bar, (parameters, out));
+        match self.accelerations {
+            Some(_) => self.solver.factorise_and_solve(model, q, cotangent, &mut u_bar),
+            None => dynamics::solve(model, &mut self.solver.workspace, cotangent, &mut u_bar),
+        }
+        let (room, qdd) = ((&mut self.solver.workspace, &mut *self.products), self.accelerations.unwrap_or(qdd));
+        gradients_by_torques(model, room, (q, qd, qdd), &u_bar, (parameters, out));
         0
     }
 }
 
-/// Gradients by q, v and u of cotangent . qdd at known accelerations, (3 nv) into `out`, and by the parameters, with
-/// the factor of M in the workspace.
-pub(super) fn gradients_at_accelerations(
-    model: &Model<f64>,
-    (workspace, products): (&mut Workspace<f64>, &mut ProductScratch<f64>),
-    state: (&[f64], &[f64], &[f64]),
-    cotangent: &[f64],
-    (parameters, out): (&mut [Parameters<f64>], &mut [f64]),
-) {
-    let mut u_bar = vec![f64::NAN; cotangent.len()];
-    dynamics::solve(model, workspace, cotangent, &mut u_bar);
-    gradients_by_torques(model, (workspace, products), state, &u_bar, (parameters, out));
-}
-
-/// As [`gradients_at_accelerations`], for the gradient `u_bar` by the torques.
+/// Gradients by q, v and u at known accelerations, (3 nv) into `out`, and by the parameters, from the gradient `u_bar` by
+/// the torques.
 fn gradients_by_torques(
     model: &Model<f64>,
     (workspace, products): (&mut Workspace<f64>, &mut ProductScratch<f64>),
@@ -283,18 +266,6 @@ fn gradients_by_torques(
     derivatives::inverse_dynamics_vjp(model, workspace, products, state, &[], &negative, (constants, out));
     let last = out.len() - u_bar.len();
     out[last..].copy_from_slice(u_bar);
-}
-
-/// The arguments of [`BackwardSolver`] at stage `i`.
-#[inline(always)]
-fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> KernelArguments<'_, T> {
-    KernelArguments {
-        scene: (&s.model, &s.constants),
-        scratch: &mut s.sweeps,
-        state: (&s.q_stage, &s.v_stage, &s.u),
-        wrenches: &[],
-        qdd: &mut s.m[i],
-    }
 }
 
 /// Computes the gradients by the start of the step from those by its end; the step starts at `s.q` and `s.v`.
@@ -346,7 +317,8 @@ pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
         }
         to.c.copy_from_slice(&to.l[i]);
         let StepGradients { m, stage_parameters, of_dynamics, .. } = to;
-        fallback |= solver.gradients(at_stage(s, i), &m[i], stage_parameters, of_dynamics);
+        let of_stage = StageGradients { cotangent: &m[i], parameters: stage_parameters, out: of_dynamics };
+        fallback |= solver.gradients(at_stage(s, i), of_stage);
         to.of_torques(by, s, i);
         if let Some(wrenches) = &settings.wrenches {
             to.of_wrenches(wrenches, s);

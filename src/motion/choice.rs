@@ -3,7 +3,7 @@
 
 use super::method::Method;
 use super::properties::{FRICTION_SPEED, Gains, Properties};
-use super::settings::{Limits, Settings};
+use super::settings::Settings;
 use super::step_settings::StepSettings;
 use super::stops::SetValued;
 use crate::dynamics::{factorise, solve};
@@ -17,12 +17,11 @@ use std::sync::Arc;
 /// The settings of the steps of a scene, with its contacts or as without them, from the configurations `q`.
 pub(super) fn step_settings(
     scene: &Scene,
-    settings: &Settings,
-    coupling: Option<Arc<Coupling>>,
+    given: &Arc<Settings>,
+    (mut properties, gains, coupling): (Properties, Option<Gains>, Option<Arc<Coupling>>),
     (q, touches): (&[f64], bool),
 ) -> StepSettings {
-    let Settings { dt, method, accuracy, .. } = *settings;
-    let (mut properties, gains) = (settings.properties.clone(), settings.gains.clone());
+    let Settings { dt, method, accuracy, .. } = **given;
     let is_tree = scene.constraints().is_empty() && !touches;
     if touches && properties.friction_speed == 0.0 {
         properties.friction_speed = FRICTION_SPEED;
@@ -40,21 +39,15 @@ pub(super) fn step_settings(
     if let Some(coupling) = &coupling {
         coupling.give_armature(&mut properties.armature);
     }
-    let stops = settings.limits == Limits::Stop;
-    let mut of = StepSettings::new(scene.model(), dt, chosen, (properties, gains)).with_coupling(coupling);
-    of.asked = method;
+    let mut of = StepSettings::new(scene.model(), Arc::clone(given), chosen, (properties, gains));
+    of.coupling = coupling;
     of.divides = method == Method::Auto && !touches;
-    of.restitution = settings.restitution;
-    of.stops = stops;
-    of.accuracy = accuracy;
     if let Some(gains) = &of.gains {
         (of.limits_sum, of.has_motors) = (gains.limits_sum, !gains.stall.is_empty());
         of.limited = (0..scene.nv()).filter(|&row| gains.is_limited(scene.nv(), row)).collect();
     }
-    of.set_valued = set_valued(scene, &of, stops && is_tree);
-    of.tolerance = settings.tolerance;
+    of.set_valued = set_valued(scene, &of, of.stops() && is_tree);
     of.connected = !scene.constraints().is_empty();
-    of.compliance.clone_from(&settings.compliance);
     of
 }
 
@@ -72,13 +65,13 @@ pub(super) fn settings_of_state(scene: &Scene, all: &StepSettings, mut propertie
     of.free = free;
     of.adopt_properties(scene.model(), properties);
     let is_tree = scene.constraints().is_empty() && !touches;
-    of.set_valued = set_valued(scene, &of, of.stops && is_tree);
+    of.set_valued = set_valued(scene, &of, of.stops() && is_tree);
     of
 }
 
 /// For a scene with connections: the rows with exact friction, stops or limits of effort.
 pub(super) fn closed_rows(scene: &Scene, settings: &StepSettings) -> Vec<SetValued> {
-    set_valued(scene, settings, settings.stops)
+    set_valued(scene, settings, settings.stops())
 }
 
 /// The rows with exact friction, stops or limits of effort. For coupled joints, friction and stops are those of the

@@ -4,33 +4,31 @@
 //! Every Newton step of the projection of positions is differentiated: its result is that of least kinetic energy to
 //! first order only, and depends on the steps beyond.
 
-use super::backward::{ARMATURE, BackwardSolver, FRICTION, RATE, StepGradients, TARGET, TORQUE, backward};
-use super::closed_steps::{ClosedScratch, ClosedSteps};
+use super::backward::{
+    ARMATURE, BackwardSolver, FRICTION, RATE, StageGradients, StepGradients, TARGET, TORQUE, backward,
+};
+use super::closed_steps::ClosedScratch;
 use super::closed_stop_reverse::StopReverse;
 use super::closed_stops::{StopRecord, is_past};
-use super::constrained::{Constrained, ConstrainedScratch, Failure};
-use super::division::{Substeps, Visitor};
+use super::constrained::{Constrained, ConstrainedScratch, named};
 use super::method::Scheme;
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
+use super::stepper::CheckedState;
 use crate::batch::accelerations::KernelArguments;
 use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowFault, subtract_products};
-use crate::dynamics::derivatives::{Constants, Parameters};
-use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::dynamics::derivatives::Constants;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::model::Model;
 use crate::scene::Scene;
 
 /// One state.
 pub(super) struct ClosedReverse {
-    pub scratch: Scratch<f64>,
+    pub one: CheckedState,
     pub gradients: StepGradients<f64>,
-    closed: ClosedScratch,
     adjoint: ConstraintAdjoint,
-    divided: Substeps,
     newton: Vec<ProjectionStep>,
     /// Forces of the connections in each stage.
     forces: Vec<Vec<f64>>,
@@ -43,19 +41,12 @@ struct Recorded<'a, 'b> {
 }
 
 impl Solver<f64> for Recorded<'_, '_> {
-    fn solve(
-        &mut self,
-        estimates: bool,
-        scene: (&Model<f64>, &SweepModel<f64>),
-        scratch: &mut SweepScratch<f64>,
-        state: (&[f64], &[f64], &[f64]),
-        qdd: &mut [f64],
-    ) -> u64 {
+    fn solve(&mut self, estimates: bool, call: KernelArguments<'_, f64>) -> u64 {
         if estimates {
             // The first stage, also of a step that is made again.
             self.forces.clear();
         }
-        let lanes = self.forward.solve(estimates, scene, scratch, state, qdd);
+        let lanes = self.forward.solve(estimates, call);
         self.forces.push(self.forward.scratch.rows.forces.clone());
         lanes
     }
@@ -69,17 +60,8 @@ struct ClosedBackward<'a> {
 }
 
 impl BackwardSolver<f64> for ClosedBackward<'_> {
-    fn factor(&mut self, _: KernelArguments<'_, f64>) -> u64 {
-        0
-    }
-
-    fn gradients(
-        &mut self,
-        call: KernelArguments<'_, f64>,
-        cotangent: &[f64],
-        parameters: &mut [Parameters<f64>],
-        out: &mut [f64],
-    ) -> u64 {
+    fn gradients(&mut self, call: KernelArguments<'_, f64>, to: StageGradients<'_, f64>) -> u64 {
+        let StageGradients { cotangent, parameters, out } = to;
         let KernelArguments { scene: (model, _), state: (q, qd, _), qdd, .. } = call;
         let Constrained { scene, scratch, compliance } = &mut self.forward;
         let ConstrainedScratch { workspace, rows, .. } = &mut **scratch;
@@ -99,28 +81,14 @@ impl BackwardSolver<f64> for ClosedBackward<'_> {
 
 impl ClosedReverse {
     pub fn new(scene: &Scene, settings: &StepSettings, form: Form, parameters: bool) -> Self {
-        let scratch = Scratch::new(scene.model(), settings);
+        let one = CheckedState::new(scene, settings, form);
         Self {
-            gradients: StepGradients::new(&scratch.model, settings, parameters),
-            closed: ClosedScratch::new(scene, settings, form),
+            gradients: StepGradients::new(&one.scratch.model, settings, parameters),
             adjoint: ConstraintAdjoint::new(scene.model(), scene.constraints(), parameters),
-            divided: Substeps::new(&scratch),
             newton: Vec::new(),
             forces: Vec::new(),
-            scratch,
+            one,
         }
-    }
-
-    /// The step forward, in substeps.
-    pub fn substeps(
-        &mut self,
-        scene: &Scene,
-        settings: &StepSettings,
-        visit: &mut Visitor<'_>,
-    ) -> Result<(), (String, Error)> {
-        let mut steps = ClosedSteps::new(scene, &mut self.closed);
-        self.divided.advance(settings, &mut self.scratch, &mut steps, visit);
-        steps.failure.map_or(Ok(()), |failure| Err(named(scene, failure)))
     }
 
     /// The accelerations at the end of the step in the scratch, at its last velocities, in a step of h without friction
@@ -131,13 +99,14 @@ impl ClosedReverse {
         settings: &StepSettings,
         scheme: &Scheme,
     ) -> Result<Vec<f64>, (String, Error)> {
-        let Self { scratch: s, closed: ClosedScratch { rows_of_connections: scratch, without, .. }, .. } = self;
-        let mut solver = Constrained { scene, scratch, compliance: &settings.compliance };
+        let CheckedState { scratch: s, closed: Some(closed), .. } = &mut self.one else { return Ok(Vec::new()) };
+        let ClosedScratch { rows_of_connections: scratch, without, .. } = closed;
+        let mut solver = Constrained { scene, scratch, compliance: &settings.given.compliance };
         let end = (s.q_next.clone(), s.v_next.clone());
         let (q, v) = (std::mem::replace(&mut s.q, end.0), std::mem::replace(&mut s.v, end.1));
         clear(&mut s.dry);
         step((without, scheme), s, &mut solver);
-        let finished = solver.finish(without, s);
+        let finished = solver.finish(without, s, None);
         let accelerations = s.v_next.iter().zip(&s.v).map(|(next, v)| (next - v) / scheme.step).collect();
         (s.q, s.v) = (q, v);
         finished.map(|()| accelerations).map_err(|failure| named(scene, failure))
@@ -151,16 +120,17 @@ impl ClosedReverse {
         scheme: &Scheme,
         is_whole: bool,
     ) -> Result<bool, (String, Error)> {
-        let Self { scratch: s, gradients, closed, adjoint, newton, forces, .. } = self;
+        let Self { one, gradients, adjoint, newton, forces } = self;
+        let CheckedState { scratch: s, closed: Some(closed), .. } = one else { return Ok(false) };
         let ClosedScratch { rows_of_connections, rows, without } = closed;
-        let mut forward = Constrained { scene, scratch: rows_of_connections, compliance: &settings.compliance };
+        let mut forward = Constrained { scene, scratch: rows_of_connections, compliance: &settings.given.compliance };
         let (mut by, named) = ((settings, scheme), |failure| named(scene, failure));
         s.adopt(settings, scheme);
         forces.clear();
         step(by, s, &mut Recorded { forward: &mut forward, forces });
         let mut free = s.v_next.clone();
         newton.clear();
-        let finished = forward.finish_recorded(settings, s, Some(newton));
+        let finished = forward.finish(settings, s, Some(newton));
         let acts = !(s.consistent > 0.0) || rows.iter().any(|of| is_past(of, s));
         if is_whole && settings.divides && (acts || !(s.short_enough > 0.0) || finished.is_err()) {
             return Ok(false);
@@ -174,7 +144,7 @@ impl ClosedReverse {
             step(by, s, &mut Recorded { forward: &mut forward, forces });
             free.copy_from_slice(&s.v_next);
             newton.clear();
-            forward.finish_recorded(settings, s, Some(newton)).map_err(named)?;
+            forward.finish(settings, s, Some(newton)).map_err(named)?;
         }
         let end =
             Projected { q: s.q_next.clone(), v: s.v_next.clone(), free, forces: forward.scratch.rows.forces.clone() };
@@ -184,13 +154,13 @@ impl ClosedReverse {
             if !settings.limited.is_empty() && record.rebound(s, scheme.step).is_some() {
                 let expected =
                     "restitution 0, or a control law without limits of effort, for gradients in closed loops";
-                let error = Error::argument("restitution", settings.restitution.to_string(), expected);
+                let error = Error::argument("restitution", settings.given.restitution.to_string(), expected);
                 return Err((String::new(), error));
             }
             if record.kept < 1.0 {
                 let expected = "rebounds that leave the kinetic energy below that before, or a smaller restitution: a \
                                 rebound that the energy limits has no gradient";
-                let error = Error::argument("restitution", settings.restitution.to_string(), expected);
+                let error = Error::argument("restitution", settings.given.restitution.to_string(), expected);
                 return Err((String::new(), error));
             }
         }
@@ -207,10 +177,7 @@ impl ClosedReverse {
             by_v: vec![0.0; nv],
             by_free: vec![0.0; nv],
             by_mean: vec![0.0; nv],
-            by_friction: vec![0.0; nv],
-            by_target: vec![0.0; nv],
-            by_rate: vec![0.0; nv],
-            by_torque: vec![0.0; nv],
+            acting: std::array::from_fn(|_| vec![0.0; nv]),
         };
         let mut through = Ok(());
         gradients.end_increment.clear();
@@ -220,7 +187,7 @@ impl ClosedReverse {
             gradients.end[1].copy_from_slice(&stopped.by_free);
             gradients.end_increment = stopped.by_mean.iter().map(|x| x / scheme.step).collect();
         }
-        let StopReverse { by_q, by_v, by_friction, by_target, by_rate, by_torque, .. } = stopped;
+        let StopReverse { by_q, by_v, acting, .. } = stopped;
         let through = through.and_then(|()| {
             through_projections((scene, settings), s, forward.scratch, (adjoint, newton, &end), gradients)
         });
@@ -237,30 +204,13 @@ impl ClosedReverse {
         }
         add_scaled(&mut gradients.acting[ARMATURE], 1.0, &adjoint.noise);
         add_scaled(gradients.parameters.as_flattened_mut(), 1.0, adjoint.parameters.as_flattened());
-        let acting = [(FRICTION, by_friction), (TARGET, by_target), (RATE, by_rate), (TORQUE, by_torque)];
-        for (which, more) in acting {
-            add_scaled(&mut gradients.acting[which], 1.0, &more);
+        for which in [FRICTION, TARGET, RATE, TORQUE] {
+            add_scaled(&mut gradients.acting[which], 1.0, &acting[which]);
         }
         for (start, more) in gradients.start.iter_mut().zip([by_q, by_v]) {
             add_scaled(start, 1.0, &more);
         }
-        let mut results = gradients.results();
-        results
-            .try_for_each(|numbers| scene.check_result("gradients", numbers))
-            .map_err(|error| (String::new(), error))?;
-        Ok(true)
-    }
-}
-
-/// The joint and the error of a failed step.
-fn named(scene: &Scene, (lost, error): Failure) -> (String, Error) {
-    match (lost, error) {
-        (Some(lost), _) => {
-            let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-            (joint, scene.singular(lost))
-        }
-        (None, Some(error)) => (String::new(), error),
-        (None, None) => (String::new(), Error::argument("q, qd", "a failed step", "rows that simulate recorded")),
+        gradients.check(scene).map(|()| true)
     }
 }
 
@@ -280,7 +230,7 @@ fn through_projections(
     (adjoint, newton, end): (&mut ConstraintAdjoint, &[ProjectionStep], &Projected),
     gradients: &mut StepGradients<f64>,
 ) -> Result<(), RowFault> {
-    let (system, compliance) = ((&s.model, scene.constraints()), &settings.compliance[..]);
+    let (system, compliance) = ((&s.model, scene.constraints()), &settings.given.compliance[..]);
     let ConstrainedScratch { workspace, rows, .. } = closed;
     let [of_q, of_v] = &mut gradients.end;
     let x: Vec<f64> = end.v.iter().zip(&end.free).map(|(v, u)| v - u).collect();

@@ -53,7 +53,7 @@ impl<'a> ClosedSteps<'a> {
         Constrained {
             scene: self.scene,
             scratch: &mut self.scratch.rows_of_connections,
-            compliance: &settings.compliance,
+            compliance: &settings.given.compliance,
         }
     }
 }
@@ -66,7 +66,7 @@ impl Steps for ClosedSteps<'_> {
     }
 
     fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>) {
-        self.failure = self.failure.take().or(self.constrained(settings).finish(settings, s).err());
+        self.failure = self.failure.take().or(self.constrained(settings).finish(settings, s, None).err());
         if self.scratch.rows.iter().any(|of| is_past(of, s)) {
             s.consistent = -1.0;
         }
@@ -79,14 +79,14 @@ impl Steps for ClosedSteps<'_> {
 
     fn event(&mut self, settings: &StepSettings, s: &mut Scratch<f64>, ending: Ending<'_>) -> f64 {
         let ClosedScratch { rows_of_connections: scratch, rows, without } = &mut *self.scratch;
-        let mut solver = Constrained { scene: self.scene, scratch, compliance: &settings.compliance };
+        let mut solver = Constrained { scene: self.scene, scratch, compliance: &settings.given.compliance };
         let mut found = self.failure.take().map_or(Ok(()), Err);
         if found.is_ok() && !settings.set_valued.is_empty() {
             clear(&mut s.dry);
             let scheme = Scheme::new(settings.method, ending.0);
             s.release_drives(settings, scheme.implicit_step());
             step((without, &scheme), s, &mut solver);
-            found = solver.finish(settings, s);
+            found = solver.finish(settings, s, None);
         }
         let (h, mut record) = (ending.0, StopRecord::default());
         let error = found.and_then(|()| solver.stop(settings, rows, (s, ending), &mut record));

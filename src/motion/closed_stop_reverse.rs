@@ -13,6 +13,7 @@
 //! connections](crate::dynamics::constraints). A row on the slope b of its control law is one with the compliance 1/(s
 //! h b): r = c - b v, so that `y_S` = sigma/(s h b).
 
+use super::backward::{ACTING, FRICTION, RATE, TARGET, TORQUE};
 use super::closed_stops::{Displacement, LawSolution, StopRecord};
 use super::constrained::{ConstrainedScratch, solution_of_stuck};
 use super::drives::{KD, KP};
@@ -38,10 +39,8 @@ pub(super) struct StopReverse<'a> {
     pub by_v: Vec<f64>,
     pub by_free: Vec<f64>,
     pub by_mean: Vec<f64>,
-    pub by_friction: Vec<f64>,
-    pub by_target: Vec<f64>,
-    pub by_rate: Vec<f64>,
-    pub by_torque: Vec<f64>,
+    /// As in [`StepGradients`](super::backward::StepGradients).
+    pub acting: [Vec<f64>; ACTING],
 }
 
 impl StopReverse<'_> {
@@ -52,7 +51,7 @@ impl StopReverse<'_> {
         record: &StopRecord,
         [of_q, of_v]: &mut [Vec<f64>; 2],
     ) -> Result<(), RowFault> {
-        let (h, compliance, constraints) = (self.h, &self.settings.compliance[..], self.scene.constraints());
+        let (h, compliance, constraints) = (self.h, &self.settings.given.compliance[..], self.scene.constraints());
         let StopRecord { free, mean, displacements, last, .. } = record;
         if displacements.last().is_some_and(|last| last.end.is_some()) {
             let free_rows = lock(s, &last.locked);
@@ -110,7 +109,7 @@ impl StopReverse<'_> {
         of_v: &[f64],
     ) -> Result<Vec<f64>, RowFault> {
         let Self { scene, settings, h, closed, adjoint, by_q, by_v, by_free, by_mean, .. } = self;
-        let (compliance, system) = (&settings.compliance[..], (&s.model, scene.constraints()));
+        let (compliance, system) = (&settings.given.compliance[..], (&s.model, scene.constraints()));
         let (whole, h) = (*h, solution.share * *h);
         let ConstrainedScratch { workspace, rows, .. } = &mut **closed;
         let stuck = &solution.stuck;
@@ -157,13 +156,13 @@ impl StopReverse<'_> {
         // Constant torques, also those of rows on the slope of a control law.
         for (row, &friction) in settings.properties.friction.iter().enumerate().filter(|(_, f)| **f > 0.0) {
             if stuck.iter().all(|of| of.row != row || of.compliance > 0.0) {
-                self.by_friction[row] += h * y[row] * solution.rubbing[row] / friction;
+                self.acting[FRICTION][row] += h * y[row] * solution.rubbing[row] / friction;
             }
         }
         let mut of_displaced = vec![0.0; y.len()];
         for of in stuck.iter().filter(|of| of.compliance > 0.0 && !solution.at_limit.contains(&of.row)) {
             of_displaced[of.row] = -h * y[of.row] * s.gains[KP][of.row];
-            self.by_rate[of.row] += h * y[of.row] * s.gains[KD][of.row];
+            self.acting[RATE][of.row] += h * y[of.row] * s.gains[KD][of.row];
         }
         // Over the mean velocity u, a law that declines with that at the end, 2 u - v, depends on that at the start.
         for of in stuck.iter().filter(|of| of.compliance > 0.0 && solution.share < 1.0) {
@@ -174,12 +173,12 @@ impl StopReverse<'_> {
             let (row, ends) = (stage.first_row, (&s.target[body.q..], &s.q[body.q..]));
             if of_displaced[row..row + stage.rows.count()].iter().any(|x| *x != 0.0) {
                 body.motion.displacement_cotangent(ends, &of_displaced[row..], &mut by_q[row..]);
-                body.motion.rest_cotangent(ends, &of_displaced[row..], &mut self.by_target[row..]);
+                body.motion.rest_cotangent(ends, &of_displaced[row..], &mut self.acting[TARGET][row..]);
             }
         }
         // At a limit of the sum, the applied torque has no effect.
         for &row in solution.at_limit.iter().filter(|_| settings.limits_sum) {
-            self.by_torque[row] -= h * y[row];
+            self.acting[TORQUE][row] -= h * y[row];
         }
         Ok(of_bent)
     }

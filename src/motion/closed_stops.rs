@@ -25,7 +25,7 @@ use super::step_settings::StepSettings;
 use super::stops::{Bound, Drive, Graph, Hold, Line, Piece, SetValued, settle};
 use super::totals::note_dropped;
 use super::works::RowWork;
-use crate::contact::{Cone, expansion_kept};
+use crate::contact::{Cone, Cones, expansion_kept};
 use crate::dynamics::constraints::ProjectionStep;
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::solve;
@@ -213,13 +213,13 @@ impl Constrained<'_> {
         let bounces = |i: usize| {
             let (start, u) = (s.v[rows[i].row], free[rows[i].row]);
             match stopped(i) {
-                Some(Hold::Lower) => rebounds(start, u, settings.restitution),
-                Some(_) => rebounds(-start, -u, settings.restitution),
+                Some(Hold::Lower) => rebounds(start, u, settings.given.restitution),
+                Some(_) => rebounds(-start, -u, settings.given.restitution),
                 None => false,
             }
         };
         let back = |i: usize| {
-            let ([low, high], speed) = (returning(i), -settings.restitution * s.v[rows[i].row]);
+            let ([low, high], speed) = (returning(i), -settings.given.restitution * s.v[rows[i].row]);
             match stopped(i) {
                 Some(Hold::Lower) if bounces(i) => [speed, high],
                 Some(_) if bounces(i) => [low, speed],
@@ -237,7 +237,7 @@ impl Constrained<'_> {
             (record.kept, pieces) = acting.expand(rows, &free, h, &mut last, |i| rebounding[i]);
         }
         record.last = acting.recorded((rows, h, Level::End), (&last, &pieces), |i, side| match () {
-            () if bounced[i] => ([0.0, -settings.restitution], 0.0),
+            () if bounced[i] => ([0.0, -settings.given.restitution], 0.0),
             () if rows[i].is_outside(&s.q) => (limits[i][side].slopes, 0.0),
             () => ([0.0; 2], 0.0),
         });
@@ -519,7 +519,7 @@ impl Acting {
                 g[(3 * a + 2, 3 * b + 2)] = self.g[(a, b)] / h;
             }
         }
-        let cone = Cone::new(g, vec![0.0; self.near.len()]);
+        let cone = Cones::from(Cone::new(g, vec![0.0; self.near.len()]));
         let u = normal(&|a| free[rows[self.near[a]].row]);
         let more = &bounced.torques - &rest.torques;
         let kept = expansion_kept(&cone, &u, &normal(&|a| h * rest.torques[a]), &normal(&|a| h * more[a]));
@@ -628,7 +628,7 @@ impl Acting {
                 None => !of.rubs() || start * s.v_next[of.row] >= 0.0,
             };
             if hold.is_some_and(|hold| hold != Hold::Friction) && !bounced[i] && !is_at_stop {
-                let (back, slowing) = (settings.restitution * start.abs(), (free[of.row] - start).abs() / h);
+                let (back, slowing) = (settings.given.restitution * start.abs(), (free[of.row] - start).abs() / h);
                 omitted += (back / fastest).max(back * back / (2.0 * slowing.max(f64::MIN_POSITIVE)));
             }
         }

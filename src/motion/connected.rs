@@ -11,11 +11,12 @@ mod reverse;
 pub(super) use reverse::ConnectedReverse;
 
 use super::manifold::advance;
-use super::scratch::Scratch;
+use super::scratch::{Scratch, add_scaled};
 use super::step_settings::StepSettings;
+use crate::batch::accelerations::KernelArguments;
 use crate::batch::connected::{self, factor_rows, factors};
 use crate::batch::factor;
-use crate::batch::instruction_set::{Target, Vectorized, Work};
+use crate::batch::instruction_set::{Target, Vectorized, within_target};
 use crate::dynamics::constraints::{CLOSED, ConstraintKernel, FARTHEST, ROUNDED, Residuals, extent, largest_of};
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
@@ -90,7 +91,7 @@ impl<T: Vectorized> Connected<T> {
             model.system.noise.clone_from(&settings.properties.armature);
             let constants = SweepModel::new(&model);
             let model = model.cast::<T>();
-            let sweeps = SweepScratch::new(&model, &constants).accepting(settings.tolerance);
+            let sweeps = SweepScratch::new(&model, &constants).accepting(settings.given.tolerance);
             let rows = rows_of((&model, &constants));
             Box::new(Projection { model, constants, sweeps, rows })
         });
@@ -136,10 +137,7 @@ impl<T: Vectorized> Connected<T> {
     pub fn accelerations<I: Target>(
         &mut self,
         (target, form, is_first): (I, Form, bool),
-        scene: (&Model<T>, &SweepModel<T>),
-        scratch: &mut SweepScratch<T>,
-        (q, v, u): (&[T], &[T], &[T]),
-        qdd: &mut [T],
+        KernelArguments { scene, scratch, state: (q, v, u), qdd, .. }: KernelArguments<'_, T>,
     ) -> u64 {
         if !is_first && self.is_hopeless {
             return u64::MAX;
@@ -177,7 +175,7 @@ impl<T: Vectorized> Connected<T> {
         if self.is_hopeless {
             return u64::MAX;
         }
-        target.within(Finish { connected: self, target, form, s })
+        finish(target, self, form, s)
     }
 }
 
@@ -200,19 +198,9 @@ fn beyond_limits<T: Vectorized>(limits: &[LimitRow], (q, q_next): (&[T], &[T])) 
     lanes_but::<T>(|lane| within.lane(lane) >= 0.0)
 }
 
-struct Finish<'a, T: Vectorized, I> {
-    connected: &'a mut Connected<T>,
-    target: I,
-    form: Form,
-    s: &'a mut Scratch<T>,
-}
-
-impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn call(self) -> u64 {
-        let Self { connected, target, form, s } = self;
+within_target! {
+    /// As [`Connected::finish`].
+    fn finish<'a, T, I>(target; connected: &'a mut Connected<T>, form: Form, s: &'a mut Scratch<T>) -> u64 {
         let Connected { rows, own, innovations, change, moved, active, .. } = connected;
         let Scratch { model, constants, sweeps, q, q_stage, q_next, v_next, .. } = s;
         let zero = model.gravity[0].constant(0.0);
@@ -262,18 +250,8 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
             doubt |= step_back((target, scene), (sweeps, rows), vectors, (q_next, open));
         }
         doubt |= of_factor;
-        let speed = largest_of(v_next, zero).mul_add(size, zero.constant(1.0));
-        (before, step) = (zero.constant(f64::INFINITY), 0);
-        loop {
-            let left = rows.largest(Residuals::Rates);
-            let open = open_lanes(left, before, speed, 0.25);
-            if open & *active & !doubt == 0 || step == STEPS {
-                doubt |= open;
-                break;
-            }
-            (before, step) = (left, step + 1);
-            slow((target, scene), (sweeps, rows), (innovations, change), (v_next, open));
-        }
+        let lanes = (size, *active & !doubt);
+        doubt |= slow((target, scene), (sweeps, rows), (innovations, change), (v_next, lanes), None);
         (connected.is_ready, connected.doubt) = (is_shared, of_factor);
         doubt
     }
@@ -297,21 +275,40 @@ fn step_back<T: Vectorized, I: Target>(
     lanes & lanes_but::<T>(|lane| longest.lane(lane) <= FARTHEST)
 }
 
-/// Changes the velocities of the lanes given as bits by `innovations`, so that the rates of the rows vanish.
+/// Changes the velocities of the lanes given as bits so that the rates of the rows vanish, in a few steps; `size` is that
+/// of the robot. Adds the forces to the second of two vectors. Returns the lanes that need more steps.
 #[inline(always)]
 fn slow<T: Vectorized, I: Target>(
     (target, scene): (I, (&Model<T>, &SweepModel<T>)),
     (sweeps, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
     (innovations, changed): (&mut [T], &mut [T]),
-    (v, lanes): (&mut [T], u64),
-) {
-    rows.step_against(Residuals::Rates, innovations);
-    factor::smooth(target, scene, sweeps, innovations);
-    for (changed, (v, change)) in changed.iter_mut().zip(v.iter().zip(&*innovations)) {
-        *changed = *v + *change;
+    (v, (size, lanes)): (&mut [T], (T, u64)),
+    mut forces: Option<[&mut [T]; 2]>,
+) -> u64 {
+    let zero = size.constant(0.0);
+    let speed = largest_of(v, zero).mul_add(size, zero.constant(1.0));
+    let (mut before, mut step) = (zero.constant(f64::INFINITY), 0);
+    loop {
+        let left = rows.largest(Residuals::Rates);
+        let open = open_lanes(left, before, speed, 0.25);
+        let going = open & lanes;
+        if going == 0 || step == STEPS {
+            return open;
+        }
+        (before, step) = (left, step + 1);
+        rows.step_against(Residuals::Rates, innovations);
+        factor::smooth(target, scene, sweeps, innovations);
+        for (changed, (v, change)) in changed.iter_mut().zip(v.iter().zip(&*innovations)) {
+            *changed = *v + *change;
+        }
+        replace(v, changed, going);
+        rows.rows.at_velocities(scene, sweeps, v);
+        if let Some([own, sum]) = &mut forces {
+            own.copy_from_slice(rows.step());
+            keep(own, going, zero);
+            add_scaled(sum, 1.0, own);
+        }
     }
-    replace(v, changed, lanes);
-    rows.rows.at_velocities(scene, sweeps, v);
 }
 
 /// The lanes whose largest residual is above rounding. A residual that is small and no longer decreases by `falls` is
@@ -332,6 +329,18 @@ fn replace<T: Vectorized>(to: &mut [T], from: &[T], lanes: u64) {
         for (lane, (to, from)) in to.lanes_mut().iter_mut().zip(from.lanes()).enumerate() {
             if lanes >> lane & 1 == 1 {
                 *to = *from;
+            }
+        }
+    }
+}
+
+/// Sets all lanes but those given as bits to zero.
+#[inline(always)]
+fn keep<T: Vectorized>(numbers: &mut [T], lanes: u64, zero: T) {
+    for number in numbers {
+        for (lane, number) in number.lanes_mut().iter_mut().enumerate() {
+            if lanes >> lane & 1 == 0 {
+                *number = zero.lanes()[lane];
             }
         }
     }

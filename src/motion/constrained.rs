@@ -1,15 +1,15 @@
 //! Steps of scenes with connections: constrained accelerations, and positions and velocities projected onto the
 //! connections.
 
+use super::faults::pivot_fault;
 use super::scratch::Scratch;
 use super::solver::Solver;
 use super::step_settings::StepSettings;
+use crate::batch::accelerations::KernelArguments;
+use crate::dynamics;
 use crate::dynamics::constraints::{
-    ConstraintScratch, Outcome, ProjectionStep, RowFault, constrained_dynamics, project_with_factors, record_projection,
-};
-use crate::dynamics::{
-    self,
-    sweeps::{SweepModel, SweepScratch},
+    ConstraintScratch, Outcome, Projected, ProjectionStep, RowFault, constrained_dynamics, project_with_factors,
+    record_projection,
 };
 use crate::error::Error;
 use crate::filter::Form;
@@ -54,7 +54,7 @@ enum Fault {
 
 impl ConstrainedScratch {
     pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
-        let workspace = Workspace { tolerance: settings.tolerance, ..Workspace::new(scene.model()) };
+        let workspace = Workspace { tolerance: settings.given.tolerance, ..Workspace::new(scene.model()) };
         Self {
             workspace: workspace.in_form(form),
             rows: ConstraintScratch::new(scene.model(), scene.constraints()),
@@ -92,14 +92,8 @@ impl ConstrainedScratch {
 }
 
 impl Solver<f64> for Constrained<'_> {
-    fn solve(
-        &mut self,
-        _estimates: bool,
-        (model, _): (&Model<f64>, &SweepModel<f64>),
-        _scratch: &mut SweepScratch<f64>,
-        (q, v, u): (&[f64], &[f64], &[f64]),
-        qdd: &mut [f64],
-    ) -> u64 {
+    fn solve(&mut self, _estimates: bool, call: KernelArguments<'_, f64>) -> u64 {
+        let KernelArguments { scene: (model, _), state: (q, v, u), qdd, .. } = call;
         let ConstrainedScratch { workspace, rows, .. } = &mut *self.scratch;
         let system = (model, self.scene.constraints());
         let outcome = constrained_dynamics(system, workspace, rows, (q, v, u), (&[], self.compliance), qdd);
@@ -110,13 +104,9 @@ impl Solver<f64> for Constrained<'_> {
 }
 
 impl Constrained<'_> {
-    /// Ends a step: projects `q_next` and `v_next` onto the connections. Returns the fault of the step.
-    pub fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>) -> Result<(), Failure> {
-        self.finish_recorded(settings, s, None)
-    }
-
-    /// As [`Constrained::finish`]; adds the steps of the projection of positions to `steps`, as [`record_projection`].
-    pub(super) fn finish_recorded(
+    /// Ends a step: projects `q_next` and `v_next` onto the connections. Returns the fault of the step; adds the steps of
+    /// the projection of positions to `steps`, as [`record_projection`].
+    pub fn finish(
         &mut self,
         settings: &StepSettings,
         s: &mut Scratch<f64>,
@@ -146,13 +136,8 @@ impl Constrained<'_> {
     ) -> Result<(), Failure> {
         let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
         let system = (model, scene.constraints());
-        let positions = record_projection(system, workspace, rows, (q, self.compliance), steps)
-            .map_err(|at| (None, Some(scene.row_fault(at))))?;
-        if let Some(lost) = workspace.lost_pivot(model, &positions.pivots) {
-            return Err((Some(lost), None));
-        }
-        let Some(row) = positions.stays else { return Ok(()) };
-        Err((None, Some(scene.open_at("the end of a step", row, positions.left, "m or rad", SMALLER))))
+        let positions = record_projection(system, workspace, rows, (q, self.compliance), steps);
+        check_projection(scene, (model, workspace), positions, "m or rad")
     }
 
     /// Projects `v` onto the velocities that satisfy the connections at `q`. The workspace then has the factor of M at
@@ -187,9 +172,32 @@ impl Constrained<'_> {
         v: &mut [f64],
     ) -> Result<(), Failure> {
         let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
-        let velocities = project_with_factors(model, (workspace, pivots), rows, v, self.compliance);
-        let Some(row) = velocities.stays else { return Ok(()) };
-        Err((None, Some(scene.open_at("the end of a step", row, velocities.left, "m/s or rad/s", SMALLER))))
+        let velocities = project_with_factors(model, (&mut *workspace, pivots), rows, v, self.compliance);
+        check_projection(scene, (model, workspace), Ok(velocities), "m/s or rad/s")
+    }
+}
+
+/// The fault of a projection, whose rows have this unit.
+pub(super) fn check_projection(
+    scene: &Scene,
+    (model, workspace): (&Model<f64>, &mut Workspace<f64>),
+    projected: Result<Projected, RowFault>,
+    unit: &str,
+) -> Result<(), Failure> {
+    let Projected { pivots, stays, left, .. } = projected.map_err(|at| (None, Some(scene.row_fault(at))))?;
+    if let Some(lost) = workspace.lost_pivot(model, &pivots) {
+        return Err((Some(lost), None));
+    }
+    let Some(row) = stays else { return Ok(()) };
+    Err((None, Some(scene.open_at("the end of a step", row, left, unit, SMALLER))))
+}
+
+/// The joint and the error of a failed step.
+pub(super) fn named(scene: &Scene, failure: Failure) -> (String, Error) {
+    match failure {
+        (Some(lost), _) => pivot_fault(scene, lost),
+        (None, Some(error)) => (String::new(), error),
+        (None, None) => (String::new(), Error::argument("q, qd", "a failed step", "rows that simulate recorded")),
     }
 }
 

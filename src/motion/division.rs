@@ -11,7 +11,7 @@ use super::modes::speeds_and_errors;
 use super::scratch::Scratch;
 use super::solver::Checked;
 use super::step::step;
-use super::step_settings::{StepArguments, StepSettings};
+use super::step_settings::{RateKind, StepArguments, StepSettings};
 use super::stops::SetValued;
 use super::totals::{ERROR, EVENTS, LENGTH, MOST, SUBSTEPS};
 use super::works::add_work;
@@ -133,7 +133,7 @@ impl Substeps {
         self.q.copy_from_slice(&s.q);
         self.v.copy_from_slice(&s.v);
         self.impacts.clear();
-        match settings.accuracy {
+        match settings.given.accuracy {
             Some(accuracy) => self.controlled((settings, accuracy), s, steps, visit),
             None => self.through(settings, s, steps, visit),
         }
@@ -165,7 +165,9 @@ impl Substeps {
             let scheme = Scheme::new(settings.method, shortest * f64::from(size));
             s.adopt(settings, &scheme);
             steps.step((settings, &scheme), s);
-            if !steps.has_failed() && !(s.short_enough > 0.0) && size > 1 {
+            // The event replaces a step without the friction that holds joints; the length is that of the event.
+            let is_held = !(s.consistent > 0.0) && steps.holds(s);
+            if !steps.has_failed() && !(s.short_enough > 0.0) && size > 1 && !is_held {
                 (size, calm) = (shorter((settings, &scheme), s, size), 0);
                 continue;
             }
@@ -183,7 +185,7 @@ impl Substeps {
                 add_work(settings, s);
             } else if settings.divides
                 && size > SHORTEST_EVENT
-                && !(scheme.step * speeds_and_errors((settings, &scheme), s)[0].0 <= EVENT_ANGLE)
+                && (turns_far((settings, &scheme), &s.v) || !is_held && turns_far((settings, &scheme), &s.v_next))
             {
                 (size, calm) = (size / 2, 0);
                 continue;
@@ -200,7 +202,7 @@ impl Substeps {
                 let returns = steps.rows(settings).iter().any(|of| of.is_outside(&s.q));
                 let is_exact = steps.solution().rebound.is_none()
                     && (!settings.is_rigid() || conserves(settings, s, (&totals, returns), steps.workspace()));
-                if settings.divides && size > 1 && !is_exact {
+                if settings.divides && size > 1 && (!is_exact || is_held && turns_far((settings, &scheme), &s.v_next)) {
                     s.totals = totals;
                     self.impacts.truncate(impacts);
                     (size, calm) = (size / 2, 0);
@@ -329,6 +331,12 @@ impl Substeps {
         s.totals[SUBSTEPS] += made;
         s.totals[MOST] = s.totals[MOST].max(made);
     }
+}
+
+/// True if a joint rotates too far in an event of the length of a step at these velocities.
+fn turns_far((settings, scheme): StepArguments<'_>, v: &[f64]) -> bool {
+    let mut each = settings.kinds.iter().zip(v).filter(|(kind, _)| **kind == RateKind::Rotation);
+    each.any(|(_, v)| !(scheme.step * v.abs() <= EVENT_ANGLE))
 }
 
 /// Calls `visit` with the state at the start of a substep.

@@ -290,7 +290,7 @@ fn judge<T: Real>(
     let rate = s.target_rate[row];
     let beyond = of.side * (torque - of.held.minus_product(of.derivative, v - rate));
     let mut held = beyond;
-    if settings.accuracy.is_some() {
+    if settings.given.accuracy.is_some() {
         linear = linear.worst(upper - torque + rounding).worst(torque - lower + rounding);
     } else if !is_one_stage {
         let at_start = of.side * (of.start - of.held.minus_product(of.derivative, s.v[row] - rate));

@@ -154,10 +154,10 @@ impl Events {
             }
             self.reached.push((i, bound));
             if toward * v > 0.0 || velocity != 0.0 {
-                let (back, slowing) = (settings.restitution * v * toward, free[of.row].abs());
+                let (back, slowing) = (settings.given.restitution * v * toward, free[of.row].abs());
                 // A rebound that ends within the step, or is neither higher nor faster than the error, is ignored.
                 let rounding = 1e-14 * (1.0 + q.abs());
-                let is_low = match settings.accuracy {
+                let is_low = match settings.given.accuracy {
                     None => back * back <= 2.0 * slowing * rounding,
                     // A joint that accelerates away from its stop does not return.
                     Some(accuracy) => {
@@ -165,12 +165,12 @@ impl Events {
                         back <= accuracy * fastest && back * back <= 2.0 * toward * free[of.row] * height
                     }
                 };
-                let longest = if settings.accuracy.is_none() { settings.step } else { h };
+                let longest = if settings.given.accuracy.is_none() { settings.step } else { h };
                 let rests = !(back > 2.0 * longest * slowing) || is_low;
                 if rests && back > 0.0 {
                     omitted += (back / fastest).max(back * back / (2.0 * slowing));
                 }
-                hits.push((i, k, if rests { 0.0 } else { settings.restitution }));
+                hits.push((i, k, if rests { 0.0 } else { settings.given.restitution }));
             }
         }
         if !hits.is_empty() {
@@ -198,7 +198,7 @@ impl Events {
             (s.v[row] * self.torque[row] < 0.0).then_some(row)
         };
         let rows: Vec<usize> = hits.iter().filter_map(hitting).collect();
-        let rebounds = settings.restitution > 0.0 && !rows.is_empty();
+        let rebounds = settings.given.restitution > 0.0 && !rows.is_empty();
         self.rebound =
             rebounds.then(|| Rebound { rows, velocities: s.v_next.clone(), accelerations_before: free.clone() });
         let jump = s.v_next.iter().zip(&s.v).fold(0.0_f64, |most, (next, v)| most.max((next - v).abs()));

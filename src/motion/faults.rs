@@ -3,9 +3,12 @@
 use super::method::Method;
 use super::properties::joint_of_row;
 use super::scratch::Scratch;
+use super::settings::Settings;
 use super::step_settings::StepSettings;
+use crate::batch::instruction_set::Vectorized;
 use crate::error::{Error, in_language};
 use crate::filter::pivots::LostPivot;
+use crate::scalar::lanes_but;
 use crate::scene::Scene;
 
 /// Largest displacement of a joint in one step, rad or m; beyond, the motion has diverged.
@@ -24,8 +27,7 @@ pub(super) fn fault_of(
     if let Some(lost) = lost {
         // A pivot that is not finite follows from a state that diverged within the step.
         if lost.pivot.is_finite() && lost.terms.is_finite() && finite {
-            let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-            return Some((joint, scene.singular(lost)));
+            return Some(pivot_fault(scene, lost));
         }
     }
     let row = strayed.or_else(|| s.q_next.iter().any(|q| !q.is_finite()).then_some(0))?;
@@ -41,10 +43,16 @@ pub(super) fn fault_of(
     Some((joint, error))
 }
 
+/// The fault of a singular pivot, with its joint.
+pub(super) fn pivot_fault(scene: &Scene, lost: LostPivot) -> (String, Error) {
+    let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
+    (joint, scene.singular(lost))
+}
+
 /// Another fix for a motion that diverges: settings that the run does not have.
 fn remedy(settings: &StepSettings) -> &'static str {
-    let StepSettings { asked, accuracy, .. } = settings;
-    match asked {
+    let Settings { method, accuracy, .. } = &*settings.given;
+    match method {
         Method::Auto if settings.divides && accuracy.is_none() => {
             in_language(", or set Settings::accuracy", ", or set accuracy=1e-6")
         }
@@ -52,4 +60,18 @@ fn remedy(settings: &StepSettings) -> &'static str {
         Method::Contact => "",
         _ => in_language(", or Method::Auto", ", or method=\"auto\""),
     }
+}
+
+/// The lanes whose end is not finite or moved too far.
+#[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
+#[inline(always)]
+pub(super) fn strays<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
+    let mut worst = s.model.gravity[0].constant(1.0);
+    for &v in &s.v_next {
+        worst = worst.worst(v.constant(LARGEST_STEP / settings.step) - v.abs());
+    }
+    for &q in &s.q_next {
+        worst += q - q;
+    }
+    lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
 }

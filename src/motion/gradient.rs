@@ -8,7 +8,7 @@
 
 use super::backward::{RATE, TARGET, TORQUE};
 use super::contact::{ContactReverse, ModeChange, ShapeGradients, check_reproduced};
-use super::gradient_layout::{Layout, RecordedRows};
+use super::gradient_layout::{CONTACTS, INPUT, Layout, PARAMETERS, ROWS, RecordedRows, WRENCHES};
 use super::job::Records;
 use super::method::Method;
 use super::properties::joint_of_row;
@@ -155,14 +155,17 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let wrenches = self.settings.wrenches.as_deref();
         let links = wrenches.map_or(0, LinkWrenches::links);
         let wrenches = wrenches.map_or(0, |wrenches| each(wrenches.given.steps.is_some()));
-        let layout = Layout { nv, inputs, links, wrenches, bodies, contacts };
+        let [torques, targets, rates] = inputs.map(|count| [count, nv]);
+        let (of_rows, contacts) = ([Layout::OF_ROWS, nv], [contacts, ContactReverse::WIDTH]);
+        let layout =
+            Layout { parts: [of_rows, torques, targets, rates, [wrenches, 6 * links], contacts, [bodies, 10]] };
         let width = layout.width();
         let mut all = memory::filled("q", states.saturating_mul(width), 0.0).map_err(refuse)?;
         let settings = &self.settings.backward();
         let pool = Pool::default();
         // Steps with contacts are not vectorized.
-        let arm = if touches { InstructionSet::Baseline } else { self.arm };
-        let (form, cost) = (self.form, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
+        let arm = if touches { InstructionSet::Baseline } else { settings.given.arm };
+        let (form, cost) = (settings.given.form, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
         let make = || Reverser::new(form, arm);
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let changes: Mutex<Vec<ModeChange>> = Mutex::new(Vec::new());
@@ -253,7 +256,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let RecordedRows { q, qd, every, by_q, by_qd } = *rows;
         let (scene, states) = (self.scene(), self.states());
         let refuse = |error| Fault { state: 0, error };
-        if self.settings.accuracy.is_some() {
+        if self.settings.given.accuracy.is_some() {
             let expected = "fixed steps, which have gradients";
             return Err(refuse(Error::argument("accuracy", "a simulation with error control", expected)));
         }
@@ -294,7 +297,7 @@ impl RolloutGradients {
             all.chunks_exact(layout.width().max(1)).for_each(|state| own.extend_from_slice(&state[range.clone()]));
             Ok(own)
         };
-        let of_rows = |i: usize| gathered(i * layout.nv..(i + 1) * layout.nv);
+        let of_rows = |i: usize| gathered(layout.one(ROWS, i));
         Ok(Self {
             q: of_rows(0)?,
             qd: of_rows(1)?,
@@ -302,12 +305,12 @@ impl RolloutGradients {
             damping: of_rows(3)?,
             stiffness: of_rows(4)?,
             friction: of_rows(5)?,
-            torque: gathered(layout.all(TORQUE))?,
-            target: gathered(layout.all(TARGET))?,
-            target_rate: gathered(layout.all(RATE))?,
-            wrenches: gathered(layout.all_wrenches())?,
-            parameters: gathered(layout.parameters())?.as_chunks().0.to_vec(),
-            contacts: ContactGradients::of(&gathered(layout.contacts())?),
+            torque: gathered(layout.all(INPUT + TORQUE))?,
+            target: gathered(layout.all(INPUT + TARGET))?,
+            target_rate: gathered(layout.all(INPUT + RATE))?,
+            wrenches: gathered(layout.all(WRENCHES))?,
+            parameters: gathered(layout.all(PARAMETERS))?.as_chunks().0.to_vec(),
+            contacts: ContactGradients::of(&gathered(layout.all(CONTACTS))?),
             shapes: Vec::new(),
             mode_changes: Vec::new(),
         })

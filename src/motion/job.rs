@@ -119,6 +119,30 @@ pub(super) struct Job<'a, 'r> {
     pub divisions: Option<&'a mut Divisions>,
 }
 
+impl<'a> Job<'a, '_> {
+    /// Steps of states of a scene from their `current` values, of which nothing else is stored.
+    pub fn of(
+        (scene, settings): (&'a Scene, &'a StepSettings),
+        (steps, states): (Range<usize>, States<'a>),
+        (current, torque): (&'a mut [f64], &'a Torque<'a>),
+    ) -> Self {
+        Self {
+            scene,
+            settings,
+            models: None,
+            steps,
+            states,
+            begun: &[],
+            current,
+            torque,
+            rows: None,
+            impacts: None,
+            touches: None,
+            divisions: None,
+        }
+    }
+}
+
 /// Destination of recorded rows: (states, rows, nq) and (states, rows, nv). Row 0 is the state at the start, row i the
 /// state after i * every steps.
 #[derive(Debug)]

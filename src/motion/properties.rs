@@ -86,28 +86,20 @@ impl Properties {
 
     /// The properties of one state.
     pub(super) fn of_state(&self, (nv, states): (usize, usize), state: usize) -> Self {
-        let of =
-            |values: &[f64]| if values.len() == nv { values.to_vec() } else { values[state * nv..][..nv].to_vec() };
-        let [armature, damping, stiffness, friction] = self.of_rows().map(|values| of(values));
-        let own = |values: &[f64]| {
-            let width = values.len() / states.max(1);
-            values[state * width..][..width].to_vec()
-        };
-        let [inertias, contact_friction, contact_restitution] =
-            [&self.inertias, &self.contact_friction, &self.contact_restitution].map(|values| own(values));
-        let (rest, curves) = (self.rest.clone(), self.curves.clone());
-        let friction_speed = self.friction_speed;
+        let own = |values: &[f64], width: usize| values[state * width..][..width].to_vec();
+        let row = |values: &[f64]| if values.len() == nv { values.to_vec() } else { own(values, nv) };
+        let body = |values: &[f64]| own(values, values.len() / states.max(1));
         Self {
-            armature,
-            damping,
-            stiffness,
-            rest,
-            friction,
-            curves,
-            friction_speed,
-            inertias,
-            contact_friction,
-            contact_restitution,
+            armature: row(&self.armature),
+            damping: row(&self.damping),
+            stiffness: row(&self.stiffness),
+            rest: self.rest.clone(),
+            friction: row(&self.friction),
+            curves: self.curves.clone(),
+            friction_speed: self.friction_speed,
+            inertias: body(&self.inertias),
+            contact_friction: body(&self.contact_friction),
+            contact_restitution: body(&self.contact_restitution),
         }
     }
 

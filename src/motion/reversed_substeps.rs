@@ -70,7 +70,7 @@ impl Substep {
             reached: event.reached.iter().map(|&(i, _)| settings.set_valued[i].row).collect(),
             rebound: event.rebound.cloned(),
         });
-        let pieces = if settings.accuracy.is_none() { pieces(settings, s) } else { Vec::new() };
+        let pieces = if settings.given.accuracy.is_none() { pieces(settings, s) } else { Vec::new() };
         Self { q: s.q.clone(), v: s.v.clone(), scheme: *scheme, pieces, event }
     }
 }

@@ -2,40 +2,30 @@
 
 mod step;
 
-use super::backward::{ACTING, CheckedBackward, EventSolver, INPUTS, StepGradients, VectorizedBackward, backward};
+use super::backward::{ACTING, CheckedBackward, INPUTS, StepGradients, VectorizedBackward, backward};
 use super::closed_reverse::ClosedReverse;
 use super::connected::ConnectedReverse;
 use super::contact::{ContactReverse, ModeChange, ShapeGradients};
-use super::division::{Substeps, TreeSteps};
 use super::drives::give;
-use super::events::{EventSolution, Events, Rebound};
-use super::gradient_layout::{Layout, RecordedRows};
+use super::events::{EventSolution, Rebound};
+use super::faults::pivot_fault;
+use super::gradient_layout::{CONTACTS, INPUT, Layout, PARAMETERS, ROWS, RecordedRows};
 use super::job::{self, Rows};
 use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
 use super::reversed_substeps::{Parts, RecordedEvent, Substep, through_substeps};
 use super::scratch::{Scratch, add_scaled, clear};
-use super::solver;
 use super::step_settings::{StepArguments, StepSettings};
-use super::stepper::{Stepper, fill, scatter, take_lane};
+use super::stepper::{CheckedState, Stepper, fill, scatter, take_lane};
 use super::torque::{StepFault, Torque};
-use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized};
-use crate::dynamics::derivatives::Parameters;
+use crate::batch::instruction_set::{InstructionSet, Target, Vectorized, lanes_of, on_instruction_set};
 use crate::error::Error;
 use crate::filter::Form;
-#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-use crate::scalar::Fused;
-#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-use crate::scalar::Lanes;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
-#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-use pulp::x86::V3;
-#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-use pulp::x86::V4;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
-use step::{ConnectedStep, Step};
+use step::step;
 
 /// Largest number of consecutive steps that are recomputed and all stored.
 const KEPT_WHOLE: usize = 256;
@@ -113,7 +103,7 @@ impl Reverser {
     pub fn run(&mut self, job: &Job<'_>, out: &mut [f64]) -> Result<(), StepFault> {
         let (arm, form, alone) = (self.arm, self.form, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
-        let reversing = place.get_or_insert_with(|| scratch(job, (form, arm), alone));
+        let reversing = place.get_or_insert_with(|| on_instruction_set!((arm, alone), Compiled::boxed(job, form)));
         reversing.begin(job);
         let (every, mut start) = (job.rows.every, Vec::new());
         for row in (0..job.count).rev() {
@@ -166,20 +156,9 @@ fn through(
         from: steps.start,
         every: stride,
     };
-    stepper.run(job::Job {
-        scene: job.scene,
-        models: None,
-        settings: job.settings,
-        steps: steps.start..steps.start + (rows - 1) * stride,
-        states: job::States::Adjacent(job.states.clone()),
-        begun: &[],
-        current: &mut current,
-        torque: job.torque,
-        rows: Some(&mut kept),
-        impacts: None,
-        touches: None,
-        divisions: None,
-    })?;
+    let stored = (steps.start..steps.start + (rows - 1) * stride, job::States::Adjacent(job.states.clone()));
+    let plain = job::Job::of((job.scene, job.settings), stored, (&mut current, job.torque));
+    stepper.run(job::Job { rows: Some(&mut kept), ..plain })?;
     let mut current = start.to_vec();
     for row in (0..rows).rev() {
         for (state, at) in current.chunks_exact_mut((nq + nv).max(1)).enumerate() {
@@ -192,37 +171,13 @@ fn through(
     Ok(())
 }
 
-/// Scratch memory in the scalar type of an instruction set, for one state or for several.
-fn scratch(job: &Job<'_>, (form, arm): (Form, InstructionSet), alone: bool) -> Box<dyn Reversing> {
-    let on_arm: Option<Box<dyn Reversing>> = match (arm, alone) {
-        (InstructionSet::Baseline, _) => Compiled::<f64, Baseline>::boxed(job, form),
-        #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(job, form),
-        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(job, form),
-        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
-        #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-        #[allow(unreachable_patterns)] // Avx512 is above if it is compiled
-        (InstructionSet::Avx2 | InstructionSet::Avx512 | InstructionSet::Neon, _) => {
-            Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(job, form)
-        }
-        // Not compiled, and therefore never selected.
-        #[allow(unreachable_patterns)]
-        _ => None,
-    };
-    on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(job, form, Baseline)))
-}
-
 /// Scratch memory in a scalar type, for code compiled for one instruction set.
 struct Compiled<T: Vectorized, I> {
     scratch: Scratch<T>,
     gradients: StepGradients<T>,
     solver: VectorizedBackward<T, I>,
-    /// Sums over all steps of [`StepGradients::acting`] and of the gradients by wrenches and parameters.
-    sums: [Vec<T>; ACTING],
-    wrenches: Vec<T>,
-    parameters: Vec<Parameters<T>>,
+    /// Sums over all steps of [`StepGradients::acting`], and of the gradients by wrenches and parameters.
+    sums: Vec<Vec<T>>,
     form: Form,
     target: I,
     /// For a scene with connections.
@@ -240,7 +195,7 @@ trait OneState: Parts {
 
 impl Parts for ClosedReverse {
     fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>) {
-        (&mut self.scratch, &mut self.gradients)
+        (&mut self.one.scratch, &mut self.gradients)
     }
 }
 
@@ -251,7 +206,9 @@ impl OneState for ClosedReverse {
             return Ok(());
         }
         let mut made = Vec::new();
-        self.substeps(scene, settings, &mut |scheme, s, event| made.push(Substep::new(settings, scheme, s, event)))?;
+        self.one.step(scene, settings, &mut |scheme, s, event| {
+            made.push(Substep::new(settings, scheme, s, event));
+        })?;
         through_substeps(self, settings, made, |closed, Substep { scheme, event, .. }| {
             let scheme = Scheme::new(settings.method, scheme.step);
             let Some(rebound) = event.and_then(|event| event.rebound) else {
@@ -261,8 +218,8 @@ impl OneState for ClosedReverse {
             clear(&mut closed.gradients.end[0]);
             closed.step((scene, settings), &scheme, false)?;
             let after = closed.accelerations_after(scene, settings, &scheme)?;
-            let ClosedReverse { scratch, gradients, .. } = closed;
-            through_impact((&scratch.v, scheme.step), (&rebound, &after), [&of_q, &of_v], &mut gradients.start);
+            let ClosedReverse { one, gradients, .. } = closed;
+            through_impact((&one.scratch.v, scheme.step), (&rebound, &after), [&of_q, &of_v], &mut gradients.start);
             Ok(())
         })
     }
@@ -270,32 +227,25 @@ impl OneState for ClosedReverse {
 
 /// One state with all checks, in substeps, and with the set-valued law.
 struct Checked {
-    scratch: Scratch<f64>,
+    one: CheckedState,
     gradients: StepGradients<f64>,
     solver: CheckedBackward,
-    /// The step forward, and its substeps.
-    forward: solver::Checked,
-    events: Events,
-    substeps: Substeps,
 }
 
 impl Checked {
     #[cold]
     fn new(job: &Job<'_>, form: Form) -> Self {
-        let scratch = Scratch::new(job.scene.model(), job.settings);
-        let gradients = StepGradients::new(&scratch.model, job.settings, job.layout.bodies > 0);
-        let (coupling, tolerance) = (&job.settings.coupling, job.settings.tolerance);
-        let solver = CheckedBackward::new(&scratch.model, coupling.clone(), form, tolerance);
-        let forward =
-            solver::Checked::new(job.scene.model(), coupling.clone(), form).accepting(tolerance).with_kernels();
-        let (events, substeps) = (Events::new(job.settings, &scratch), Substeps::new(&scratch));
-        Self { scratch, gradients, solver, forward, events, substeps }
+        let one = CheckedState::new(job.scene, job.settings, form);
+        let (model, tolerance) = (&one.scratch.model, job.settings.given.tolerance);
+        let gradients = StepGradients::new(model, job.settings, job.layout.count(PARAMETERS) > 0);
+        let solver = CheckedBackward::new(model, job.settings.coupling.clone(), form, tolerance);
+        Self { one, gradients, solver }
     }
 }
 
 impl Parts for Checked {
     fn parts(&mut self) -> (&mut Scratch<f64>, &mut StepGradients<f64>) {
-        (&mut self.scratch, &mut self.gradients)
+        (&mut self.one.scratch, &mut self.gradients)
     }
 }
 
@@ -303,12 +253,11 @@ impl OneState for Checked {
     #[inline(never)]
     fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
         let (settings, mut made) = (job.settings, Vec::new());
-        let mut steps = TreeSteps { solver: &mut self.forward, events: &mut self.events };
-        self.substeps.advance(settings, &mut self.scratch, &mut steps, &mut |scheme, s, event| {
+        self.one.step(job.scene, settings, &mut |scheme, s, event| {
             made.push(Substep::new(settings, scheme, s, event));
-        });
-        through_substeps(self, settings, made, |one, Substep { scheme, pieces, event, .. }| {
-            let Self { scratch, gradients, solver, forward, events, .. } = one;
+        })?;
+        through_substeps(self, settings, made, |state, Substep { scheme, pieces, event, .. }| {
+            let Self { one: CheckedState { scratch, solver: forward, events, .. }, gradients, solver } = state;
             let by = (settings, &scheme);
             match event {
                 None => {
@@ -329,15 +278,11 @@ impl OneState for Checked {
             }
             Ok(())
         })?;
-        let Self { gradients, solver, forward, .. } = self;
-        if let Some(lost) = forward.lost.take().or(solver.take_lost()) {
-            let joint = job.scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-            return Err((joint, job.scene.singular(lost)));
+        let Self { one, gradients, solver } = self;
+        if let Some(lost) = one.solver.lost.take().or(solver.solver.lost.take()) {
+            return Err(pivot_fault(job.scene, lost));
         }
-        let mut results = gradients.results();
-        results
-            .try_for_each(|numbers| job.scene.check_result("gradients", numbers))
-            .map_err(|error| (String::new(), error))
+        gradients.check(job.scene)
     }
 }
 
@@ -355,8 +300,7 @@ fn through_event(
         gradients.end[0][row] = 0.0;
     }
     let mut through = |gradients: &mut StepGradients<f64>, solutions: &EventSolution| {
-        let mut solver = EventSolver { solver: &mut *solver, accelerations: &solutions.accelerations };
-        backward(by, s, gradients, &mut solver, Some(&solutions.rows));
+        backward(by, s, gradients, &mut solver.known(&solutions.accelerations), Some(&solutions.rows));
     };
     let [for_positions, for_velocities] = &solutions[..] else {
         for solutions in solutions {
@@ -411,43 +355,35 @@ fn through_impact(
 }
 
 impl<T: Vectorized, I: Target> Compiled<T, I> {
-    fn new(job: &Job<'_>, form: Form, target: I) -> Self {
+    fn boxed(job: &Job<'_>, form: Form, target: I) -> Box<dyn Reversing> {
         let scratch = Scratch::new(job.scene.model(), job.settings);
-        let (zero, parameters) = (T::zero(), job.layout.bodies > 0);
-        let limits = || if job.settings.stops { limit_rows(job.scene) } else { Vec::new() };
+        let parameters = job.layout.count(PARAMETERS) > 0;
+        let mut gradients = StepGradients::new(&scratch.model, job.settings, parameters);
+        let limits = || if job.settings.stops() { limit_rows(job.scene) } else { Vec::new() };
         let is_connected = job.settings.connected && job.settings.has_vectorized_adjoint();
         let connected = is_connected
             .then(|| Box::new(ConnectedReverse::new(job.scene, job.settings, &scratch, (limits(), parameters))));
-        Self {
+        Box::new(Self {
             connected,
-            gradients: StepGradients::new(&scratch.model, job.settings, parameters),
+            sums: gradients.results().skip(2).map(|numbers| numbers.to_vec()).collect(),
+            gradients,
             solver: VectorizedBackward::new(target, form, (&scratch.model, &scratch.constants)),
-            sums: std::array::from_fn(|_| vec![zero; job.layout.nv]),
-            wrenches: vec![zero; 6 * job.layout.links],
-            parameters: vec![[zero; 10]; job.layout.bodies],
             scratch,
             form,
             target,
             checked: None,
             closed: None,
             touching: None,
-        }
-    }
-
-    /// `None` if the processor does not support the instruction set.
-    fn boxed(job: &Job<'_>, form: Form) -> Option<Box<dyn Reversing>> {
-        Some(Box::new(Self::new(job, form, I::here()?)))
+        })
     }
 }
 
 impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
     fn begin(&mut self, job: &Job<'_>) {
-        let Self { scratch: s, gradients, sums, wrenches, parameters, .. } = self;
-        for numbers in sums.iter_mut().chain([wrenches]).chain(&mut gradients.end) {
+        let Self { scratch: s, gradients, sums, .. } = self;
+        for numbers in sums.iter_mut().chain(&mut gradients.end).chain([&mut s.torque]) {
             clear(numbers);
         }
-        clear(parameters.as_flattened_mut());
-        clear(&mut s.torque);
         if let Some(touching) = &mut self.touching {
             touching.begin();
         }
@@ -474,12 +410,7 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
     }
 
     fn step(&mut self, job: &Job<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault> {
-        let target = self.target;
-        let mut fallback = if self.connected.is_some() {
-            target.within(ConnectedStep(Step { compiled: self, job, n, start }))
-        } else {
-            target.within(Step { compiled: self, job, n, start })
-        };
+        let mut fallback = step(self.target, self, job, n, start);
         fallback &= u64::MAX >> (64 - job.states.len());
         if fallback != 0 {
             if job.settings.method == Method::Contact {
@@ -488,45 +419,37 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
                 self.recompute(job, n, fallback)?;
             }
         }
-        let Self { gradients, sums, wrenches, parameters, .. } = self;
-        let StepGradients { start, end, acting, wrenches: by_wrenches, parameters: of_step, .. } = gradients;
+        let Self { gradients, sums, .. } = self;
+        for (sums, more) in sums.iter_mut().zip(gradients.results().skip(2)) {
+            sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += *more);
+        }
+        let StepGradients { start, end, acting, wrenches, .. } = gradients;
         std::mem::swap(start, end);
-        for (sums, acting) in sums.iter_mut().chain([wrenches]).zip(acting.iter().chain([&*by_wrenches])) {
-            sums.iter_mut().zip(acting).for_each(|(sum, &more)| *sum += more);
-        }
-        for (sum, &more) in parameters.as_flattened_mut().iter_mut().zip(of_step.as_flattened()) {
-            *sum += more;
-        }
-        for which in (0..INPUTS).filter(|&which| job.layout.inputs[which] > 1) {
+        let inputs = acting[..INPUTS].iter().chain([&*wrenches]).zip(INPUT..);
+        for (numbers, part) in inputs.filter(|(_, part)| job.layout.count(*part) > 1) {
             for (lane, out) in out.chunks_exact_mut(job.layout.width()).enumerate() {
-                scatter(&acting[which], lane, &mut out[job.layout.input(which, n)]);
-            }
-        }
-        if job.layout.wrenches > 1 {
-            for (lane, out) in out.chunks_exact_mut(job.layout.width()).enumerate() {
-                scatter(by_wrenches, lane, &mut out[job.layout.wrench(n)]);
+                scatter(numbers, lane, &mut out[job.layout.one(part, n)]);
             }
         }
         Ok(())
     }
 
     fn finish(&mut self, job: &Job<'_>, out: &mut [f64]) {
-        let Self { gradients, sums, wrenches, parameters, .. } = self;
-        let (nv, layout) = (job.layout.nv, job.layout);
+        let Self { gradients, sums, .. } = self;
+        let layout = job.layout;
+        let [.., wrenches, parameters] = &sums[..] else { return };
         for (lane, out) in out.chunks_exact_mut(layout.width().max(1)).enumerate() {
-            let of_rows = gradients.end.iter().chain(&sums[INPUTS..]);
+            let of_rows = gradients.end.iter().chain(&sums[INPUTS..ACTING]);
             for (i, numbers) in of_rows.enumerate() {
-                scatter(numbers, lane, &mut out[i * nv..(i + 1) * nv]);
+                scatter(numbers, lane, &mut out[layout.one(ROWS, i)]);
             }
-            for which in (0..INPUTS).filter(|&which| layout.inputs[which] == 1) {
-                scatter(&sums[which], lane, &mut out[layout.all(which)]);
+            let inputs = sums[..INPUTS].iter().chain([wrenches]).zip(INPUT..);
+            for (numbers, part) in inputs.filter(|(_, part)| layout.count(*part) == 1) {
+                scatter(numbers, lane, &mut out[layout.all(part)]);
             }
-            if layout.wrenches == 1 {
-                scatter(wrenches, lane, &mut out[layout.wrench(0)]);
-            }
-            scatter(parameters.as_flattened(), lane, &mut out[layout.parameters()]);
+            scatter(parameters, lane, &mut out[layout.all(PARAMETERS)]);
             if let Some(touching) = &self.touching {
-                touching.write(job.scene, &mut out[layout.contacts()]);
+                touching.write(job.scene, &mut out[layout.all(CONTACTS)]);
                 let mut shapes = job.shapes.lock().unwrap_or_else(PoisonError::into_inner);
                 shapes.extend(touching.of_shapes(job.states.start));
             }
@@ -538,7 +461,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
     /// The step of one state of a scene with contacts.
     fn through_contacts(&mut self, job: &Job<'_>, n: usize) -> Result<(), StepFault> {
         let Self { scratch: s, gradients, form, touching, .. } = self;
-        let parameters = job.layout.bodies > 0;
+        let parameters = job.layout.count(PARAMETERS) > 0;
         let touching =
             touching.get_or_insert_with(|| Box::new(ContactReverse::new(job.scene, job.settings, *form, parameters)));
         take_lane(&mut touching.scratch, s, 0);
@@ -562,20 +485,8 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
             let mut current = vec![0.0; job.settings.width(job.scene)];
             let start = touching.scratch.q.iter().chain(&touching.scratch.v);
             current.iter_mut().zip(start).for_each(|(to, x)| *to = *x);
-            let mut step = job::Job {
-                scene: job.scene,
-                models: None,
-                settings: job.settings,
-                steps: n..n + 1,
-                states: job::States::Adjacent(state..state + 1),
-                begun: &[],
-                current: &mut current,
-                torque: job.torque,
-                rows: None,
-                impacts: None,
-                touches: None,
-                divisions: None,
-            };
+            let own = (n..n + 1, job::States::Adjacent(state..state + 1));
+            let mut step = job::Job::of((job.scene, job.settings), own, (&mut current, job.torque));
             if touching.is_free(&mut step, n, recorded, changed)? {
                 return self.recompute(&Job { settings: free, states: job.states.clone(), ..*job }, n, 1);
             }
@@ -591,17 +502,15 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
     /// Recomputes the step with all checks, for the lanes in `fallback`.
     #[cold]
     #[inline(never)]
-    fn recompute(&mut self, job: &Job<'_>, n: usize, mut fallback: u64) -> Result<(), StepFault> {
+    fn recompute(&mut self, job: &Job<'_>, n: usize, fallback: u64) -> Result<(), StepFault> {
         let Self { scratch: s, gradients, form, checked, closed, .. } = self;
-        let (form, parameters) = (*form, job.layout.bodies > 0);
+        let (form, parameters) = (*form, job.layout.count(PARAMETERS) > 0);
         let one: &mut dyn OneState = if job.settings.connected {
             &mut **closed.get_or_insert_with(|| Box::new(ClosedReverse::new(job.scene, job.settings, form, parameters)))
         } else {
             &mut **checked.get_or_insert_with(|| Box::new(Checked::new(job, form)))
         };
-        while fallback != 0 {
-            let lane = fallback.trailing_zeros() as usize;
-            fallback &= fallback - 1;
+        for lane in lanes_of(fallback) {
             let (scratch, own) = one.parts();
             take_lane(scratch, s, lane);
             for (to, from) in own.end.iter_mut().zip(&gradients.end) {

@@ -7,7 +7,7 @@ use super::friction_curve::check_curves;
 use super::job::{Impacts, Job, Records, Rows, States};
 use super::method::Method;
 use super::population::Population;
-use super::properties::{Gains, Properties};
+use super::properties::Gains;
 use super::settings::{Limits, Settings};
 use super::step_settings::StepSettings;
 use super::stepper::Stepper;
@@ -16,7 +16,6 @@ use super::totals::{TOTALS, Totals};
 use super::touches::{ShapeContact, Touches};
 use super::wrenches::LinkWrenches;
 use crate::algorithm::Algorithm;
-use crate::batch::instruction_set::InstructionSet;
 use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::{Error, in_language};
@@ -46,16 +45,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct Rollout<S> {
     pub(super) scene: S,
     pub(super) settings: StepSettings,
-    /// The models of the states, and the properties as given, if the states differ in them.
+    /// The models of the states, if the states differ in them.
     pub(super) population: Option<Arc<Population>>,
     /// The scratch of each state whose steps are those of its own scene.
     steppers: Arc<Vec<Mutex<Option<Stepper>>>>,
-    properties: Option<Properties>,
-    /// As given in the settings.
-    method: Method,
-    limits: Limits,
-    pub(super) form: Form,
-    pub(super) arm: InstructionSet,
     states: usize,
     /// Per state: q, qd, the totals, and the stored values of contacts.
     current: Vec<f64>,
@@ -125,7 +118,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();
         let holds: &Scene = scene.borrow().tree();
-        let Settings { dt, method, form, arm, .. } = settings;
+        let Settings { dt, method, form, .. } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
         }
@@ -156,11 +149,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let stops = settings.limits == Limits::Stop;
         let smoothing = contact::Smoothing::new(holds, settings.smoothing, stops)?;
         let has_models = !settings.properties.are_of_all(nv);
-        let mut of_all = settings.clone();
-        if has_models {
-            of_all.properties = settings.properties.largest(nv);
-        }
-        let of_steps = |touches: bool| step_settings(holds, &of_all, coupling.clone(), (q, touches));
+        let properties = if has_models { settings.properties.largest(nv) } else { settings.properties.clone() };
+        let gains = settings.gains.clone();
+        let given = Arc::new(Settings { gains: None, wrenches: None, ..settings });
+        let of_steps = |touches: bool| {
+            step_settings(holds, &given, (properties.clone(), gains.clone(), coupling.clone()), (q, touches))
+        };
         let mut step_settings = of_steps(holds.touches());
         if holds.touches() && method != Method::Contact && smoothing.is_none() {
             step_settings.free = Some(Box::new(of_steps(false)));
@@ -172,7 +166,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 let found = "smoothed contacts with models that differ between states";
                 return Err(Error::argument("smoothing", found, "the exact law, or one model for all states"));
             }
-            let population = Population::new(scene.borrow(), &step_settings, &settings.properties, states);
+            let population = Population::new(scene.borrow(), &step_settings, &given.properties, states);
             population.check(scene.borrow())?;
             Some(Arc::new(population))
         } else {
@@ -186,11 +180,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             settings: step_settings,
             steppers: Arc::new((0..if population.is_some() { states } else { 0 }).map(|_| Mutex::new(None)).collect()),
             population,
-            properties: has_models.then_some(settings.properties),
-            method,
-            limits: settings.limits,
-            form,
-            arm,
             states,
             current,
             begun,
@@ -243,23 +232,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// A copy of the settings.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let StepSettings { step, gains, restitution, .. } = &self.settings;
-        let StepSettings { properties, .. } = self.without_contacts();
-        Settings {
-            dt: *step,
-            method: self.method,
-            form: self.form,
-            tolerance: self.settings.tolerance,
-            properties: self.properties.as_ref().unwrap_or(properties).clone(),
-            gains: gains.as_deref().cloned(),
-            wrenches: self.settings.wrenches.as_ref().map(|wrenches| wrenches.given.clone()),
-            arm: self.arm,
-            compliance: self.settings.compliance.clone(),
-            limits: self.limits,
-            restitution: *restitution,
-            accuracy: self.settings.accuracy,
-            smoothing: self.settings.smoothing.as_ref().map_or(0.0, |smoothing| smoothing.length),
-        }
+        let StepSettings { gains, wrenches, .. } = &self.settings;
+        let (gains, wrenches) = (gains.as_deref().cloned(), wrenches.as_ref().map(|wrenches| wrenches.given.clone()));
+        Settings { gains, wrenches, ..Settings::clone(&self.settings.given) }
     }
 
     /// The integration method; for [`Method::Auto`], the method that it selected. In a scene with contacts, that of the
@@ -284,7 +259,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// True if joint limits act as stops.
     #[must_use]
     pub fn has_stops(&self) -> bool {
-        self.settings.stops
+        self.settings.stops()
     }
 
     /// Works and numbers of substeps of one state since it began.
@@ -430,7 +405,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return CONNECTED * (one_by_one + ONE_BODY * contacts);
         }
         let factor = if connected || touches { IN_LANES } else { 1 };
-        factor * one_by_one / self.arm.lanes().min(self.states.max(1))
+        factor * one_by_one / self.settings.given.arm.lanes().min(self.states.max(1))
     }
 
     /// Advances all states by `steps` steps, and records rows, the first before the first step.
@@ -465,13 +440,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let cost = self.cost().saturating_mul(steps);
         let slice = (SLICE / self.cost().max(1)).max(1);
         self.touches.begin(every, last);
-        let Self { scene, settings, form, arm, current, begun, pool, impacts, touches, population, steppers, .. } =
-            self;
+        let Self { scene, settings, current, begun, pool, impacts, touches, population, steppers, .. } = self;
         let (impacts, touches, population) = (&*impacts, &*touches, population.as_deref());
         let whole: &Scene = (*scene).borrow();
         let scene = whole.tree();
         let has_shapes = scene.shapes().is_some();
-        let make = || Stepper::new(*form, *arm);
+        let make = || Stepper::new(settings.given.form, settings.given.arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
             let alone = population.filter(|population| !population.in_lanes);

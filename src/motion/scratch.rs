@@ -198,7 +198,7 @@ impl<T: Real> Scratch<T> {
         let coordinates = || vec![T::zero(); nq];
         let rates = || vec![T::zero(); nv];
         Self {
-            sweeps: SweepScratch::new(&model, &constants).accepting(settings.tolerance),
+            sweeps: SweepScratch::new(&model, &constants).accepting(settings.given.tolerance),
             constants,
             rows: (0..nv).map(row).collect(),
             rest: settings.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),

@@ -1,18 +1,18 @@
 //! A simulator: time integration call by call, which can continue after an error, and whose states can be reset.
 
-use super::contact::ContactReport;
 use super::events::StopImpact;
+#[cfg(feature = "python")]
 use super::method::Method;
 use super::rollout::Rollout;
 use super::settings::Settings;
 use super::torque::{StepFault, Torque};
-use super::totals::Totals;
 use super::touches::ShapeContact;
 use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
+use std::ops::Deref;
 
 /// States that are advanced call by call. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`.
 ///
@@ -20,6 +20,9 @@ use std::borrow::Borrow;
 /// threads and states. The first step allocates scratch memory. Later steps allocate nothing on the calling thread, but
 /// for temporary arrays of steps with contacts, coupled joints or error control ([`Settings::accuracy`]), and of those
 /// in which a joint reaches a stop or begins or ceases to stick. A clone continues independently from the same states.
+///
+/// States, times, settings and diagnostics are read by the methods of the [`Rollout`], to which it dereferences; a reset
+/// state begins at time zero.
 ///
 /// ```
 /// use phipsi::motion::{Settings, Simulator, Torque};
@@ -39,6 +42,14 @@ pub struct Simulator<S> {
     pub(super) rollout: Rollout<S>,
     /// The values of the rollout before the current call.
     before: Vec<f64>,
+}
+
+impl<S> Deref for Simulator<S> {
+    type Target = Rollout<S>;
+
+    fn deref(&self) -> &Rollout<S> {
+        &self.rollout
+    }
 }
 
 impl<S: Borrow<Scene>> Simulator<S> {
@@ -99,89 +110,9 @@ impl<S: Borrow<Scene>> Simulator<S> {
         Ok(())
     }
 
-    /// Current configuration and joint velocities of one state.
-    ///
-    /// # Panics
-    ///
-    /// If `index` is not below [`Simulator::states`].
-    #[must_use]
-    pub fn state(&self, index: usize) -> (&[f64], &[f64]) {
-        self.rollout.state(index)
-    }
-
-    /// Number of states.
-    #[must_use]
-    pub fn states(&self) -> usize {
-        self.rollout.states()
-    }
-
-    /// Number of steps made, regardless of resets.
-    #[must_use]
-    pub fn steps(&self) -> usize {
-        self.rollout.steps()
-    }
-
-    /// Simulated time of one state, s: dt times the number of steps since it began or was reset.
-    ///
-    /// # Panics
-    ///
-    /// If `index` is not below [`Simulator::states`].
-    #[must_use]
-    pub fn time(&self, index: usize) -> f64 {
-        self.rollout.time(index)
-    }
-
-    /// As [`Rollout::chosen_method`].
-    #[must_use]
-    pub fn chosen_method(&self) -> Method {
-        self.rollout.chosen_method()
-    }
-
-    /// As [`Rollout::friction_speed`].
-    #[must_use]
-    pub fn friction_speed(&self) -> f64 {
-        self.rollout.friction_speed()
-    }
-
-    /// As [`Rollout::has_stops`].
-    #[must_use]
-    pub fn has_stops(&self) -> bool {
-        self.rollout.has_stops()
-    }
-
-    /// As [`Rollout::totals`].
-    ///
-    /// # Panics
-    ///
-    /// If `index` is not below [`Simulator::states`].
-    #[must_use]
-    pub fn totals(&self, index: usize) -> Totals {
-        self.rollout.totals(index)
-    }
-
     /// As [`Rollout::take_impacts`].
     pub fn take_impacts(&mut self) -> Vec<StopImpact> {
         self.rollout.take_impacts()
-    }
-
-    /// Diagnostics of the contacts of one state since it began or was reset; `None` for a scene without contacts.
-    ///
-    /// # Panics
-    ///
-    /// If `index` is not below [`Simulator::states`].
-    #[must_use]
-    pub fn contact_report(&self, index: usize) -> Option<ContactReport> {
-        self.rollout.contact_report(index)
-    }
-
-    /// As [`Rollout::contacts_now`].
-    ///
-    /// # Panics
-    ///
-    /// If `index` is not below [`Simulator::states`].
-    #[must_use]
-    pub fn contacts_now(&self, index: usize) -> Vec<f64> {
-        self.rollout.contacts_now(index)
     }
 
     /// Where shapes touched in the last step.
@@ -189,35 +120,6 @@ impl<S: Borrow<Scene>> Simulator<S> {
     pub fn shape_contacts(&self) -> Vec<ShapeContact> {
         let last = self.steps();
         self.rollout.shape_contacts().into_iter().filter(|of| of.step == last).collect()
-    }
-
-    /// The scene of the states.
-    #[must_use]
-    pub fn scene(&self) -> &Scene {
-        self.rollout.scene()
-    }
-
-    /// A copy of the settings.
-    #[must_use]
-    pub fn settings(&self) -> Settings {
-        self.rollout.settings()
-    }
-
-    /// Approximate time per step and state on one thread, ns.
-    #[must_use]
-    #[doc(hidden)]
-    pub fn cost(&self) -> usize {
-        self.rollout.cost()
-    }
-
-    /// Checks that `torque` is valid for the next `steps` steps, as [`Simulator::step`] does.
-    ///
-    /// # Errors
-    ///
-    /// As [`Rollout::check_torque`].
-    #[doc(hidden)]
-    pub fn check_torque(&self, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
-        self.rollout.check_torque(torque, steps)
     }
 
     /// The values of every state, the step at which it began, and the number of steps made: the data of a copy, in

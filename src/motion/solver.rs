@@ -9,7 +9,6 @@ use crate::batch::instruction_set::{Baseline, Target, Vectorized};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
 use crate::dynamics::constraints::{ConstraintKernel, ConstraintScratch, constrained_dynamics};
-use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
@@ -22,14 +21,7 @@ use std::sync::Arc;
 pub(super) trait Solver<T: Real> {
     /// Writes qdd, and returns as bits the lanes whose error estimate exceeds the tolerance. `estimates`: whether the
     /// error is estimated; otherwise only pivots are checked.
-    fn solve(
-        &mut self,
-        estimates: bool,
-        scene: (&Model<T>, &SweepModel<T>),
-        scratch: &mut SweepScratch<T>,
-        state: (&[T], &[T], &[T]),
-        qdd: &mut [T],
-    ) -> u64;
+    fn solve(&mut self, estimates: bool, call: KernelArguments<'_, T>) -> u64;
 }
 
 /// The compiled kernels of one instruction set, in covariance form. In form auto they estimate the error in the first
@@ -54,18 +46,10 @@ impl<'a, T: Vectorized, I> Kernels<'a, T, I> {
 
 impl<T: Vectorized, I: Target> Solver<T> for Kernels<'_, T, I> {
     #[inline(always)]
-    fn solve(
-        &mut self,
-        estimates: bool,
-        scene: (&Model<T>, &SweepModel<T>),
-        scratch: &mut SweepScratch<T>,
-        state: (&[T], &[T], &[T]),
-        qdd: &mut [T],
-    ) -> u64 {
+    fn solve(&mut self, estimates: bool, call: KernelArguments<'_, T>) -> u64 {
         if let Some(connected) = &mut self.connected {
-            return connected.accelerations((self.target, self.form, estimates), scene, scratch, state, qdd);
+            return connected.accelerations((self.target, self.form, estimates), call);
         }
-        let call = KernelArguments { scene, scratch, state, wrenches: &[], qdd };
         if self.factors {
             return with_factor(self.target, self.form, call);
         }
@@ -108,14 +92,8 @@ impl Followed {
     }
 
     /// The accelerations of a stage by the kernels. Returns false if they need the fallback.
-    fn by_kernels(
-        &mut self,
-        (form, estimates): (Form, bool),
-        scene: (&Model<f64>, &SweepModel<f64>),
-        scratch: &mut SweepScratch<f64>,
-        state: (&[f64], &[f64], &[f64]),
-        qdd: &mut [f64],
-    ) -> bool {
+    fn by_kernels(&mut self, (form, estimates): (Form, bool), call: KernelArguments<'_, f64>) -> bool {
+        let KernelArguments { scene, scratch, state, qdd, .. } = call;
         if form == Form::SquareRoot {
             return false;
         }
@@ -193,25 +171,20 @@ impl Checked {
 }
 
 impl Solver<f64> for Checked {
-    fn solve(
-        &mut self,
-        estimates: bool,
-        (model, constants): (&Model<f64>, &SweepModel<f64>),
-        scratch: &mut SweepScratch<f64>,
-        (q, v, u): (&[f64], &[f64], &[f64]),
-        qdd: &mut [f64],
-    ) -> u64 {
+    fn solve(&mut self, estimates: bool, mut call: KernelArguments<'_, f64>) -> u64 {
+        let (model, _) = call.scene;
         if let Some(followed) = self.followed.as_mut().filter(|_| self.kernels_first) {
-            if followed.by_kernels((self.form, estimates), (model, constants), scratch, (q, v, u), qdd) {
-                followed.coupling.restore_rates(&model.system.noise, qdd);
+            if followed.by_kernels((self.form, estimates), call.again()) {
+                followed.coupling.restore_rates(&model.system.noise, call.qdd);
                 return 0;
             }
         } else if self.kernels_first {
             let mut kernels = Kernels::new(Baseline, self.form, None);
-            if kernels.solve(estimates, (model, constants), scratch, (q, v, u), qdd) & 1 == 0 {
+            if kernels.solve(estimates, call.again()) & 1 == 0 {
                 return 0;
             }
         }
+        let KernelArguments { state: (q, v, u), qdd, .. } = call;
         if self.solve_coupled(model, (q, Some(v)), u, qdd) {
             return 0;
         }

@@ -21,7 +21,7 @@ const AT_START: f64 = 1e-6;
 impl<S: Borrow<Scene>> Rollout<S> {
     /// Checks that an initial state satisfies the connections; omitted if rows have compliance.
     pub(super) fn check_connections(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
-        let is_soft = self.settings.compliance.iter().any(|&compliance| compliance > 0.0);
+        let is_soft = self.settings.given.compliance.iter().any(|&compliance| compliance > 0.0);
         if is_soft { Ok(()) } else { self.scene().check_on_connections(q, qd, AT_START) }
     }
 
@@ -123,37 +123,6 @@ fn penetration(mut found: Vec<(String, f64)>, is_smoothed: bool) -> Option<Strin
     ))
 }
 
-impl<S: Borrow<Scene>> Simulator<S> {
-    /// As [`Rollout::limit_warning`].
-    ///
-    /// # Panics
-    ///
-    /// As [`Rollout::limit_warning`].
-    pub fn limit_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
-        self.rollout.limit_warning(states)
-    }
-
-    /// As [`Rollout::contact_warning`].
-    ///
-    /// # Panics
-    ///
-    /// As [`Rollout::limit_warning`].
-    pub fn contact_warning(&self, states: impl IntoIterator<Item = usize>) -> Option<String> {
-        self.rollout.contact_warning(states)
-    }
-
-    /// As [`Rollout::dropped`] and [`Rollout::dropped_warning`].
-    #[cfg(feature = "python")]
-    pub(crate) fn dropped(&self) -> f64 {
-        self.rollout.dropped()
-    }
-
-    #[cfg(feature = "python")]
-    pub(crate) fn dropped_warning(&self) -> String {
-        self.rollout.dropped_warning()
-    }
-}
-
 impl<S: Borrow<Scene>> Rollout<S> {
     /// Changes the targets of the control law from the next step on, given as in [`Gains`]; `None` leaves them.
     ///
@@ -181,9 +150,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         self.settings.gains = Some(gains);
         Ok(())
     }
-}
 
-impl<S: Borrow<Scene>> Rollout<S> {
     /// Changes the wrenches on links from the next step on; `None` removes them.
     ///
     /// # Errors
@@ -212,13 +179,6 @@ impl<S: Borrow<Scene>> Simulator<S> {
         self.rollout.push(wrenches)
     }
 
-    #[cfg(feature = "python")]
-    pub(crate) fn is_pushed(&self) -> bool {
-        self.rollout.is_pushed()
-    }
-}
-
-impl<S: Borrow<Scene>> Simulator<S> {
     /// As [`Rollout::aim`].
     ///
     /// # Errors

@@ -13,6 +13,7 @@ use super::modes::{observe_end, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::Solver;
 use super::step_settings::{StepArguments, StepSettings};
+use crate::batch::accelerations::KernelArguments;
 use crate::scalar::{Real, lanes_but};
 
 /// Largest number of times that a step is made again with other pieces of the control laws.
@@ -29,7 +30,7 @@ pub(super) fn step<T: Real, S: Solver<T>>(
 ) -> u64 {
     let mut fallback = on_pieces(by, s, solver);
     // Contacts change the end of their steps; error control locates the changes.
-    if settings.limited.is_empty() || settings.method == Method::Contact || settings.accuracy.is_some() {
+    if settings.limited.is_empty() || settings.method == Method::Contact || settings.given.accuracy.is_some() {
         return fallback;
     }
     for _ in 0..CHANGES {
@@ -60,13 +61,24 @@ fn on_pieces<T: Real, S: Solver<T>>(
     clear(&mut s.control);
     for i in 0..t.stages {
         stage(by, s, i);
-        let state = (&s.q_stage[..], &s.v_stage[..], &s.u[..]);
-        fallback |= solver.solve(i == 0, (&s.model, &s.constants), &mut s.sweeps, state, &mut s.m[i]);
+        fallback |= solver.solve(i == 0, at_stage(s, i));
         test_stuck_rows(s, i);
         finish_stage(by, s, i);
     }
     finish_step(by, s);
     fallback
+}
+
+/// The arguments of the solver of stage `i`.
+#[inline(always)]
+pub(super) fn at_stage<T: Real>(s: &mut Scratch<T>, i: usize) -> KernelArguments<'_, T> {
+    KernelArguments {
+        scene: (&s.model, &s.constants),
+        scratch: &mut s.sweeps,
+        state: (&s.q_stage, &s.v_stage, &s.u),
+        wrenches: &[],
+        qdd: &mut s.m[i],
+    }
 }
 
 /// Computes the end of a step from its stages, and whether the step is consistent and short enough.

@@ -4,6 +4,7 @@
 use super::contact;
 use super::method::{Method, Scheme};
 use super::properties::{Gains, Properties};
+use super::settings::{Limits, Settings};
 use super::stops::SetValued;
 use super::totals::TOTALS;
 use super::wrenches::LinkWrenches;
@@ -16,6 +17,8 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 #[allow(clippy::struct_excessive_bools)] // independent facts
 pub(super) struct StepSettings {
+    /// The settings as given, without control law and wrenches, which can change.
+    pub given: Arc<Settings>,
     /// Time step of the run, s.
     pub step: f64,
     /// The integration method; never [`Method::Auto`].
@@ -25,8 +28,6 @@ pub(super) struct StepSettings {
     pub free: Option<Box<Self>>,
     /// True if [`Method::Auto`] selected the method; steps that are too long are then divided.
     pub divides: bool,
-    /// The method of the settings, which can be [`Method::Auto`].
-    pub asked: Method,
     /// The method with the time step of the run.
     pub scheme: Scheme,
     pub properties: Properties,
@@ -37,10 +38,6 @@ pub(super) struct StepSettings {
     pub coupling: Option<Arc<Coupling>>,
     /// True if some joint has regularized friction.
     pub regularized: bool,
-    /// Error bound of a substep under error control.
-    pub accuracy: Option<f64>,
-    /// Largest estimated error of an acceleration that form `auto` accepts, if it is not the default.
-    pub tolerance: Option<f64>,
     /// The rows with exact friction or stops.
     pub set_valued: Vec<SetValued>,
     /// The rows of the control law with limits of effort.
@@ -49,16 +46,10 @@ pub(super) struct StepSettings {
     pub has_motors: bool,
     /// True if these limits are those of the sum with the applied torque.
     pub limits_sum: bool,
-    /// True if joint limits are stops.
-    pub stops: bool,
-    /// Coefficient of restitution of the stops.
-    pub restitution: f64,
     /// The kind of each degree of freedom, for the error estimate.
     pub kinds: Vec<RateKind>,
     /// True for a scene with connections.
     pub connected: bool,
-    /// Compliance of each row of the connections; empty if all are rigid.
-    pub compliance: Vec<f64>,
     /// Relaxation of the contact law, if it is not exact.
     pub smoothing: Option<contact::Smoothing>,
     /// Per body: whether its joint has a spring, and whether the control law acts on it.
@@ -71,29 +62,26 @@ pub(super) struct StepSettings {
 impl StepSettings {
     pub fn new(
         model: &Model<f64>,
-        step: f64,
+        given: Arc<Settings>,
         method: Method,
         (properties, gains): (Properties, Option<Gains>),
     ) -> Self {
         let largest = gains.as_ref().map(|gains| (0..model.nv()).map(|row| gains.largest(model.nv(), row)).collect());
         let largest: Vec<[f64; 2]> = largest.unwrap_or_else(|| vec![[0.0; 2]; model.nv()]);
+        let step = given.dt;
         Self {
+            given,
             step,
             method,
             free: None,
-            asked: method,
             divides: false,
             scheme: Scheme::new(method, step),
             coupling: None,
             regularized: properties.is_regularized(),
-            accuracy: None,
-            tolerance: None,
             set_valued: Vec::new(),
             limited: Vec::new(),
             has_motors: false,
             limits_sum: false,
-            stops: false,
-            restitution: 0.0,
             kinds: rate_kinds(model),
             sprung_bodies: stiff_bodies(model, &properties.stiffness),
             controlled_bodies: stiff_bodies(model, &largest.iter().map(|[kp, _]| *kp).collect::<Vec<_>>()),
@@ -102,7 +90,6 @@ impl StepSettings {
             gains: gains.map(Arc::new),
             wrenches: None,
             connected: false,
-            compliance: Vec::new(),
             smoothing: None,
         }
     }
@@ -130,20 +117,20 @@ impl StepSettings {
         self.wrenches = wrenches;
     }
 
-    /// The same settings for coupled joints.
-    pub fn with_coupling(self, coupling: Option<Arc<Coupling>>) -> Self {
-        Self { coupling, ..self }
-    }
-
     /// True if steps are vectorized: those without coupled joints, compliant connections, friction curves and error
     /// control.
     pub fn is_vectorized(&self) -> bool {
-        self.coupling.is_none() && self.properties.curves.is_empty() && self.is_rigid() && self.accuracy.is_none()
+        self.coupling.is_none() && self.properties.curves.is_empty() && self.is_rigid() && self.given.accuracy.is_none()
+    }
+
+    /// True if joint limits are stops.
+    pub fn stops(&self) -> bool {
+        self.given.limits == Limits::Stop
     }
 
     /// True if no connection is compliant.
     pub fn is_rigid(&self) -> bool {
-        self.compliance.iter().all(|&compliance| compliance == 0.0)
+        self.given.compliance.iter().all(|&compliance| compliance == 0.0)
     }
 
     /// True if steps with contacts are vectorized: those of a tree on planes of the base with the exact law, unless its
@@ -156,7 +143,7 @@ impl StepSettings {
             && scene.contacts_are_coupled()
             && self.coupling.is_none()
             && self.properties.curves.is_empty()
-            && self.accuracy.is_none()
+            && self.given.accuracy.is_none()
             && !self.connected
             && self.smoothing.is_none()
     }

@@ -2,13 +2,13 @@
 
 use super::closed_steps::{ClosedScratch, ClosedSteps};
 use super::connected::Connected;
-use super::contact::{ContactStepper, Shapes, Switching, Touching};
-use super::division::{Substeps, TreeSteps};
-use super::events::{Event, Events};
-use super::faults::{LARGEST_STEP, fault_of};
+use super::contact::{ContactStepper, Shapes, Switching, Touching, finish_contacts};
+use super::division::{Substeps, TreeSteps, Visitor};
+use super::events::Events;
+use super::faults::{fault_of, strays};
 use super::job::{Divisions, Impacts, Job, Models, States};
 use super::limit_rows::limit_rows;
-use super::method::{Method, Scheme};
+use super::method::Method;
 use super::scratch::Scratch;
 pub(super) use super::scratch::{fill, scatter, take_lane};
 use super::solver::{Checked, Kernels};
@@ -16,21 +16,16 @@ use super::step::step;
 use super::step_settings::StepSettings;
 use super::torque::{StepFault, Torque};
 use super::totals::TOTALS;
+use super::touches::Touches;
 use super::works::add_work;
-use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, Work, take_states};
+use crate::batch::instruction_set::{
+    InstructionSet, Target, Vectorized, lanes_of, on_instruction_set, take_states, within_target,
+};
 use crate::batch::own_model::OwnInertias;
 use crate::error::Error;
 use crate::filter::Form;
-#[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-use crate::scalar::Fused;
 use crate::scalar::lanes_but;
-#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-use crate::scalar::{Lanes, Real};
 use crate::scene::Scene;
-#[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-use pulp::x86::V3;
-#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-use pulp::x86::V4;
 
 /// Advances states, for any scalar type.
 trait Stepping: Send + Sync {
@@ -43,7 +38,6 @@ pub(super) struct Stepper {
     one: Option<Box<dyn Stepping>>,
     many: Option<Box<dyn Stepping>>,
     checked: CheckedStates,
-    touching: Option<Box<ContactStepper>>,
     switching: Option<Box<Switching>>,
     form: Form,
 }
@@ -51,18 +45,12 @@ pub(super) struct Stepper {
 impl Stepper {
     pub fn new(form: Form, arm: InstructionSet) -> Self {
         let arm = if arm.available() { arm } else { InstructionSet::Baseline };
-        Self { arm, one: None, many: None, checked: CheckedStates::default(), touching: None, switching: None, form }
+        Self { arm, one: None, many: None, checked: CheckedStates::default(), switching: None, form }
     }
 
     /// Largest number of states of a job.
     pub fn lanes(&self) -> usize {
-        match self.arm {
-            #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-            InstructionSet::Avx2 => Lanes::<V3>::LANES,
-            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-            InstructionSet::Avx512 => Lanes::<V4>::LANES,
-            _ => 1,
-        }
+        if self.arm == InstructionSet::Neon { 1 } else { self.arm.lanes() }
     }
 
     /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
@@ -76,49 +64,26 @@ impl Stepper {
 
     /// The contact steps of one state, whose shapes may know its contacts.
     pub fn shaped_steps(&mut self, job: Job<'_, '_>, shapes: &mut Box<Shapes>) -> Result<(), StepFault> {
-        let touching = self.touching(&job);
-        touching.exchange(shapes);
-        let made = touching.run(job);
-        touching.exchange(shapes);
+        let (scene, settings) = (job.scene, job.settings);
+        self.touching(scene, settings).exchange(shapes);
+        let made = self.steps(job);
+        self.touching(scene, settings).exchange(shapes);
         made
     }
 
-    fn touching(&mut self, job: &Job<'_, '_>) -> &mut ContactStepper {
-        self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(job.scene, job.settings, self.form)))
+    /// The contact steps of one state, which are not vectorized.
+    pub fn touching(&mut self, scene: &Scene, settings: &StepSettings) -> &mut ContactStepper {
+        self.checked.touching(scene, settings, self.form)
     }
 
     /// The steps of a job, all by the method of its settings.
     pub fn steps(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
-        if job.settings.method == Method::Contact && !job.settings.touches_in_lanes(job.scene) {
-            return self.touching(&job).run(job);
-        }
         let (arm, alone) = (self.arm, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
-        let scratch = place.get_or_insert_with(|| scratch(job.scene, job.settings, arm, alone));
+        let scratch =
+            place.get_or_insert_with(|| on_instruction_set!((arm, alone), Compiled::boxed(job.scene, job.settings)));
         scratch.run(self.form, &mut self.checked, job)
     }
-}
-
-/// Scratch memory in the scalar type of an instruction set, for one state or for several.
-fn scratch(scene: &Scene, settings: &StepSettings, arm: InstructionSet, alone: bool) -> Box<dyn Stepping> {
-    let on_arm: Option<Box<dyn Stepping>> = match (arm, alone) {
-        (InstructionSet::Baseline, _) => Compiled::<f64, Baseline>::boxed(scene, settings),
-        #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
-        (InstructionSet::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(scene, settings),
-        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(scene, settings),
-        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (InstructionSet::Avx512, true) => Compiled::<Fused, V4>::boxed(scene, settings),
-        #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
-        #[allow(unreachable_patterns)] // Avx512 is above if it is compiled
-        (InstructionSet::Avx2 | InstructionSet::Avx512 | InstructionSet::Neon, _) => {
-            Compiled::<Fused, <Fused as Vectorized>::Least>::boxed(scene, settings)
-        }
-        // Not compiled, and therefore never selected.
-        #[allow(unreachable_patterns)]
-        _ => None,
-    };
-    on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(scene, settings, Baseline)))
 }
 
 /// Scratch memory in a scalar type, for code compiled for one instruction set.
@@ -133,29 +98,24 @@ struct Compiled<T: Vectorized, I> {
 }
 
 impl<T: Vectorized, I: Target> Compiled<T, I> {
-    /// `None` if the processor does not support the instruction set.
-    fn boxed(scene: &Scene, settings: &StepSettings) -> Option<Box<dyn Stepping>> {
-        Some(Box::new(Self::new(scene, settings, I::here()?)))
-    }
-
-    fn new(scene: &Scene, settings: &StepSettings, target: I) -> Self {
+    fn boxed(scene: &Scene, settings: &StepSettings, target: I) -> Box<dyn Stepping> {
         let scratch = Scratch::new(scene.model(), settings);
-        let is_lanes = settings.connected && settings.is_vectorized();
-        let limits = || if settings.stops { limit_rows(scene) } else { Vec::new() };
+        let is_lanes = settings.method != Method::Contact && settings.connected && settings.is_vectorized();
+        let limits = || if settings.stops() { limit_rows(scene) } else { Vec::new() };
         let connected = is_lanes.then(|| Box::new(Connected::new(scene, settings, &scratch, limits())));
         let touching = settings.touches_in_lanes(scene).then(|| Box::new(Touching::new(scene, settings, &scratch)));
-        Self { scratch, target, connected, touching, own_inertias: None }
+        Box::new(Self { scratch, target, connected, touching, own_inertias: None })
     }
 }
 
 /// One state, for steps that the vectorized step rejected.
-struct CheckedState {
-    scratch: Scratch<f64>,
-    solver: Checked,
-    events: Events,
+pub(super) struct CheckedState {
+    pub scratch: Scratch<f64>,
+    pub solver: Checked,
+    pub events: Events,
     substeps: Substeps,
     /// For a scene with connections.
-    closed: Option<ClosedScratch>,
+    pub closed: Option<ClosedScratch>,
 }
 
 /// The scratch of the states of a job: one for all, or one for each lane whose state has its own model.
@@ -163,9 +123,15 @@ struct CheckedState {
 struct CheckedStates {
     of_all: Option<Box<CheckedState>>,
     of_lanes: Vec<Option<(usize, Box<CheckedState>)>>,
+    /// For scenes with contacts.
+    touching: Option<Box<ContactStepper>>,
 }
 
 impl CheckedStates {
+    fn touching(&mut self, scene: &Scene, settings: &StepSettings, form: Form) -> &mut ContactStepper {
+        self.touching.get_or_insert_with(|| Box::new(ContactStepper::new(scene, settings, form)))
+    }
+
     /// The scratch of a lane and its state, or that of all.
     fn of(&mut self, own: Option<(usize, usize)>, make: impl FnOnce() -> CheckedState) -> &mut CheckedState {
         let Some((lane, state)) = own else { return self.of_all.get_or_insert_with(|| Box::new(make())) };
@@ -177,39 +143,35 @@ impl CheckedStates {
 
 impl CheckedState {
     #[cold]
-    fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
+    pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
         let model = scene.model();
         let closed = settings.connected.then(|| ClosedScratch::new(scene, settings, form));
         let scratch = Scratch::new(model, settings);
         let (events, substeps) = (Events::new(settings, &scratch), Substeps::new(&scratch));
-        let solver = Checked::new(model, settings.coupling.clone(), form).accepting(settings.tolerance).with_kernels();
+        let solver =
+            Checked::new(model, settings.coupling.clone(), form).accepting(settings.given.tolerance).with_kernels();
         Self { scratch, solver, events, substeps, closed }
     }
 
-    /// One step of one state. Returns the joint and the error if it fails.
+    /// One step of one state, as [`Substeps::advance`]. Returns the joint and the error if it fails.
     #[inline(never)]
-    fn step(
+    pub fn step(
         &mut self,
         scene: &Scene,
         settings: &StepSettings,
-        (lane, mut divisions): (usize, Option<&mut Divisions>),
+        visit: &mut Visitor<'_>,
     ) -> Result<(), (String, Error)> {
         let Self { scratch, solver, events, substeps, closed } = self;
-        let mut visit = |scheme: &Scheme, s: &Scratch<f64>, _: Option<&Event<'_>>| {
-            if let Some(divisions) = &mut divisions {
-                divisions.add(lane, scheme.step, (&s.q, &s.v));
-            }
-        };
         let lost = if let Some(closed) = closed {
             let mut steps = ClosedSteps::new(scene, closed);
-            substeps.advance(settings, scratch, &mut steps, &mut visit);
+            substeps.advance(settings, scratch, &mut steps, visit);
             let (lost, error) = steps.failure.unwrap_or_default();
             if let Some(error) = error {
                 return Err((String::new(), error));
             }
             lost
         } else {
-            substeps.advance(settings, scratch, &mut TreeSteps { solver, events }, &mut visit);
+            substeps.advance(settings, scratch, &mut TreeSteps { solver, events }, visit);
             solver.lost.take()
         };
         if let Some(coupling) = &settings.coupling {
@@ -221,32 +183,23 @@ impl CheckedState {
 
 impl<T: Vectorized, I: Target> Stepping for Compiled<T, I> {
     fn run(&mut self, form: Form, checked: &mut CheckedStates, job: Job<'_, '_>) -> Result<(), StepFault> {
-        let target = self.target;
-        let (connected, touching) = (self.connected.as_deref_mut(), self.touching.as_deref_mut());
-        let own_inertias = &mut self.own_inertias;
-        target.within(Run { scratch: &mut self.scratch, connected, touching, own_inertias, target, form, checked, job })
+        run(self.target, self, form, checked, job)
     }
 }
 
-struct Run<'a, 'r, T: Vectorized, I> {
-    scratch: &'a mut Scratch<T>,
-    connected: Option<&'a mut Connected<T>>,
-    touching: Option<&'a mut Touching<T>>,
-    own_inertias: &'a mut Option<Box<OwnInertias<T>>>,
-    target: I,
-    form: Form,
-    checked: &'a mut CheckedStates,
-    job: Job<'a, 'r>,
-}
-
-impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
-    type Output = Result<(), StepFault>;
-
-    #[inline(always)]
-    fn call(self) -> Result<(), StepFault> {
-        let Self { scratch: s, connected, mut touching, own_inertias, target, form, checked, job } = self;
+within_target! {
+    /// The steps of a job.
+    fn run<'a, 'r, T, I>(
+        target;
+        compiled: &'a mut Compiled<T, I>,
+        form: Form,
+        checked: &'a mut CheckedStates,
+        job: Job<'a, 'r>,
+    ) -> Result<(), StepFault> {
+        let Compiled { scratch: s, connected, touching, own_inertias, .. } = compiled;
+        let (connected, mut touching) = (connected.as_deref_mut(), touching.as_deref_mut());
         let Job { scene, settings, models, steps, states, begun, current, torque, .. } = job;
-        let Job { mut rows, impacts, mut divisions, .. } = job;
+        let Job { mut rows, impacts, touches, mut divisions, .. } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = settings.width(scene);
         let kept = nq + nv + TOTALS;
@@ -259,6 +212,7 @@ impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
         if let Some(connected) = &mut kernels.connected {
             connected.begin(count, s);
         }
+        let is_vectorized = if settings.method == Method::Contact { kernels.factors } else { settings.is_vectorized() };
         let mut outcome = Ok(());
         for n in steps {
             if let Torque::Steps { torque, first } = torque {
@@ -268,15 +222,16 @@ impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
             s.take_targets(settings, (n, count), |lane| states.at(lane));
             let by = (settings, &settings.scheme);
             // Steps that are not vectorized run one state after another.
-            let mut fallback = if settings.is_vectorized() { step(by, s, &mut kernels) } else { u64::MAX };
+            let mut fallback = if is_vectorized { step(by, s, &mut kernels) } else { u64::MAX };
             let totals = s.totals;
             if let Some(connected) = &mut kernels.connected {
                 fallback |= connected.finish(target, form, s);
             }
             if let Some(touching) = &mut touching {
-                fallback =
-                    touching.finish((target, form), (scene, settings), s, ((&mut *current, width, kept), fallback));
-            } else if settings.is_vectorized() {
+                let (contacts, alone) = ((&mut *current, width, kept), &mut checked.touching);
+                let contacts = (contacts, fallback);
+                fallback = finish_contacts(target, touching, (form, alone), (scene, settings), s, contacts);
+            } else if is_vectorized {
                 fallback |= needs_fallback(settings, s);
                 add_work(settings, s);
             }
@@ -288,12 +243,10 @@ impl<T: Vectorized, I: Target> Work for Run<'_, '_, T, I> {
                 // The totals of these lanes come from their recomputed step instead.
                 let accumulated = std::mem::replace(&mut s.totals, totals);
                 let mut counted = accumulated;
-                let (of, steps) = ((scene, settings, form), (n, &states, begun, impacts));
-                let lanes = (fallback, &mut counted[..]);
-                outcome = match &mut touching {
-                    Some(touching) => touching.recompute(s, of, steps, lanes, (&mut *current, width, kept)),
-                    None => recompute(s, (of, models), checked, steps, (lanes, divisions.as_deref_mut())),
-                };
+                let (of, steps) = ((scene, settings, form), (n, &states, begun));
+                let lanes = (fallback, &mut counted[..], (&mut *current, width, kept));
+                let results = (impacts, touches, divisions.as_deref_mut());
+                outcome = recompute(s, (of, models), checked, steps, lanes, results);
                 s.totals = counted;
                 if outcome.is_err() {
                     break;
@@ -348,19 +301,10 @@ fn begin<T: Vectorized>(
     }
 }
 
-#[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
 /// The lanes whose next state is not finite or moved too far, whose modes changed, or whose step was too long.
 #[inline(always)]
 fn needs_fallback<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
-    let mut worst = T::one();
-    let limit = LARGEST_STEP / settings.step;
-    for &v in &s.v_next {
-        worst = worst.worst(v.constant(limit) - v.abs());
-    }
-    for &q in &s.q_next {
-        worst += q - q;
-    }
-    lanes_but::<T>(|lane| worst.lane(lane) >= 0.0 && s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0)
+    strays(settings, s) | lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0)
 }
 
 /// Recomputes the step of some lanes one by one, with all checks, in substeps, and with the set-valued law. `totals`
@@ -370,30 +314,39 @@ fn needs_fallback<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64
 fn recompute<T: Vectorized>(
     s: &mut Scratch<T>,
     ((scene, settings, form), models): ((&Scene, &StepSettings, Form), Option<Models<'_>>),
-    alone: &mut CheckedStates,
-    (n, states, begun, impacts): (usize, &States<'_>, &[usize], Option<&Impacts>),
-    ((mut fallback, totals), mut divisions): ((u64, &mut [T]), Option<&mut Divisions>),
+    checked: &mut CheckedStates,
+    (n, states, begun): (usize, &States<'_>, &[usize]),
+    (lanes, totals, (current, width, kept)): (u64, &mut [T], (&mut [f64], usize, usize)),
+    (impacts, touches, mut divisions): (Option<&Impacts>, Option<&Touches>, Option<&mut Divisions>),
 ) -> Result<(), StepFault> {
-    while fallback != 0 {
-        let lane = fallback.trailing_zeros() as usize;
-        fallback &= fallback - 1;
+    for lane in lanes_of(lanes) {
         let state = states.at(lane);
-        let member = models.map(|(population, whole)| (population.of(state), whole));
-        let own = member.map(|(member, whole)| member.scene(whole)).transpose();
-        let own = own.map_err(|error| StepFault { step: n, state, joint: String::new(), error })?;
-        let scene = own.as_deref().map_or(scene, Scene::tree);
-        let settings = member.map_or(settings, |(member, _)| &member.settings);
-        let alone = alone.of(member.map(|_| (lane, state)), || CheckedState::new(scene, settings, form));
-        let one = &mut alone.scratch;
-        take_lane(one, s, lane);
-        let divided = (lane, divisions.as_deref_mut());
-        alone.step(scene, settings, divided).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
-        if let Some(impacts) = impacts
-            && !alone.substeps.impacts.is_empty()
-        {
-            impacts.add(&alone.substeps.impacts, state, settings.time(n - begun[lane]));
-        }
-        let one = &alone.scratch;
+        let impacts = impacts.map(|impacts| (impacts, begun[lane]));
+        let one = if settings.method == Method::Contact {
+            let alone = checked.touching(scene, settings, form);
+            take_lane(&mut alone.scratch, s, lane);
+            let kept = &mut current[lane * width + kept..(lane + 1) * width];
+            alone.step((scene, settings), (n, state), kept, (impacts, touches))?;
+            &alone.scratch
+        } else {
+            let member = models.map(|(population, whole)| (population.of(state), whole));
+            let own = member.map(|(member, whole)| member.scene(whole)).transpose();
+            let own = own.map_err(|error| StepFault { step: n, state, joint: String::new(), error })?;
+            let scene = own.as_deref().map_or(scene, Scene::tree);
+            let settings = member.map_or(settings, |(member, _)| &member.settings);
+            let alone = checked.of(member.map(|_| (lane, state)), || CheckedState::new(scene, settings, form));
+            take_lane(&mut alone.scratch, s, lane);
+            let made = alone.step(scene, settings, &mut |scheme, s, _| {
+                if let Some(divisions) = &mut divisions {
+                    divisions.add(lane, scheme.step, (&s.q, &s.v));
+                }
+            });
+            made.map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+            if let Some((impacts, begun)) = impacts.filter(|_| !alone.substeps.impacts.is_empty()) {
+                impacts.add(&alone.substeps.impacts, state, settings.time(n - begun));
+            }
+            &alone.scratch
+        };
         fill(totals, lane, &one.totals);
         fill(&mut s.q_next, lane, &one.q_next);
         fill(&mut s.v_next, lane, &one.v_next);

@@ -133,7 +133,8 @@ impl Collider {
     }
 }
 
-fn check_values(subject: &str, friction: Option<f64>, restitution: Option<f64>) -> Result<(), Error> {
+/// Checks coefficients of friction and restitution, if they are given.
+pub(super) fn check_values(subject: &str, friction: Option<f64>, restitution: Option<f64>) -> Result<(), Error> {
     if let Some(friction) = friction.filter(|value| !(value.is_finite() && *value >= 0.0)) {
         let expected = "a finite number, zero or positive";
         return Err(Error::scene(subject, format!("friction {}", number(friction)), expected));
@@ -217,7 +218,8 @@ impl Scene {
 
     /// A collider on its body.
     fn placed(&self, collider: &Collider) -> Result<Placed, Error> {
-        let link = collider.link.as_ref().map(|name| self.link_of_collider(&collider.name, name)).transpose()?;
+        let link = collider.link.as_ref().map(|name| self.link_of(|| format!("collider {:?}", collider.name), name));
+        let link = link.transpose()?;
         let mut body = link.and_then(|link| link.body);
         let mut frame = link.map_or(collider.frame, |link| link.placement.compose(&collider.frame));
         if body.is_some() && self.carrier(body).is_none() {
@@ -236,12 +238,6 @@ impl Scene {
         Ok(Placed { name, body, frame, geometry, friction, restitution })
     }
 
-    fn link_of_collider(&self, collider: &str, name: &str) -> Result<&super::Link, Error> {
-        self.link_index.get(name).map(|&at| &self.links()[at]).ok_or_else(|| {
-            fault(collider, format!("link {name:?}, which does not exist"), self.source.known_links(name))
-        })
-    }
-
     /// Checks the names and the values of the rules, with the colliders by name.
     fn check_rules(&self, index: &HashMap<&str, usize>) -> Result<(), Error> {
         let rules = &self.source.collisions;
@@ -258,10 +254,7 @@ impl Scene {
             }
         }
         for name in rules.excluded.iter().flatten().flatten() {
-            if !self.link_index.contains_key(name) {
-                let found = format!("link {name:?}, which does not exist");
-                return Err(Error::scene("exclude", found, self.source.known_links(name)));
-            }
+            self.link_of(|| "exclude".to_owned(), name)?;
         }
         Ok(())
     }

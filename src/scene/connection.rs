@@ -266,12 +266,15 @@ impl Scene {
     /// The frame of a link by name, or of the world without a name.
     fn end_of(&self, connection: &Connection, link: Option<&str>) -> Result<Frame<f64>, Error> {
         let Some(name) = link else { return Ok(Frame { body: None, placement: RigidShift::identity() }) };
-        let Some(&at) = self.link_index.get(name) else {
+        self.link_of(|| format!("connection {:?}", connection.name), name).map(Frame::from)
+    }
+
+    /// The link that a part of the scene names; `subject` is that part in messages.
+    pub(super) fn link_of(&self, subject: impl FnOnce() -> String, name: &str) -> Result<&super::Link, Error> {
+        self.link_index.get(name).map(|&at| &self.links()[at]).ok_or_else(|| {
             let found = format!("link {name:?}, which does not exist");
-            return Err(connection.fault(found, self.source.known_links(name)));
-        };
-        let link = &self.links()[at];
-        Ok(Frame::from(link))
+            Error::scene(subject(), found, self.source.known_links(name))
+        })
     }
 
     /// The innermost movable body that `body` is rigidly attached to; `None` for the base.

@@ -1,7 +1,7 @@
 //! Contacts of points and spheres on links with planes, spheres and boxes: user description and checks.
 
 use super::Scene;
-use super::collider::ColliderRules;
+use super::collider::{ColliderRules, check_values};
 use super::connection::frame_fault;
 use super::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes, probing_rates};
 use crate::error::{Error, number};
@@ -135,14 +135,10 @@ impl Contact {
         if !self.offset.is_finite() {
             return Err(self.fault(format!("offset {}", number(self.offset)), "a finite number, m"));
         }
-        for (what, value) in [("radius", self.radius), ("friction", self.friction)] {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err(self.fault(format!("{what} {}", number(value)), "a finite number, zero or positive"));
-            }
+        if !(self.radius.is_finite() && self.radius >= 0.0) {
+            return Err(self.fault(format!("radius {}", number(self.radius)), "a finite number, zero or positive"));
         }
-        if !(0.0..=1.0).contains(&self.restitution) {
-            return Err(self.fault(format!("restitution {}", number(self.restitution)), "a number from 0 to 1"));
-        }
+        check_values(&format!("contact {:?}", self.name), Some(self.friction), Some(self.restitution))?;
         match self.surface {
             Surface::Sphere { radius } if !(radius.is_finite() && radius >= 0.0) => {
                 let expected = "a finite number, zero or positive";
@@ -216,12 +212,7 @@ impl Scene {
 
     /// Resolves a contact: indices of its bodies, and positions on them.
     pub(super) fn contact_point(&self, contact: &Contact) -> Result<ContactPoint, Error> {
-        let find = |name: &String| {
-            let at = self.link_index.get(name).ok_or_else(|| {
-                contact.fault(format!("link {name:?}, which does not exist"), self.source.known_links(name))
-            });
-            at.map(|&at| &self.links()[at])
-        };
+        let find = |name: &String| self.link_of(|| format!("contact {:?}", contact.name), name);
         let link = find(&contact.link)?;
         let other = contact.other.as_ref().map(find).transpose()?;
         let (Some(body), Some(carrier)) = (link.body, self.carrier(link.body)) else {

@@ -183,7 +183,7 @@ fn rebounds_of_redundant_contacts_depend_smoothly_on_velocities() {
         start[2] = -1.0;
         let hit = |k: f64| {
             let u = &j * (&start + &by * (1e-3 * k)).column(0);
-            impact(&cone, &u, &[0.2, 0.4, 0.6, 0.8], Effort::default()).impulses
+            impact(&cone.clone().into(), &u, &[0.2, 0.4, 0.6, 0.8], Effort::default()).impulses
         };
         let (before, now, after) = (hit(-1.0), hit(0.0), hit(1.0));
         let bend = (&before - &now * 2.0 + &after).amax();

@@ -35,18 +35,16 @@ use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 use std::ops::{Deref, DerefMut};
 
+/// Destinations of gradients: by constants, and by (q, qd, qdd), (3 nv).
+pub(crate) type Results<'a, 'c, T> = (&'a mut Constants<'c, T>, &'a mut [T]);
+
 /// Products with the derivatives of inverse dynamics and of the rows at one configuration.
 pub(crate) trait RowProducts<T: Real> {
-    /// Gradients of cotangent* tau of inverse dynamics by (q, qd, qdd), (3 nv) into `out`, and by the constants.
-    fn gradients_of_torques(
-        &mut self,
-        motion: Motion<'_, T>,
-        cotangent: &[T],
-        results: (&mut Constants<'_, T>, &mut [T]),
-    );
+    /// Gradients of cotangent* tau of inverse dynamics.
+    fn gradients_of_torques(&mut self, motion: Motion<'_, T>, cotangent: &[T], results: Results<'_, '_, T>);
 
     /// The same of M x, for the motion (0, x), without gravity.
-    fn gradients_of_inertia(&mut self, motion: [&[T]; 2], cotangent: &[T], results: (&mut Constants<'_, T>, &mut [T]));
+    fn gradients_of_inertia(&mut self, motion: [&[T]; 2], cotangent: &[T], results: Results<'_, '_, T>);
 
     /// [`RowGradients::add_acceleration_gradient`] at the motion (qd, qdd).
     fn add_row_gradients(
@@ -234,22 +232,13 @@ struct General<'a> {
 }
 
 impl RowProducts<f64> for General<'_> {
-    fn gradients_of_torques(
-        &mut self,
-        Motion { q, qd, qdd, wrenches }: Motion<'_, f64>,
-        cotangent: &[f64],
-        results: (&mut Constants<'_, f64>, &mut [f64]),
-    ) {
+    fn gradients_of_torques(&mut self, motion: Motion<'_, f64>, cotangent: &[f64], results: Results<'_, '_, f64>) {
+        let Motion { q, qd, qdd, wrenches } = motion;
         let state = (q, qd, qdd.unwrap_or_default());
         inverse_dynamics_vjp(self.system.0, self.workspace, self.products, state, wrenches, cotangent, results);
     }
 
-    fn gradients_of_inertia(
-        &mut self,
-        [rest, x]: [&[f64]; 2],
-        cotangent: &[f64],
-        results: (&mut Constants<'_, f64>, &mut [f64]),
-    ) {
+    fn gradients_of_inertia(&mut self, [rest, x]: [&[f64]; 2], cotangent: &[f64], results: Results<'_, '_, f64>) {
         let Self { system, workspace, products, weightless, q } = self;
         weightless.system.noise.copy_from_slice(&system.0.system.noise);
         inverse_dynamics_vjp(weightless, workspace, products, (q, rest, x), &[], cotangent, results);

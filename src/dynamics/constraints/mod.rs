@@ -44,7 +44,7 @@ pub(crate) use crate::scalar::largest_of;
 #[cfg(feature = "derivatives")]
 pub(crate) use adjoint::ConstraintAdjoint;
 #[cfg(feature = "motion")]
-pub(crate) use adjoint::{Pushed, RowProducts, SolutionGradients, subtract_products};
+pub(crate) use adjoint::{Pushed, Results, RowProducts, SolutionGradients, subtract_products};
 #[cfg(feature = "derivatives")]
 pub(crate) use derivatives::constrained_derivatives;
 pub(crate) use elimination::Elimination;

@@ -6,7 +6,7 @@ use crate::batch::instruction_set::Baseline;
 use crate::motion::solver::Solver;
 use crate::motion::step::step;
 use crate::motion::step_settings::StepSettings;
-use crate::motion::{Gains, METHODS, Method, Properties};
+use crate::motion::{Gains, METHODS, Method, Properties, Settings};
 use crate::scalar::{DoubleDouble, Dual};
 use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
 use crate::scenes::draw::Draw;
@@ -104,7 +104,9 @@ impl Case {
         };
         let (kp, kd) = (positive(&mut random, nv, 3.0), positive(&mut random, nv, 0.5));
         let gains = Gains::new(kp, kd, target).with_target_rate(many(&mut random, nv, 0.3));
-        let settings = StepSettings::new(scene.model(), step, method, (properties, Some(gains))).backward();
+        let settings =
+            StepSettings::new(scene.model(), Arc::new(Settings::new(&scene, step)), method, (properties, Some(gains)))
+                .backward();
         let (v, torque, end) = (
             many(&mut random, nv, 1.0),
             many(&mut random, nv, 5.0),
@@ -140,7 +142,7 @@ impl Case {
         assert_eq!(fallback, 0, "{:?}: {:?}, {:?}", self.settings.method, s.consistent, s.short_enough);
         let mut checked = CheckedBackward::new(&s.model, None, Form::Auto, None);
         backward((&self.settings, &self.settings.scheme), &mut s, &mut both[1], &mut checked, None);
-        assert!(checked.take_lost().is_none());
+        assert!(checked.solver.lost.is_none());
         both
     }
 
@@ -178,14 +180,8 @@ impl Case {
 struct General(Workspace<Number>);
 
 impl Solver<Number> for General {
-    fn solve(
-        &mut self,
-        _estimates: bool,
-        (model, _): (&Model<Number>, &SweepModel<Number>),
-        _scratch: &mut crate::dynamics::sweeps::SweepScratch<Number>,
-        (q, v, u): (&[Number], &[Number], &[Number]),
-        qdd: &mut [Number],
-    ) -> u64 {
+    fn solve(&mut self, _estimates: bool, call: KernelArguments<'_, Number>) -> u64 {
+        let KernelArguments { scene: (model, _), state: (q, v, u), qdd, .. } = call;
         dynamics::forward_dynamics(model, &mut self.0, q, v, u, &[], qdd);
         0
     }

@@ -5,27 +5,26 @@
 //! with the same factors: one more right-hand side. A state needs the [checked adjoint](super::super::closed_reverse)
 //! if the step or one of these solutions needs the checked step.
 
-use super::super::backward::{ARMATURE, BackwardSolver, StepGradients, backward};
+use super::super::backward::{ARMATURE, BackwardSolver, StageGradients, StepGradients, backward};
 use super::super::manifold::advance_cotangents;
 use super::super::scratch::{Scratch, add_scaled, clear};
 use super::super::solver::Solver;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
-use super::{Connected, STEPS, beyond_limits, factors, kernel_of_rows, open_lanes, replace, slow, step_back};
+use super::{Connected, STEPS, beyond_limits, factors, keep, kernel_of_rows, open_lanes, replace, slow, step_back};
 use crate::batch::accelerations::KernelArguments;
-use crate::batch::instruction_set::{Target, Vectorized, Work};
+use crate::batch::instruction_set::{Target, Vectorized, within_target};
 use crate::batch::{connected, factor, products};
 use crate::dynamics::constraints::{
-    ConstraintKernel, Pushed, Residuals, RowFault, RowGradients, RowProducts, SolutionGradients, largest_of,
+    ConstraintKernel, Pushed, Residuals, Results, RowFault, RowGradients, RowProducts, SolutionGradients,
 };
 use crate::dynamics::contacts::LimitRow;
-use crate::dynamics::derivatives::{CoStates, Constants, Parameters};
+use crate::dynamics::derivatives::{CoStates, Constants};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
-use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::scene::constraint::Constraints;
 use crate::spatial::RigidShift;
@@ -87,7 +86,7 @@ impl<T: Vectorized> ConnectedReverse<T> {
         let connected = Connected::new(scene, settings, s, limits);
         let (of_step, constraints) = ((&s.model, &s.constants), scene.constraints());
         let factors = |of: (&Model<T>, &SweepModel<T>)| Factors {
-            sweeps: SweepScratch::new(of.0, of.1).accepting(settings.tolerance),
+            sweeps: SweepScratch::new(of.0, of.1).accepting(settings.given.tolerance),
             rows: kernel_of_rows(of, constraints),
         };
         let of_end = connected.own.as_ref().map_or(of_step, |own| (&own.model, &own.constants));
@@ -193,23 +192,9 @@ impl<T: Vectorized> ConnectedReverse<T> {
         let end = &mut end[0].at;
         change.copy_from_slice(v_next);
         clear(forces);
-        let speed = largest_of(v_next, zero).mul_add(size, zero.constant(1.0));
-        (before, made) = (zero.constant(f64::INFINITY), 0);
-        loop {
-            let Factors { sweeps, rows } = &mut *end;
-            let left = rows.largest(Residuals::Rates);
-            let open = open_lanes(left, before, speed, 0.25);
-            let going = open & active & !doubt;
-            if going == 0 || made == STEPS {
-                doubt |= open;
-                break;
-            }
-            (before, made) = (left, made + 1);
-            slow((target, scene), (sweeps, rows), (innovations, of_x), (v_next, going));
-            of_rows.copy_from_slice(rows.step());
-            keep(of_rows, going, zero);
-            add_scaled(forces, 1.0, of_rows);
-        }
+        let (Factors { sweeps, rows }, lanes) = (&mut *end, (size, active & !doubt));
+        let vectors = (&mut innovations[..], &mut of_x[..]);
+        doubt |= slow((target, scene), (sweeps, rows), vectors, (v_next, lanes), Some([of_rows, &mut forces[..]]));
         for (change, &v) in change.iter_mut().zip(&*v_next) {
             *change = v - *change;
         }
@@ -240,18 +225,6 @@ fn failed(outcome: Result<(), RowFault>) -> u64 {
     if outcome.is_err() { u64::MAX } else { 0 }
 }
 
-/// Sets all lanes but those given as bits to zero.
-#[inline(always)]
-fn keep<T: Vectorized>(numbers: &mut [T], lanes: u64, zero: T) {
-    for number in numbers {
-        for (lane, number) in number.lanes_mut().iter_mut().enumerate() {
-            if lanes >> lane & 1 == 0 {
-                *number = zero.lanes()[lane];
-            }
-        }
-    }
-}
-
 /// The accelerations of the stages with their factors: forward, where `at` is the next stage, and backward, where it is
 /// the stage after the next one.
 struct Recorded<'a, T: Vectorized, I> {
@@ -262,21 +235,15 @@ struct Recorded<'a, T: Vectorized, I> {
 
 impl<T: Vectorized, I: Target> Solver<T> for Recorded<'_, T, I> {
     #[inline(always)]
-    fn solve(
-        &mut self,
-        estimates: bool,
-        scene: (&Model<T>, &SweepModel<T>),
-        _: &mut SweepScratch<T>,
-        state: (&[T], &[T], &[T]),
-        qdd: &mut [T],
-    ) -> u64 {
+    fn solve(&mut self, estimates: bool, call: KernelArguments<'_, T>) -> u64 {
         let (ConnectedReverse { connected, stages, .. }, (target, form)) = (&mut *self.reverse, self.kernels);
         // The first stage, also of a step that is made again.
         self.at = if estimates { 0 } else { self.at };
         let Factors { sweeps, rows } = &mut stages[self.at];
         self.at += 1;
         std::mem::swap(&mut connected.rows, rows);
-        let lanes = connected.accelerations((target, form, estimates), scene, sweeps, state, qdd);
+        let call = KernelArguments { scratch: sweeps, ..call };
+        let lanes = connected.accelerations((target, form, estimates), call);
         std::mem::swap(&mut connected.rows, rows);
         lanes
     }
@@ -284,18 +251,8 @@ impl<T: Vectorized, I: Target> Solver<T> for Recorded<'_, T, I> {
 
 impl<T: Vectorized, I: Target> BackwardSolver<T> for Recorded<'_, T, I> {
     #[inline(always)]
-    fn factor(&mut self, _: KernelArguments<'_, T>) -> u64 {
-        0
-    }
-
-    #[inline(always)]
-    fn gradients(
-        &mut self,
-        call: KernelArguments<'_, T>,
-        cotangent: &[T],
-        parameters: &mut [Parameters<T>],
-        out: &mut [T],
-    ) -> u64 {
+    fn gradients(&mut self, call: KernelArguments<'_, T>, to: StageGradients<'_, T>) -> u64 {
+        let StageGradients { cotangent, parameters, out } = to;
         let KernelArguments { scene, state: (q, qd, _), wrenches, qdd, .. } = call;
         let ConnectedReverse { connected, stages, gradients, products, forces: [forces, _], .. } = &mut *self.reverse;
         self.at -= 1;
@@ -351,24 +308,16 @@ impl<'a, T: Vectorized, I: Target> At<'a, T, I> {
 
 impl<T: Vectorized, I: Target> RowProducts<T> for At<'_, T, I> {
     #[inline(always)]
-    fn gradients_of_torques(
-        &mut self,
-        motion: Motion<'_, T>,
-        cotangent: &[T],
-        (constants, out): (&mut Constants<'_, T>, &mut [T]),
-    ) {
+    fn gradients_of_torques(&mut self, motion: Motion<'_, T>, cotangent: &[T], results: Results<'_, '_, T>) {
+        let (constants, out) = results;
         let Products { co_states, x, .. } = &mut *self.products;
         let room = (self.scene, (&mut self.factors.sweeps, co_states));
         products::gradients(self.kernels.0, None, room, (motion, cotangent), (constants, x, out));
     }
 
     #[inline(always)]
-    fn gradients_of_inertia(
-        &mut self,
-        [rest, qdd]: [&[T]; 2],
-        cotangent: &[T],
-        (constants, out): (&mut Constants<'_, T>, &mut [T]),
-    ) {
+    fn gradients_of_inertia(&mut self, [rest, qdd]: [&[T]; 2], cotangent: &[T], results: Results<'_, '_, T>) {
+        let (constants, out) = results;
         let Products { weightless, co_states, x, .. } = &mut *self.products;
         let room = ((&*weightless, self.scene.1), (&mut self.factors.sweeps, co_states));
         let motion = Motion { q: self.q, qd: rest, qdd: Some(qdd), wrenches: &[] };
@@ -389,29 +338,19 @@ impl<T: Vectorized, I: Target> RowProducts<T> for At<'_, T, I> {
     }
 }
 
-/// Compiled once for all callers.
-#[inline(never)]
-fn add_row_gradients<T: Vectorized, I: Target>(
-    target: I,
-    rows: &mut RowGradients<T>,
-    at: AtMotion<'_, T>,
-    multipliers: &[T],
-    by: [&mut [T]; 2],
-) -> Result<(), RowFault> {
-    target.within(AddRowGradients(rows, at, multipliers, by))
-}
-
 /// A system, phi of every body, and (q, qd, qdd).
 type AtMotion<'a, T> = ((&'a Model<T>, &'a Constraints), &'a [RigidShift<T>], (&'a [T], &'a [T], &'a [T]));
 
-struct AddRowGradients<'a, T: Real>(&'a mut RowGradients<T>, AtMotion<'a, T>, &'a [T], [&'a mut [T]; 2]);
-
-impl<T: Vectorized> Work for AddRowGradients<'_, T> {
-    type Output = Result<(), RowFault>;
-
-    #[inline(always)]
-    fn call(self) -> Result<(), RowFault> {
-        let Self(rows, (system, shifts, motion), multipliers, by) = self;
+within_target! {
+    /// Compiled once for all callers.
+    #[inline(never)]
+    fn add_row_gradients<'a, T>(
+        rows: &'a mut RowGradients<T>,
+        at: AtMotion<'a, T>,
+        multipliers: &'a [T],
+        by: [&'a mut [T]; 2],
+    ) -> Result<(), RowFault> {
+        let (system, shifts, motion) = at;
         rows.add_acceleration_gradient(system, shifts, motion, multipliers, by)
     }
 }

@@ -18,7 +18,7 @@
 //!
 //! The cost is O(N) per solve of the law, and one dense factorization of its few rows.
 
-use super::super::backward::{ARMATURE, BackwardSolver, StepGradients, backward, gradients_at_accelerations};
+use super::super::backward::{ARMATURE, KnownAccelerations, StepGradients, backward};
 use super::super::limit_rows::least_slopes;
 use super::super::manifold::advance_cotangents;
 use super::super::scratch::{Scratch, add_scaled, clear};
@@ -29,16 +29,14 @@ use super::laws::{Chain, Response};
 use super::moves::{Move, Pulled, Push};
 use super::record::StepRecord;
 use super::step::ContactStep;
-use crate::batch::accelerations::KernelArguments;
 use crate::contact::Limits;
 use crate::dynamics::constraints::Pushed;
 use crate::dynamics::contacts::derivatives::RowDerivatives;
-use crate::dynamics::derivatives::{Parameters, ProductScratch};
+use crate::dynamics::derivatives::ProductScratch;
 use crate::error::Error;
 use crate::joints::vectors::triple;
 use crate::model::Model;
 use crate::scene::Scene;
-use crate::workspace::Workspace;
 use nalgebra::{DVector, Vector3};
 
 /// Gradients by one contact.
@@ -168,7 +166,8 @@ impl ContactAdjoint {
         }
         clear(&mut gradients.end[0]);
         gradients.end[1].copy_from_slice(&of_free);
-        let mut known = KnownAccelerations { workspace: &mut solver.workspace, products: &mut self.products };
+        // The accelerations of the implicit Euler step are in the scratch.
+        let mut known = KnownAccelerations { solver, products: &mut self.products, accelerations: None };
         backward((settings, &settings.scheme), s, gradients, &mut known, None);
         for (start, more) in gradients.start.iter_mut().zip([&self.q, &self.v]) {
             start.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
@@ -352,32 +351,6 @@ fn through_pull(
 
 /// Penetrations up to this depth count as rounding errors of a contact at its plane, m.
 const ROUNDING: f64 = 1e-14;
-
-/// Solver for the implicit Euler step, whose accelerations are in the scratch and whose factor of M is in the
-/// workspace.
-struct KnownAccelerations<'a> {
-    workspace: &'a mut Workspace<f64>,
-    products: &'a mut ProductScratch<f64>,
-}
-
-impl BackwardSolver<f64> for KnownAccelerations<'_> {
-    fn factor(&mut self, _: KernelArguments<'_, f64>) -> u64 {
-        0
-    }
-
-    fn gradients(
-        &mut self,
-        call: KernelArguments<'_, f64>,
-        cotangent: &[f64],
-        parameters: &mut [Parameters<f64>],
-        out: &mut [f64],
-    ) -> u64 {
-        let KernelArguments { scene: (model, _), state: (q, qd, _), qdd, .. } = call;
-        let room = (&mut *self.workspace, &mut *self.products);
-        gradients_at_accelerations(model, room, (q, qd, qdd), cotangent, (parameters, out));
-        0
-    }
-}
 
 /// Adds x to the first three entries.
 fn add(sum: &mut [f64], x: &Vector3<f64>) {

@@ -7,19 +7,16 @@
 //! `v_free` is first projected onto the connections; contact impulses then act on the complement of their rows. At the
 //! end of the step, positions and velocities are projected onto the connections.
 
+use super::super::constrained::{check_projection, named};
 use super::super::step_settings::StepSettings;
-use super::faults::pivot_fault;
 use super::moves::{Move, Pulled};
-use crate::dynamics::constraints::{Elimination, Projected, RowFault};
+use crate::dynamics::constraints::Elimination;
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
-
-/// The fix that the error of a step suggests.
-const SMALLER: &str = "a step that ends near a configuration that satisfies the connections: take a smaller dt";
 
 /// The rows of the connections of a scene, or of its coupled joints.
 pub(super) fn constraints(scene: &Scene, settings: &StepSettings) -> Constraints {
@@ -55,7 +52,7 @@ pub(super) fn onto_connections(
         pulled.change = v.iter().zip(before).map(|(v, before)| v - before).collect();
         pulled.impulses = closed.forces().to_vec();
     }
-    check(scene, (model, workspace), projected, "m/s or rad/s")
+    check_projection(scene, (model, workspace), projected, "m/s or rad/s").map_err(|failure| named(scene, failure))
 }
 
 /// Projects `q` onto the connections, if there are any. Records the Newton steps in `moves`.
@@ -75,28 +72,14 @@ pub(super) fn positions_onto_connections(
     if let Some(moves) = moves {
         moves.extend(steps.into_iter().map(Move::Pull));
     }
-    check(scene, (model, workspace), projected, "m or rad")
-}
-
-/// The fault of a projection.
-fn check(
-    scene: &Scene,
-    (model, workspace): (&Model<f64>, &mut Workspace<f64>),
-    projected: Result<Projected, RowFault>,
-    unit: &str,
-) -> Result<(), (String, Error)> {
-    let projected = projected.map_err(|at| (String::new(), scene.row_fault(at)))?;
-    if let Some(lost) = workspace.lost_pivot(model, &projected.pivots) {
-        return Err(pivot_fault(scene, lost));
-    }
-    let Some(row) = projected.stays else { return Ok(()) };
-    Err((String::new(), scene.open_at("the end of a step", row, projected.left, unit, SMALLER)))
+    check_projection(scene, (model, workspace), projected, "m or rad").map_err(|failure| named(scene, failure))
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::super::method::Method;
     use super::super::super::properties::Properties;
+    use super::super::super::settings::Settings;
     use super::super::super::step_settings::StepSettings;
     use super::super::at::{At, Connections, Moved};
     use crate::dynamics::constraints::Elimination;
@@ -104,6 +87,7 @@ mod tests {
     use crate::dynamics::forward::factorise;
     use crate::scene::{Connection, ConnectionKind, Contact, Scene, Surface};
     use nalgebra::{DMatrix, DVector};
+    use std::sync::Arc;
 
     /// A chain whose ends are a fixed distance apart, with that distance given twice, a contact with the ground
     /// and a pair of links.
@@ -171,7 +155,12 @@ mod tests {
         const STEP: f64 = 1e-3;
         let scene = scene();
         let (model, points, nv) = (scene.model(), scene.contact_points(), scene.nv());
-        let settings = StepSettings::new(model, 1e-3, Method::Contact, (Properties::of(&scene), None));
+        let settings = StepSettings::new(
+            model,
+            Arc::new(Settings::new(&scene, 1e-3)),
+            Method::Contact,
+            (Properties::of(&scene), None),
+        );
         let (mut workspace, mut rows) = (scene.workspace(), ContactScratch::new(model, points, Vec::new()));
         let mut connections = Connections::new(&scene, &settings, model, false);
         let (workspace, rows, connections) = (&mut workspace, &mut rows, &mut connections);

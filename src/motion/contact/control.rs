@@ -19,12 +19,13 @@ use super::super::job::{Impacts, Job, States};
 use super::super::limit_rows::limit_rows;
 use super::super::manifold::{advance, displacement};
 use super::super::step_settings::StepSettings;
+use super::super::stepper::Stepper;
 use super::super::torque::{StepFault, Torque};
 use super::super::totals::{ERROR, EVENTS, LENGTH, MOST, SUBSTEPS, TOTALS, WORKS};
 use super::report;
 use super::step::RESTS;
-use super::stepper::ContactStepper;
 use super::switching::Switching;
+use crate::batch::instruction_set::InstructionSet;
 use crate::dynamics::contacts::LimitRow;
 use crate::error::Error;
 use crate::interrupt;
@@ -114,20 +115,9 @@ impl Divided<'_> {
 
     /// A job of one step, which adds its impacts, with the time since its start.
     fn job<'j>(&'j self, values: &'j mut [f64], impacts: &'j Impacts) -> Job<'j, 'static> {
-        Job {
-            scene: self.scene,
-            settings: &self.settings,
-            models: None,
-            steps: self.n..self.n + 1,
-            states: States::Listed(&self.state),
-            begun: std::slice::from_ref(&self.n),
-            current: values,
-            torque: self.torque,
-            rows: None,
-            impacts: Some(impacts),
-            touches: None,
-            divisions: None,
-        }
+        let of_state = (self.n..self.n + 1, States::Listed(&self.state));
+        let plain = Job::of((self.scene, &self.settings), of_state, (values, self.torque));
+        Job { begun: std::slice::from_ref(&self.n), impacts: Some(impacts), ..plain }
     }
 
     /// The states of the contacts, and whether joints are at their limits. The relaxed law has no states.
@@ -143,7 +133,7 @@ impl Divided<'_> {
 
     /// `count` contact steps of `h`/count from the current values, or the first one alone if states have to change in
     /// it and do not.
-    fn run(&mut self, one: &mut ContactStepper, h: f64, (count, must): (u8, bool)) -> Result<Run, StepFault> {
+    fn run(&mut self, one: &mut Stepper, h: f64, (count, must): (u8, bool)) -> Result<Run, StepFault> {
         let h = h / f64::from(count);
         self.settings.adopt(h);
         let (at, contacts) = (self.at().1, self.scene.contact_points().len());
@@ -155,13 +145,14 @@ impl Divided<'_> {
         let mut run = Run::new(Vec::new(), vec![0.0; 3 * contacts], Vec::new());
         for k in 0..count {
             let impacts = Impacts::default();
-            one.run(self.job(&mut values, &impacts))?;
+            one.steps(self.job(&mut values, &impacts))?;
+            let touching = &one.touching(self.scene, &self.settings).touching;
             let later = |impact: StopImpact| StopImpact { time: impact.time + h * f64::from(k), ..impact };
             run.impacts.extend(impacts.take().into_iter().map(later));
             run.impulses.iter_mut().zip(&values[at..]).for_each(|(sum, held)| *sum += held);
-            run.acceleration = run.acceleration.max(one.touching.acceleration);
-            run.reverses |= one.touching.reverses;
-            run.changes |= one.touching.reverses
+            run.acceleration = run.acceleration.max(touching.acceleration);
+            run.reverses |= touching.reverses;
+            run.changes |= touching.reverses
                 || !run.impacts.is_empty()
                 || self.states(&values) != self.states(&self.values)
                 || values[struck.clone()] != self.values[struck.clone()];
@@ -182,12 +173,7 @@ impl Divided<'_> {
 
     /// A substep of the part `part` of the step in contact steps; `rests`: a contact touches at its start, where gaps
     /// have these rates.
-    fn touching(
-        &mut self,
-        one: &mut ContactStepper,
-        (part, rests): (f64, bool),
-        rates: &[f64],
-    ) -> Result<Substep, StepFault> {
+    fn touching(&mut self, one: &mut Stepper, (part, rests): (f64, bool), rates: &[f64]) -> Result<Substep, StepFault> {
         let (h, is_shortest) = (part * self.step, part <= SHORTEST_EVENT);
         let rejected = Substep { accepted: None, is_event: false, next: 0.5 };
         let mut halves = self.run(one, h, (2, !rests && !is_shortest))?;
@@ -228,7 +214,7 @@ impl Divided<'_> {
     /// The extrapolation of steps of h, h/2 and h/3 in the same states.
     fn extrapolated(
         &mut self,
-        one: &mut ContactStepper,
+        one: &mut Stepper,
         [whole, halves, mut thirds]: [Run; 3],
         part: f64,
     ) -> Result<Substep, StepFault> {
@@ -265,13 +251,17 @@ impl Divided<'_> {
     }
 
     /// Ends a substep: velocities, and positions, of the contacts that act at its end.
-    fn project(&self, one: &mut ContactStepper, run: &mut Run, positions: bool) -> Result<(), StepFault> {
+    fn project(&self, one: &mut Stepper, run: &mut Run, positions: bool) -> Result<(), StepFault> {
         let (scene, contacts, (totals, kept)) = (self.scene, self.scene.contact_points().len(), self.at());
         let touching: Vec<usize> = (0..contacts).filter(|&i| report::acts(&run.values[kept..], contacts, i)).collect();
         let struck = kept + 3 * contacts..kept + 6 * contacts;
         let rebounds = run.values[struck.clone()] != self.values[struck];
         let moving = run.values[..totals].split_at_mut(scene.nq());
-        let projected = one.project((scene, &self.settings), (&touching, rebounds, positions), moving);
+        let projected = one.touching(scene, &self.settings).project(
+            (scene, &self.settings),
+            (&touching, rebounds, positions),
+            moving,
+        );
         projected.map_err(|(joint, error)| StepFault { step: self.n, state: self.state[0], joint, error })
     }
 
@@ -303,14 +293,14 @@ impl Switching {
     pub(super) fn controlled(&mut self, job: &mut Job<'_, '_>, n: usize, lane: usize) -> Result<(), StepFault> {
         let (scene, settings) = (job.scene, job.settings);
         let (width, contacts) = (settings.width(scene), scene.contact_points().len());
-        let Some(accuracy) = settings.accuracy else { return Ok(()) };
+        let Some(accuracy) = settings.given.accuracy else { return Ok(()) };
         let values = job.current[lane * width..][..width].to_vec();
         let mut step = Divided {
             scene,
             torque: job.torque,
             n,
             state: [job.states.at(lane)],
-            limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
+            limits: if settings.stops() { limit_rows(scene) } else { Vec::new() },
             accuracy,
             step: settings.step,
             settings: settings.clone(),
@@ -323,7 +313,7 @@ impl Switching {
         };
         let (at, before) = (step.at().1, *step.total(SUBSTEPS));
         step.forces = step.values[at..at + 3 * contacts].iter().map(|impulse| impulse / step.step).collect();
-        let mut one = self.one.take().unwrap_or_else(|| Box::new(ContactStepper::new(scene, settings, self.form)));
+        let mut one = self.one.take().unwrap_or_else(|| Box::new(Stepper::new(self.form, InstructionSet::Baseline)));
         let outcome = self.substeps(&mut step, &mut one);
         self.one = Some(one);
         if let Some(to) = job.impacts
@@ -340,7 +330,7 @@ impl Switching {
     }
 
     /// All substeps of a step.
-    fn substeps(&mut self, step: &mut Divided<'_>, one: &mut ContactStepper) -> Result<(), StepFault> {
+    fn substeps(&mut self, step: &mut Divided<'_>, one: &mut Stepper) -> Result<(), StepFault> {
         let fault =
             |step: &Divided<'_>, error| StepFault { step: step.n, state: step.state[0], joint: String::new(), error };
         let (mut trial, mut tried, mut failed) = (1.0_f64, 0_usize, false);

@@ -49,11 +49,11 @@ impl ContactStep {
         s: &mut Scratch<f64>,
         kept: &mut [f64],
     ) -> Result<(), (String, Error)> {
-        // The gains are those of the state.
-        if settings.gains.is_some() {
+        // The gains are those of the state, and the length that of error control.
+        if settings.gains.is_some() || settings.given.accuracy.is_some() {
             s.adopt(settings, &settings.scheme);
         }
-        let divides = settings.free.is_some() && settings.accuracy.is_none() && settings.smoothing.is_none();
+        let divides = settings.free.is_some() && settings.given.accuracy.is_none() && settings.smoothing.is_none();
         self.division =
             Division { whole: settings.step, divides, flies: divides && bounces(scene), ..Division::default() };
         let least = -LEAST * largest(&s.q, 1.0);

@@ -1,10 +1,10 @@
 //! Faults of steps with contacts.
 
+use super::super::faults::pivot_fault;
 use crate::contact::SolveReport;
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::forward::factorise;
 use crate::error::Error;
-use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
@@ -68,12 +68,6 @@ pub(super) fn factorised(
     let pivots = factorise(model, workspace, q);
     let lost = workspace.lost_pivot(model, &pivots);
     lost.map_or(Ok(()), |lost| Err(pivot_fault(scene, lost)))
-}
-
-/// The fault of a singular pivot, with its joint.
-pub(super) fn pivot_fault(scene: &Scene, lost: LostPivot) -> (String, Error) {
-    let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-    (joint, scene.singular(lost))
 }
 
 /// Returns an error for two spheres without a normal.

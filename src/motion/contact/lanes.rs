@@ -6,12 +6,10 @@
 //! solved.
 
 use super::super::drives::agreement;
-use super::super::faults::LARGEST_STEP;
-use super::super::job::{Impacts, States};
+use super::super::faults::strays;
 use super::super::limit_rows::limit_rows;
 use super::super::scratch::{Scratch, fill, take_end, take_lane};
 use super::super::step_settings::StepSettings;
-use super::super::torque::StepFault;
 use super::super::works::add_work;
 use super::division::bounces;
 use super::faults::REFUSED;
@@ -19,10 +17,11 @@ use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::project::{TOUCHES, out_of_planes};
 use super::reach::touching_gap;
 use super::report::ContactReport;
-use super::step::{ContactStep, LATE, Outcome, keep, report, rest_speed};
+use super::step::{LATE, Outcome, keep, report, rest_speed};
+use super::stepper::ContactStepper;
 use crate::batch::factor;
-use crate::batch::instruction_set::{Target, Vectorized, Work};
-use crate::contact::{Cone, Cones, ContactProblem, Effort, Limits, SolveReport, passive};
+use crate::batch::instruction_set::{Vectorized, lanes_of, within_target};
+use crate::contact::{Cone, Cones, Effort, Limits, SolveReport, passive};
 use crate::dynamics::contact_kernel::ContactKernel;
 use crate::dynamics::contacts::LimitRow;
 use crate::dynamics::sweeps::{SweepScratch, place};
@@ -48,8 +47,6 @@ pub(in crate::motion) struct Touching<T: Vectorized> {
     impulses: Vec<T>,
     innovations: Vec<T>,
     solved: Vec<Solved>,
-    /// One state with all checks, created at first use.
-    alone: Option<Box<(ContactStep, Scratch<f64>)>>,
 }
 
 /// The contacts of one state in a step.
@@ -65,7 +62,7 @@ impl<T: Vectorized> Touching<T> {
     pub fn new(scene: &Scene, settings: &StepSettings, s: &Scratch<T>) -> Self {
         let (nan, n) = (T::from_f64(f64::NAN), scene.contact_points().len());
         let nothing = || Solved {
-            outcome: Outcome::nothing(),
+            outcome: Outcome::default(),
             free: DVector::zeros(0),
             report: SolveReport::nothing(),
             impulse_kept: 1.0,
@@ -73,64 +70,14 @@ impl<T: Vectorized> Touching<T> {
         Self {
             kernel: ContactKernel::new((&s.model, &s.constants), scene.contact_points()),
             ahead: SweepScratch::new(&s.model, &s.constants),
-            limits: if settings.stops { limit_rows(scene) } else { Vec::new() },
+            limits: if settings.stops() { limit_rows(scene) } else { Vec::new() },
             start: vec![nan; 3 * n],
             free: vec![nan; 3 * n],
             after: vec![nan; 3 * n],
             impulses: vec![T::zero(); 3 * n],
             innovations: vec![nan; s.model.nv()],
             solved: (0..T::LANES).map(|_| nothing()).collect(),
-            alone: None,
         }
-    }
-
-    /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the
-    /// lanes that need the fallback.
-    #[inline(never)]
-    pub fn finish<I: Target>(
-        &mut self,
-        (target, form): (I, Form),
-        of: (&Scene, &StepSettings),
-        s: &mut Scratch<T>,
-        (kept, fallback): (OfContacts<'_>, u64),
-    ) -> u64 {
-        target.within(Finish { touching: self, target, form, of, s, kept, fallback })
-    }
-
-    /// Recomputes the step of some lanes one by one, with all checks. `totals` are the totals of these lanes.
-    #[cold]
-    #[inline(never)]
-    pub fn recompute(
-        &mut self,
-        s: &mut Scratch<T>,
-        (scene, settings, form): (&Scene, &StepSettings, Form),
-        (n, states, begun, impacts): (usize, &States<'_>, &[usize], Option<&Impacts>),
-        (mut fallback, totals): (u64, &mut [T]),
-        (kept, width, at): OfContacts<'_>,
-    ) -> Result<(), StepFault> {
-        let (touching, one) = &mut **alone(&mut self.alone, scene, settings, form);
-        while fallback != 0 {
-            let lane = fallback.trailing_zeros() as usize;
-            fallback &= fallback - 1;
-            take_lane(one, s, lane);
-            let state = states.at(lane);
-            let kept = &mut kept[lane * width + at..(lane + 1) * width];
-            touching.step(scene, settings, one, kept).map_err(|(joint, error)| StepFault {
-                step: n,
-                state,
-                joint,
-                error,
-            })?;
-            if let Some(impacts) = impacts
-                && !touching.impacts.is_empty()
-            {
-                impacts.add(&touching.impacts, state, settings.time(n - begun[lane]));
-            }
-            fill(totals, lane, &one.totals);
-            fill(&mut s.q_next, lane, &one.q_next);
-            fill(&mut s.v_next, lane, &one.v_next);
-        }
-        Ok(())
     }
 
     /// The contacts that are near in one lane: those that touch, or would end the step below their plane.
@@ -164,7 +111,7 @@ impl<T: Vectorized> Touching<T> {
         let Self { kernel, start, free, impulses, solved, .. } = self;
         let Solved { outcome, free: free_here, report, impulse_kept } = &mut solved[lane];
         let (points, h, near) = (scene.contact_points(), settings.step, &outcome.near);
-        let rest_speed = rest_speed(model, h, settings.accuracy);
+        let rest_speed = rest_speed(model, h, settings.given.accuracy);
         let hits = |&i: &usize| points[i].restitution > 0.0 && start[3 * i + 2].lanes()[lane] < -rest_speed;
         if near.iter().any(hits) {
             return false;
@@ -209,40 +156,25 @@ impl<T: Vectorized> Touching<T> {
         }
         let pick = |all: &[T]| DVector::from_fn(3 * near.len(), |i, _| all[3 * near[i / 3] + i % 3].lanes()[lane]);
         let velocities = (&outcome.held, [&pick(start), &*free, &pick(after)]);
-        let counted = (near.len(), rest_speed(model, settings.step, settings.accuracy));
+        let counted = (near.len(), rest_speed(model, settings.step, settings.given.accuracy));
         outcome.report = report(solved, solved.iterations, *impulse_kept, (0.0, None), velocities, counted);
         true
     }
 }
 
-/// One state with all checks.
-fn alone<'a>(
-    alone: &'a mut Option<Box<(ContactStep, Scratch<f64>)>>,
-    scene: &Scene,
-    settings: &StepSettings,
-    form: Form,
-) -> &'a mut Box<(ContactStep, Scratch<f64>)> {
-    alone.get_or_insert_with(|| {
-        Box::new((ContactStep::new(scene, settings, form), Scratch::new(scene.model(), settings)))
-    })
-}
-
-struct Finish<'a, T: Vectorized, I> {
-    touching: &'a mut Touching<T>,
-    target: I,
-    form: Form,
-    of: (&'a Scene, &'a StepSettings),
-    s: &'a mut Scratch<T>,
-    kept: OfContacts<'a>,
-    fallback: u64,
-}
-
-impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn call(self) -> u64 {
-        let Self { touching, target, form, of, s, kept: (kept, width, at), mut fallback } = self;
+within_target! {
+    /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the lanes
+    /// that need the fallback, with those that already do.
+    #[inline(never)]
+    pub(in crate::motion) fn finish_contacts<'a, T, I>(
+        target;
+        touching: &'a mut Touching<T>,
+        checked: (Form, &'a mut Option<Box<ContactStepper>>),
+        of: (&'a Scene, &'a StepSettings),
+        s: &'a mut Scratch<T>,
+        contacts: (OfContacts<'a>, u64),
+    ) -> u64 {
+        let ((form, alone), ((kept, width, at), mut fallback)) = (checked, contacts);
         let ((scene, settings), count) = (of, kept.len() / width);
         let h = settings.step;
         let zero = s.model.gravity[0].constant(0.0);
@@ -290,7 +222,8 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
             let mut depth = -gaps.fold(0.0, f64::min);
             let mut iterations = 0;
             if depth > TOUCHES {
-                let (step, one) = &mut **alone(&mut touching.alone, scene, settings, form);
+                let alone = alone.get_or_insert_with(|| Box::new(ContactStepper::new(scene, settings, form)));
+                let ContactStepper { scratch: one, touching: step, .. } = &mut **alone;
                 take_lane(one, s, lane);
                 take_end(one, s, lane);
                 let ends = (&mut one.q_next[..], &mut one.q_stage[..]);
@@ -303,7 +236,7 @@ impl<T: Vectorized, I: Target> Work for Finish<'_, T, I> {
                 (depth, iterations) = found;
                 fill(&mut s.q_next, lane, &one.q_next);
             }
-            let mut nothing = Outcome::nothing();
+            let mut nothing = Outcome::default();
             let outcome = &mut touching.solved[lane].outcome;
             let outcome = if touched >> lane & 1 == 1 { outcome } else { &mut nothing };
             keep(kept, outcome, scene.contact_points().len());
@@ -329,29 +262,4 @@ impl<T: Vectorized> Touching<T> {
         }
         lanes_but::<T>(|lane| within.lane(lane) > 0.0)
     }
-}
-
-#[allow(clippy::eq_op)] // x - x is zero for finite x, else NaN
-/// The lanes whose end is not finite or moved too far.
-#[inline(always)]
-fn strays<T: Vectorized>(settings: &StepSettings, s: &Scratch<T>) -> u64 {
-    let mut worst = s.model.gravity[0].constant(1.0);
-    for &v in &s.v_next {
-        worst = worst.worst(v.constant(LARGEST_STEP / settings.step) - v.abs());
-    }
-    for &q in &s.q_next {
-        worst += q - q;
-    }
-    lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
-}
-
-/// The lanes given as bits.
-fn lanes_of(mut bits: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let lane = bits.trailing_zeros() as usize;
-        (bits != 0).then(|| {
-            bits &= bits - 1;
-            lane
-        })
-    })
 }

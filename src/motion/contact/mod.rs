@@ -46,7 +46,7 @@ mod stepper;
 mod switching;
 
 pub use crate::contact::ContactState;
-pub(super) use lanes::Touching;
+pub(super) use lanes::{Touching, finish_contacts};
 pub use report::ContactReport;
 pub(super) use report::{RECORD, begin, width};
 pub use reverse::{ContactId, ModeChange, ShapeGradients};

@@ -40,8 +40,8 @@ impl Laws {
     }
 }
 
-/// A step with contacts.
-#[derive(Debug, Clone)]
+/// A step with contacts; by default the request for a record.
+#[derive(Debug, Clone, Default)]
 pub(super) struct StepRecord {
     /// The velocities without contacts, and those of the displacement.
     pub v_free: Vec<f64>,
@@ -62,24 +62,6 @@ pub(super) struct StepRecord {
 }
 
 impl StepRecord {
-    /// The request for a record.
-    pub fn request() -> Self {
-        let none = || DVector::zeros(0);
-        Self {
-            v_free: Vec::new(),
-            moving: Vec::new(),
-            before: StepStart { gaps: Vec::new(), axes: Vec::new(), start: none(), free: none() },
-            near: Vec::new(),
-            strikes: false,
-            hit: None,
-            states: Vec::new(),
-            laws: None,
-            moves: Vec::new(),
-            free: Pulled::default(),
-            end: Pulled::default(),
-        }
-    }
-
     pub fn new(v_free: Vec<f64>, moving: &[f64], before: &StepStart, outcome: &mut Outcome) -> Self {
         Self {
             v_free,
@@ -90,9 +72,7 @@ impl StepRecord {
             hit: outcome.hit.clone(),
             states: outcome.states.clone(),
             laws: outcome.laws.take(),
-            moves: Vec::new(),
-            free: Pulled::default(),
-            end: Pulled::default(),
+            ..Self::default()
         }
     }
 }

@@ -18,7 +18,7 @@ pub(in crate::motion) fn width(contacts: usize) -> usize {
 pub(in crate::motion) fn begin(kept: &mut [f64]) {
     kept.fill(0.0);
     if let Some((_, report)) = kept.split_last_chunk_mut::<REPORT>() {
-        ContactReport::begin().write(report);
+        *report = ContactReport::default().values();
     }
 }
 
@@ -97,25 +97,25 @@ pub struct ContactReport {
     pub creep: f64,
 }
 
-impl ContactReport {
-    fn begin() -> Self {
-        Self {
-            residual: 0.0,
-            converged: true,
-            iterations: 0.0,
-            lost_in_impacts: 0.0,
-            lost_in_friction: 0.0,
-            expansion_kept: 1.0,
-            impulse_kept: 1.0,
-            depth: 0.0,
-            bias: 0.0,
-            hover: 0.0,
-            creep: 0.0,
-        }
-    }
+/// The values at the start, and the function that adds a value of a step.
+type Accumulated = (f64, fn(f64, f64) -> f64);
+const SUM: Accumulated = (0.0, |sum, more| sum + more);
+const MOST: Accumulated = (0.0, f64::max);
+const LEAST: Accumulated = (1.0, f64::min);
 
-    fn write(&self, to: &mut [f64; REPORT]) {
-        *to = [
+/// The same of all values, in the order of the fields. A flag is 0 or 1.
+const ACCUMULATED: [Accumulated; REPORT] = [MOST, LEAST, SUM, SUM, SUM, LEAST, LEAST, MOST, MOST, MOST, MOST];
+
+impl Default for ContactReport {
+    /// The report of a state without steps.
+    fn default() -> Self {
+        Self::read(&ACCUMULATED.map(|(start, _)| start))
+    }
+}
+
+impl ContactReport {
+    fn values(&self) -> [f64; REPORT] {
+        [
             self.residual,
             f64::from(u8::from(self.converged)),
             self.iterations,
@@ -127,7 +127,7 @@ impl ContactReport {
             self.bias,
             self.hover,
             self.creep,
-        ];
+        ]
     }
 
     fn read(
@@ -156,26 +156,9 @@ impl ContactReport {
 
     /// Adds the report of a step.
     pub(super) fn add(kept: &mut [f64], step: &Self) {
-        let Some(report) = kept.last_chunk_mut() else { return };
-        let before = Self::read(report);
-        let all = Self {
-            residual: before.residual.max(step.residual),
-            converged: before.converged && step.converged,
-            iterations: before.iterations + step.iterations,
-            lost_in_impacts: before.lost_in_impacts + step.lost_in_impacts,
-            lost_in_friction: before.lost_in_friction + step.lost_in_friction,
-            expansion_kept: before.expansion_kept.min(step.expansion_kept),
-            impulse_kept: before.impulse_kept.min(step.impulse_kept),
-            depth: before.depth.max(step.depth),
-            bias: before.bias.max(step.bias),
-            hover: before.hover.max(step.hover),
-            creep: before.creep.max(step.creep),
-        };
-        all.write(report);
-    }
-
-    /// The report of a step without active contacts.
-    pub(super) fn nothing() -> Self {
-        Self::begin()
+        let Some(report) = kept.last_chunk_mut::<REPORT>() else { return };
+        for ((all, (_, add)), value) in report.iter_mut().zip(ACCUMULATED).zip(step.values()) {
+            *all = add(*all, value);
+        }
     }
 }

@@ -105,7 +105,7 @@ impl ContactReverse {
         let scratch = Scratch::new(scene.model(), settings);
         let contacts = scene.contacts().len();
         let mut step = ContactStep::new(scene, settings, form);
-        step.record = Some(StepRecord::request());
+        step.record = Some(StepRecord::default());
         let switching = Switching::new(scene, (form, InstructionSet::Baseline), 1);
         Self {
             switching,
@@ -184,8 +184,7 @@ impl ContactReverse {
         let through = self.through_parts((of_step, settings));
         self.shaped = shaped;
         self.modes.add(n, self.contacts.iter().copied().zip(through?), changed);
-        let mut results = self.gradients.results();
-        results.try_for_each(|numbers| scene.check_result("gradients", numbers)).map_err(|error| (String::new(), error))
+        self.gradients.check(scene)
     }
 
     /// Propagates the gradients through the parts of a step, which end at impacts: with b(h) the product of the cotangent

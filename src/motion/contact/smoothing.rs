@@ -211,7 +211,7 @@ impl ContactStep {
             }
             states.push(state);
         }
-        let mut outcome = Outcome::nothing();
+        let mut outcome = Outcome::default();
         #[allow(clippy::cast_precision_loss)] // a small count
         let iterations = solved.iterations as f64;
         outcome.report = ContactReport {
@@ -222,7 +222,7 @@ impl ContactStep {
             lost_in_friction: tangent,
             bias: cone.residual(&held, &c, &limits),
             creep,
-            ..ContactReport::nothing()
+            ..ContactReport::default()
         };
         outcome.states = states;
         outcome.laws =

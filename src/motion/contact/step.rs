@@ -21,7 +21,7 @@ use super::project::{onto_surfaces, out_of_planes};
 use super::reach::touching_gap;
 use super::record::{Laws, StepRecord};
 use super::report::ContactReport;
-use crate::contact::{Cones, ContactProblem, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
+use crate::contact::{Cones, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::Form;
@@ -73,7 +73,7 @@ pub(super) struct ContactStep {
 }
 
 /// Gaps, axes and velocities of contacts at the start of a step.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct StepStart {
     pub gaps: Vec<f64>,
     pub axes: Vec<Matrix3<f64>>,
@@ -82,7 +82,8 @@ pub(super) struct StepStart {
     pub free: DVector<f64>,
 }
 
-/// Results of the contacts in a step.
+/// Results of the contacts in a step; without active contacts by default.
+#[derive(Default)]
 pub(super) struct Outcome {
     pub near: Vec<usize>,
     /// Impulses of impacts, and impulses of persistent contact.
@@ -102,21 +103,6 @@ pub(super) struct Outcome {
 }
 
 impl Outcome {
-    /// The result without active contacts.
-    pub fn nothing() -> Self {
-        Self {
-            near: Vec::new(),
-            hit: None,
-            held: DVector::zeros(0),
-            states: Vec::new(),
-            report: ContactReport::nothing(),
-            slowed: None,
-            strikes: false,
-            reverses: false,
-            laws: None,
-        }
-    }
-
     /// Makes the velocities without impulses those of the end of a step, and the displacement that of their mean.
     fn move_by_mean(&mut self, s: &mut Scratch<f64>, v_free: &[f64]) {
         self.strikes = true;
@@ -129,11 +115,11 @@ impl Outcome {
 
 impl ContactStep {
     pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
-        let limits = if settings.stops { limit_rows(scene) } else { Vec::new() };
+        let limits = if settings.stops() { limit_rows(scene) } else { Vec::new() };
         let mut rows = ContactScratch::new(scene.model(), scene.contact_points(), limits);
         rows.closed = eliminated(scene, settings);
         // The equations of motion are those of the tree; coupled joints are rows of the step.
-        let solver = Checked::new(scene.model(), None, form).accepting(settings.tolerance);
+        let solver = Checked::new(scene.model(), None, form).accepting(settings.given.tolerance);
         let (impacts, division) = (Vec::new(), Division::default());
         let (contradicted, frozen) = (Vec::new(), Vec::new());
         Self { solver, rows, impacts, record: None, acceleration: 0.0, reverses: false, division, contradicted, frozen }
@@ -244,7 +230,7 @@ impl ContactStep {
             (depth, 0)
         } else {
             let workspace = &mut self.solver.workspace;
-            if settings.accuracy.is_some() {
+            if settings.given.accuracy.is_some() {
                 // The error is then smooth in the length of the step.
                 let held = outcome
                     .near
@@ -300,12 +286,12 @@ impl ContactStep {
         let touches = |i: usize| gaps[i] <= if is_between_bodies(points, i) { TOUCHING } else { 0.0 };
         let closes = |i: usize| gaps[i] + h * free[3 * i + 2] <= 0.0;
         let mut near: Vec<usize> = (0..all_rows).filter(|&i| touches(i) || closes(i)).collect();
-        let mut outcome = Outcome::nothing();
+        let mut outcome = Outcome::default();
         // The rules for slow contacts are those of the whole step.
         let (rest_speed, least) =
-            (rest_speed(&s.model, division.whole, settings.accuracy), touching_gap(&s.model, division.whole));
+            (rest_speed(&s.model, division.whole, settings.given.accuracy), touching_gap(&s.model, division.whole));
         let change = |i: usize| (free[3 * i + 2] - start[3 * i + 2]) * division.whole / h;
-        let of_stops = settings.restitution;
+        let of_stops = settings.given.restitution;
         let restitution = |i: usize, speed: f64| match points.get(i) {
             Some(point) if speed < -rest_speed => point.restitution,
             None if rebounds(speed, speed + change(i), of_stops) => of_stops,
@@ -567,10 +553,7 @@ pub(super) fn report(
         lost_in_friction: friction,
         expansion_kept: hit.map_or(1.0, |hit| hit.expansion_kept),
         impulse_kept,
-        depth: 0.0,
-        bias: 0.0,
-        hover: 0.0,
-        creep: 0.0,
+        ..ContactReport::default()
     }
 }
 

@@ -1,10 +1,10 @@
-//! Steps of states with contacts, one after another, and records of their contacts.
+//! Steps of one state with contacts, and records of its contacts.
 
-use super::super::job::Job;
+use super::super::job::Impacts;
 use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
-use super::super::torque::{StepFault, Torque};
-use super::super::totals::TOTALS;
+use super::super::torque::StepFault;
+use super::super::touches::Touches;
 use super::closed::{onto_connections, positions_onto_connections};
 use super::project::{along_surfaces, onto_surfaces, out_of_planes};
 use super::report::RECORD;
@@ -20,7 +20,7 @@ use crate::scene::contact_point::ContactPoint;
 
 /// Scratch memory for one state of a scene with contacts.
 pub(in crate::motion) struct ContactStepper {
-    scratch: Scratch<f64>,
+    pub scratch: Scratch<f64>,
     pub(super) touching: ContactStep,
     shaped: Option<Box<Shaped>>,
 }
@@ -42,69 +42,32 @@ impl ContactStepper {
         }
     }
 
-    /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
-    pub fn run(&mut self, mut job: Job<'_, '_>) -> Result<(), StepFault> {
-        let width = job.settings.width(job.scene);
-        let mut outcome: Result<(), StepFault> = Ok(());
-        for lane in 0..job.states.len() {
-            let Err(fault) = self.run_one(&mut job, lane, width) else { continue };
-            if outcome.as_ref().err().is_none_or(|known| fault.step < known.step) {
-                outcome = Err(fault);
-            }
-        }
-        outcome
-    }
-
-    fn run_one(&mut self, job: &mut Job<'_, '_>, lane: usize, width: usize) -> Result<(), StepFault> {
-        let (scene, settings, state) = (job.scene, job.settings, job.states.at(lane));
-        let (nq, nv) = (scene.nq(), scene.nv());
-        let current = &mut job.current[lane * width..(lane + 1) * width];
-        let (q, rest) = current.split_at_mut(nq);
-        let (v, rest) = rest.split_at_mut(nv);
-        let (totals, kept) = rest.split_at_mut(TOTALS);
+    /// Step `n` of the state in the scratch, to `q_next` and `v_next`. Adds its impacts on stops, for the step at which
+    /// the state began, and the contacts of its shapes.
+    pub fn step(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        (n, state): (usize, usize),
+        kept: &mut [f64],
+        (impacts, touches): (Option<(&Impacts, usize)>, Option<&Touches>),
+    ) -> Result<(), StepFault> {
         let Self { scratch: s, touching, shaped } = self;
-        if settings.accuracy.is_some() {
-            s.adopt(settings, &settings.scheme);
+        let made = step(shaped.as_deref_mut(), touching, (scene, settings), s, kept);
+        made.map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+        if let Some(coupling) = &settings.coupling {
+            coupling.restore(&mut s.q_next, &mut s.v_next);
         }
-        s.take_gains(settings, 1, |_| state);
-        s.q.copy_from_slice(q);
-        s.v.copy_from_slice(v);
-        s.totals.copy_from_slice(totals);
-        match job.torque {
-            Torque::Constant(torque) => s.torque.copy_from_slice(torque.state(state)),
-            _ => s.torque.fill(0.0),
+        if let (Some(touches), Some(shaped)) = (touches, shaped)
+            && touches.counts(n)
+        {
+            touches.add(shaped.forces((&s.q_next, settings.step), (state, n + 1)));
         }
-        let mut outcome = Ok(());
-        for n in job.steps.clone() {
-            if let Torque::Steps { torque, first } = job.torque {
-                let at = (n - first) * nv;
-                s.torque.copy_from_slice(&torque.state(state)[at..at + nv]);
-            }
-            s.take_targets(settings, (n, 1), |_| state);
-            if let Err((joint, error)) = step(shaped.as_deref_mut(), touching, (scene, settings), s, kept) {
-                outcome = Err(StepFault { step: n, state, joint, error });
-                break;
-            }
-            if let Some(coupling) = &settings.coupling {
-                coupling.restore(&mut s.q_next, &mut s.v_next);
-            }
-            if let (Some(touches), Some(shaped)) = (job.touches, &*shaped)
-                && touches.counts(n)
-            {
-                touches.add(shaped.forces((&s.q_next, settings.step), (state, n + 1)));
-            }
-            if let Some(impacts) = job.impacts
-                && !touching.impacts.is_empty()
-            {
-                impacts.add(&touching.impacts, state, settings.time(n - job.begun[lane]));
-            }
-            std::mem::swap(&mut s.q, &mut s.q_next);
-            std::mem::swap(&mut s.v, &mut s.v_next);
+        if let Some((impacts, begun)) = impacts
+            && !touching.impacts.is_empty()
+        {
+            impacts.add(&touching.impacts, state, settings.time(n - begun));
         }
-        q.copy_from_slice(&s.q);
-        v.copy_from_slice(&s.v);
-        totals.copy_from_slice(&s.totals);
-        outcome
+        Ok(())
     }
 }
 

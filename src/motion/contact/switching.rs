@@ -12,7 +12,7 @@ use super::super::totals::TOTALS;
 use super::reach::Reach;
 use super::report;
 use super::step::{Outcome, keep};
-use super::stepper::{ContactStepper, record};
+use super::stepper::record;
 use crate::batch::instruction_set::InstructionSet;
 use crate::dynamics::contacts::ContactScratch;
 use crate::filter::Form;
@@ -25,7 +25,7 @@ pub(in crate::motion) struct Switching {
     free: Box<Stepper>,
     touching: Box<Stepper>,
     /// One state, with error control.
-    pub(super) one: Option<Box<ContactStepper>>,
+    pub(super) one: Option<Box<Stepper>>,
     pub(super) form: Form,
     /// One per lane.
     pub(super) reaches: Vec<Reach>,
@@ -59,20 +59,10 @@ impl Part {
 
     /// One step of these states.
     fn job<'a>(&'a mut self, job: &Job<'a, '_>, settings: &'a StepSettings, n: usize) -> Job<'a, 'static> {
-        Job {
-            scene: job.scene,
-            settings,
-            models: None,
-            steps: n..n + 1,
-            states: States::Listed(&self.states),
-            begun: &self.begun,
-            current: &mut self.current,
-            torque: job.torque,
-            rows: None,
-            impacts: job.impacts,
-            touches: job.touches,
-            divisions: None,
-        }
+        let Job { scene, torque, impacts, touches, .. } = *job;
+        let of_states = (n..n + 1, States::Listed(&self.states));
+        let plain = Job::of((scene, settings), of_states, (&mut self.current, torque));
+        Job { begun: &self.begun, impacts, touches, ..plain }
     }
 }
 
@@ -114,7 +104,7 @@ impl Switching {
         let all = u64::MAX >> (64 - job.states.len());
         let (acting, fault) = self.free_steps(job, n, all);
         let mut outcome = fault.map_or(Ok(()), Err);
-        if settings.accuracy.is_some() {
+        if settings.given.accuracy.is_some() {
             for lane in (0..job.states.len()).filter(|lane| acting >> lane & 1 == 1) {
                 let fault = self.controlled(job, n, lane);
                 let is_earlier = |fault: &StepFault| {
@@ -125,7 +115,7 @@ impl Switching {
                 }
             }
         }
-        let mut left = if settings.accuracy.is_some() { 0 } else { acting };
+        let mut left = if settings.given.accuracy.is_some() { 0 } else { acting };
         while left != 0 {
             let Self { part, touching, reaches, .. } = self;
             let shapes = reaches[left.trailing_zeros() as usize].shapes.as_mut();
@@ -226,7 +216,7 @@ impl Switching {
             passed |= 1 << lane;
             let current = &mut job.current[lane * width..(lane + 1) * width];
             current[..of_step].copy_from_slice(values);
-            keep(&mut current[of_step..], &Outcome::nothing(), scene.contact_points().len());
+            keep(&mut current[of_step..], &Outcome::default(), scene.contact_points().len());
         }
         if let Some(to) = job.impacts {
             for impact in impacts.take() {
