@@ -69,28 +69,55 @@ pub fn add_product(
     (width_b, width_c): (usize, usize),
     (sign, upper): (f64, bool),
 ) {
-    for i in 0..rows {
+    let mut i = 0;
+    while i < rows {
+        // Two rows at once read B half as often.
+        let pair = i + 1 < rows;
         let from = if upper { (i & !3).min(columns) } else { 0 };
-        let c = &mut c[i * width_c..][from..columns];
+        let here = &mut c[i * width_c..];
+        let (first, rest) = here.split_at_mut(width_c.min(here.len()));
+        let first = &mut first[from..columns];
+        let second = if pair { &mut rest[from..columns] } else { &mut [][..] };
         let mut k = 0;
-        while k + 4 <= inner {
-            let [a0, a1, a2, a3] =
-                [sign * a.at(i, k), sign * a.at(i, k + 1), sign * a.at(i, k + 2), sign * a.at(i, k + 3)];
-            let b0 = &b[k * width_b..][from..columns];
-            let b1 = &b[(k + 1) * width_b..][from..columns];
-            let b2 = &b[(k + 2) * width_b..][from..columns];
-            let b3 = &b[(k + 3) * width_b..][from..columns];
-            for ((((c, b0), b1), b2), b3) in c.iter_mut().zip(b0).zip(b1).zip(b2).zip(b3) {
-                *c = fused(a3, *b3, fused(a2, *b2, fused(a1, *b1, fused(a0, *b0, *c))));
+        while k < inner {
+            let take = if k + 4 <= inner { 4 } else { 1 };
+            let row = |k: usize| &b[k * width_b..][from..columns];
+            if take == 4 {
+                let ks = [k, k + 1, k + 2, k + 3];
+                let [a0, a1] = [i, if pair { i + 1 } else { i }].map(|i| ks.map(|k| sign * a.at(i, k)));
+                add_rows(first, second, (a0, a1), ks.map(row));
+            } else {
+                let [a0, a1] = [i, if pair { i + 1 } else { i }].map(|i| [sign * a.at(i, k)]);
+                add_rows(first, second, (a0, a1), [row(k)]);
             }
-            k += 4;
+            k += take;
         }
-        for k in k..inner {
-            let a = sign * a.at(i, k);
-            for (c, b) in c.iter_mut().zip(&b[k * width_b..][from..columns]) {
-                *c = fused(a, *b, *c);
+        i += 2;
+    }
+}
+
+/// Adds sums of rows of B to one row of C, or to two.
+#[inline(always)]
+fn add_rows<const K: usize>(first: &mut [f64], second: &mut [f64], (a0, a1): ([f64; K], [f64; K]), b: [&[f64]; K]) {
+    let columns = first.len();
+    let b = b.map(|row| &row[..columns]);
+    if second.is_empty() {
+        for j in 0..columns {
+            for k in 0..K {
+                first[j] = fused(a0[k], b[k][j], first[j]);
             }
         }
+        return;
+    }
+    let second = &mut second[..columns];
+    for j in 0..columns {
+        let (mut x, mut y) = (first[j], second[j]);
+        for k in 0..K {
+            let b = b[k][j];
+            x = fused(a0[k], b, x);
+            y = fused(a1[k], b, y);
+        }
+        (first[j], second[j]) = (x, y);
     }
 }
 
