@@ -4216,11 +4216,11 @@ class Scene:
             If true, positions and speeds stay within the limits of the joints, at the knots after the start.
         iterations : int, default 100
             Largest number of iterations; 0: only the feedback law about the start.
-        tolerance : float, default 1e-10
-            The search ends when the model promises a decrease of at most this share of the cost.
+        tolerance : float, default 1e-6
+            The search ends when the model has a decrease of at most this share of the cost.
         limit_tolerance : float, default 1e-6
             Largest violation of an inequality, in its unit.
-        friction_speed : float, default 0.1
+        friction_speed : float, default 0.2
             Speed below which friction is viscous, rad/s or m/s; smaller values are nearer to dry friction and need more
             iterations.
 
@@ -4250,8 +4250,8 @@ class Scene:
         friction act at its end, and accelerations satisfy the connections. With limits=False joints pass their stops.
 
         The Riccati recursion of the linear-quadratic model about the motion is the Kalman filter of the dynamics, run
-        from the end of the time to its start; the second derivatives are those of Gauss and Newton. Stages that lose
-        digits are computed again in array form. Step lengths are tried in lanes. O(steps nv^3) per iteration. Inequalities
+        from the end of the time to its start; the second derivatives are those of Gauss and Newton. Stages in which it
+        cancels are computed again in array form. Step lengths are tried in lanes. O(steps nv^3) per iteration. Inequalities
         are an augmented Lagrangian. Results have the same bits on any number of threads.
 
         Examples

@@ -346,14 +346,17 @@ def test_contacts_that_the_plan_touches_are_named(arm):
     with pytest.warns(PlanWarning, match="contact 'hand' .* mm below its surface"):
         plan = reach(near)
     assert (plan.tau == plain.tau).all()
-    shapes = arm.to_builder().collider("hand", phipsi.shapes.Sphere(0.05), link="link6")
-    shapes = shapes.collider("ball", phipsi.shapes.Sphere(0.1, (0.5, 0.1, 0.45))).build()
+    ball = phipsi.shapes.Sphere(0.08, (0.414, -0.104, 0.363))
+    builder = arm.to_builder().collider("hand", phipsi.shapes.Sphere(0.05), link="link6")
+    shapes = builder.collider("ball", ball).build()
+    goal = control.Terminal(tasks.Position("link6", (0.35, -0.35, 0.3), position=0.01))
+    costs = [control.Effort(10.0), control.State(velocity=1.0), goal]
+    given = {"dt": 0.02, "steps": 30, "iterations": 40}
     with pytest.warns(PlanWarning, match="shapes 'hand' and 'ball' that overlap"):
-        reach(shapes)
-    costs = [control.Effort(10.0), tasks.Distance(("hand", "ball"), 0.02, position=0.001)]
-    costs.append(control.Terminal(tasks.Position("link6", (0.5, 0.1, 0.25), position=0.01)))
-    plan = shapes.optimize(np.full(6, 0.1), dt=0.02, steps=30, costs=costs)
-    assert shapes.distances(plan.q).distance.min() > 0.0
+        shapes.optimize(np.full(6, 0.1), costs=costs, **given)
+    costs.append(tasks.Distance(("hand", "ball"), 0.03, position=0.0005))
+    around = shapes.optimize(np.full(6, 0.1), costs=costs, **given)
+    assert shapes.distances(around.q).distance.min() > 0.0
 
 
 def test_model_predictive_loop_follows(arm):
