@@ -52,7 +52,7 @@ def costs(problem: Problem) -> list[Any]:
     return [control.Effort(deviation(EFFORT)), way, control.Terminal(goal), control.Terminal(control.State(velocity=deviation(REST)))]
 
 
-def ours(problem: Problem, **given: Any) -> control.Plan:
+def ours(problem: Problem, **given: Any) -> control.MotionPlan:
     start = {"tau": problem.tau, "limits": False, "effort": None, "tolerance": 1e-12, "iterations": 200}
     return problem.scene.optimize(problem.q0, dt=problem.dt, steps=problem.steps, costs=costs(problem), **(start | given))
 

@@ -43,7 +43,7 @@ from .estimation import (
     Observer,
     Sensor,
 )
-from .control import Plan
+from .control import MotionPlan
 from .control._terms import Term as _Term
 from .estimation._identification import Identification
 from .operators import Factor
@@ -4179,14 +4179,14 @@ class Scene:
         steps: int,
         costs: _Term | Iterable[_Term],
         tau: ArrayLike | None = None,
-        start: Plan | tuple[ArrayLike, ...] | None = None,
+        start: MotionPlan | tuple[ArrayLike, ...] | None = None,
         effort: bool | ArrayLike | None = True,
         limits: bool = True,
         iterations: int = 100,
         tolerance: float = 1e-6,
         limit_tolerance: float = 1e-6,
         friction_speed: float = 0.2,
-    ) -> Plan:
+    ) -> MotionPlan:
         """Motion of least cost with its feedback law: iterative LQR with limits of effort and other inequalities.
 
         Parameters

@@ -20,7 +20,7 @@ pub struct ArrayForm {
 const NOTHING: f64 = 16.0 * f64::EPSILON;
 
 impl ArrayForm {
-    /// Triangulates [W_u W_x rho; R' B, R' A, R' c + z'] = [R_u R_ux y; 0 R z] and replaces the value and the law of
+    /// Triangulates `[W_u W_x rho; R' B, R' A, R' c + z'] = [R_u R_ux y; 0 R z]` and replaces the value and the law of
     /// the covariance form, whose held controls stay where they are.
     pub fn stage(
         &mut self,
@@ -85,7 +85,7 @@ impl ArrayForm {
         for row in self.triangle.chunks_exact(width).skip(m).take(n) {
             value.root.extend_from_slice(&row[m..]);
         }
-        value.from_root(n);
+        value.read_root(n);
     }
 
     /// R' and z' of the next knot: its own, those of the rows of the end, or Cholesky's.
@@ -116,7 +116,7 @@ impl ArrayForm {
                 let pivot = remaining[i * n + i];
                 if pivot > NOTHING * value.hessian[i * n + i].abs() {
                     let root = pivot.sqrt();
-                    let row = &mut self.next[i * (n + 1)..][..n + 1];
+                    let row = &mut self.next[i * (n + 1)..][..=n];
                     for j in i..n {
                         row[j] = remaining[i * n + j] / root;
                     }
@@ -166,7 +166,7 @@ impl ArrayForm {
 
 impl Value {
     /// P = R* R and p = R* z.
-    fn from_root(&mut self, n: usize) {
+    fn read_root(&mut self, n: usize) {
         self.hessian.fill(0.0);
         self.gradient.fill(0.0);
         for (first, row) in self.root.chunks_exact(n + 1).enumerate() {

@@ -77,7 +77,7 @@ impl BoxedMinimum {
                     !(0..m).any(|i| leaves(&i))
                 };
             if !is_done && is_outside(&trial) {
-                self.descend((d, g), (lower, upper), &trial, u);
+                Self::descend((d, g), (lower, upper), &trial, u);
             }
             self.trial = trial;
             if is_done {
@@ -117,7 +117,7 @@ impl BoxedMinimum {
     }
 
     /// Moves u to `trial` along the projected path until the function decreases.
-    fn descend(&self, (d, g): (&[f64], &[f64]), (lower, upper): (&[f64], &[f64]), trial: &[f64], u: &mut [f64]) {
+    fn descend((d, g): (&[f64], &[f64]), (lower, upper): (&[f64], &[f64]), trial: &[f64], u: &mut [f64]) {
         let m = u.len();
         let value = |u: &[f64]| -> f64 {
             (0..m).map(|i| u[i] * (g[i] + 0.5 * (0..m).map(|j| d[i * m + j] * u[j]).sum::<f64>())).sum()

@@ -320,7 +320,9 @@ impl Cost {
         let (knots, count) = (self.last + 1 - self.first, own.count());
         let [residuals, derivatives @ ..] = &mut s.own;
         residuals.resize(knots * count, f64::NAN);
-        derivatives.iter_mut().for_each(|all| all.resize(knots * count * nv, f64::NAN));
+        for all in &mut *derivatives {
+            all.resize(knots * count * nv, f64::NAN);
+        }
         s.efforts.clear();
         s.efforts.extend_from_slice(&motion.tau[(self.first * nv).min(motion.tau.len())..]);
         s.efforts.resize(knots * nv, 0.0);

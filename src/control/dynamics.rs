@@ -240,7 +240,9 @@ impl Dynamics {
                             row[nv + j] -= (chord - chord * v[j] / square * v_next[j]) * inverse[j];
                         }
                     }
-                    row.iter_mut().for_each(|entry| *entry *= h);
+                    for entry in row.iter_mut() {
+                        *entry *= h;
+                    }
                     row[nv + i] += 1.0;
                     for (g, &driven) in g[i * m..][..m].iter_mut().zip(&self.driven) {
                         *g = h * inverse[driven];

@@ -125,8 +125,8 @@ fn add_rows<const K: usize>(first: &mut [f64], second: &mut [f64], (a0, a1): ([f
 #[inline(always)]
 pub fn add_times(y: &mut [f64], a: Read<'_>, x: &[f64], sign: f64) {
     if a.column == 1 {
-        for i in 0..y.len() {
-            y[i] += sign * dot(&a.numbers[i * a.row..][..x.len()], x);
+        for (i, y) in y.iter_mut().enumerate() {
+            *y += sign * dot(&a.numbers[i * a.row..][..x.len()], x);
         }
         return;
     }
@@ -159,7 +159,7 @@ pub fn factor(a: &mut [f64], n: usize) -> f64 {
         let (above, from) = a.split_at_mut(j * n);
         let row = &mut from[..n];
         for k in 0..j {
-            let other = &above[k * n..][..k + 1];
+            let other = &above[k * n..][..=k];
             row[k] = (row[k] - dot(&row[..k], other)) / other[k];
         }
         let pivot = whole - dot(&row[..j], &row[..j]);
@@ -199,6 +199,8 @@ pub fn solve_upper(l: &[f64], n: usize, b: &mut [f64], columns: usize) {
         let column = Read { numbers: &l[((i + 1) * n + i).min(l.len())..], row: 0, column: n };
         add_product(to, (column, below), (1, n - 1 - i, columns), (columns, columns), (-1.0, false));
         let share = 1.0 / l[i * n + i];
-        to.iter_mut().for_each(|b| *b *= share);
+        for b in to.iter_mut() {
+            *b *= share;
+        }
     }
 }

@@ -32,9 +32,9 @@ methods_in_python! {
     ///     of a task is that of its knots. NotPositive(function) is an inequality instead of a cost.
     /// tau : (nv,) or (steps, nv) array_like, optional
     ///     First joint torques; None: those that hold q0 against gravity.
-    /// start : Plan or tuple of array_like, optional
+    /// start : MotionPlan or tuple of array_like, optional
     ///     First q (steps, nq) and qd (steps, nv) of the knots after q0, which the torques need not lead to (multiple
-    ///     shooting), as from Plan.shift; None: the motion of the first torques.
+    ///     shooting), as from MotionPlan.shift; None: the motion of the first torques.
     /// effort : bool or array_like, default True
     ///     Limits of the torques: True: those of the joints; None: no limits; numbers, (nv,) or (2, nv) with smallest and
     ///     largest torques. A joint with the limit 0 has no control, nor has a floating base.
@@ -50,7 +50,7 @@ methods_in_python! {
     ///     Speed below which friction is viscous, rad/s or m/s; smaller values are nearer to dry friction and need more
     ///     iterations.
     #[doc = section!(Returns)]
-    /// plan : phipsi.control.Plan
+    /// plan : phipsi.control.MotionPlan
     ///     q, qd, tau, gains, cost, converged, reason and history, with policy, shift, resume, show and save.
     #[doc = section!(Raises)]
     /// ArgumentError
@@ -127,7 +127,7 @@ impl Residual for Function {
     }
 }
 
-/// An optimizer of one problem; phipsi.control.Plan holds it.
+/// An optimizer of one problem; phipsi.control.MotionPlan holds it.
 #[pyclass(frozen, name = "_Optimizer", module = "phipsi._core")]
 pub(crate) struct PyOptimizer {
     scene: Py<PyScene>,

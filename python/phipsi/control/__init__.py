@@ -10,7 +10,7 @@ True
 """
 
 from ._expected import Expected
-from ._plan import Iteration, Plan
+from ._plan import Iteration, MotionPlan
 from ._regulators import Regulator, lqr, tracking
 from ._terms import During, Effort, EffortRate, Function, NotPositive, State, Terminal
 
@@ -22,7 +22,7 @@ __all__ = [
     "Function",
     "Iteration",
     "NotPositive",
-    "Plan",
+    "MotionPlan",
     "Regulator",
     "State",
     "Terminal",

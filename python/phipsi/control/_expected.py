@@ -13,7 +13,7 @@ from ..estimation.trajectories import MotionUncertainty
 from ..estimation.uncertainty import ParameterCovariance, _joint_covariance, _per_joint, covariance_root
 
 if TYPE_CHECKING:
-    from ._plan import Plan
+    from ._plan import MotionPlan
 
 __all__ = ["Expected", "expected"]
 
@@ -47,8 +47,8 @@ class Expected(NamedTuple):
     """Covariance of (q in its tangent space, qd), (steps + 1, 2 nv, 2 nv)."""
 
 
-def expected(plan: Plan, uncertainty: Any) -> Expected:
-    """Plan.expected."""
+def expected(plan: MotionPlan, uncertainty: Any) -> Expected:
+    """MotionPlan.expected."""
     given = uncertainty if isinstance(uncertainty, MotionUncertainty) else MotionUncertainty(parameters=uncertainty)
     if given.check is not None:
         raise of_argument(ArgumentError, "uncertainty", f"found check={given.check!r}; expected None: simulate noisy runs to check a plan")
@@ -95,7 +95,7 @@ def _initial(given: MotionUncertainty, nv: int) -> _Array:
     return root @ root.T
 
 
-def _constant(plan: Plan, given: MotionUncertainty, by_torque: _Array, n: int) -> _Array:
+def _constant(plan: MotionPlan, given: MotionUncertainty, by_torque: _Array, n: int) -> _Array:
     """Change of the next state by errors that are constant along the motion, for each column of the root of their
     covariance, (steps, n, r).
     """

@@ -17,7 +17,7 @@ from ._terms import read
 if TYPE_CHECKING:
     from .._core import Scene, _Optimizer
 
-__all__ = ["Iteration", "Plan", "optimize"]
+__all__ = ["Iteration", "MotionPlan", "optimize"]
 
 _Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class Iteration(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class MotionPlan:
     """Motion of Scene.optimize with the feedback law about it.
 
     Attributes
@@ -100,7 +100,7 @@ class Plan:
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged: {self.reason}"
-        return f"Plan({len(self.tau)} steps of {self.dt:g} s, cost {self.cost:.6g}, {self.iterations} iterations, {state})"
+        return f"MotionPlan({len(self.tau)} steps of {self.dt:g} s, cost {self.cost:.6g}, {self.iterations} iterations, {state})"
 
     @property
     def iterations(self) -> int:
@@ -110,7 +110,8 @@ class Plan:
     @property
     def t(self) -> _Array:
         """Times of the knots, (steps + 1,), s."""
-        return self.dt * np.arange(len(self.q))
+        times: _Array = self.dt * np.arange(len(self.q))
+        return times
 
     def policy(self, k: int, q: ArrayLike, qd: ArrayLike, *, before: ArrayLike | None = None) -> _Array:
         """Joint torques of the feedback law at step k, within the limits of effort.
@@ -193,8 +194,8 @@ class Plan:
 
     def resume(
         self, q: ArrayLike, qd: ArrayLike, *, costs: Any = None, steps: int = 1, iterations: int = 1
-    ) -> Plan:
-        """Plan from a measured state, beginning with this plan shifted: the loop of model predictive control.
+    ) -> MotionPlan:
+        """MotionPlan from a measured state, beginning with this plan shifted: the loop of model predictive control.
 
         The memory of the search is kept, so this plan can be resumed once at a time. It is faster than
         Scene.optimize because nothing is set up again.
@@ -214,7 +215,7 @@ class Plan:
 
         Returns
         -------
-        plan : Plan
+        plan : MotionPlan
             The new plan.
 
         Raises
@@ -359,7 +360,7 @@ class _Problem:
 
     def solve(
         self, state: tuple[_Array, _Array], tau: _Array | None, states: tuple[_Array, _Array] | None, iterations: int
-    ) -> Plan:
+    ) -> MotionPlan:
         (q, qd, tau, gains), converged, cost, reason, history = self.optimizer.solve(state, tau, states, iterations)
         nv = self.scene.nv
         rate_gains = None
@@ -367,9 +368,9 @@ class _Problem:
             driven = (self.effort != 0.0).any(axis=0)
             rate_gains = np.zeros((len(tau), nv, nv))
             rate_gains[:, :, driven] = gains[:, :, 2 * nv :]
-        each = [Iteration(*row[:-1], int(row[-1])) for row in history.tolist()]
+        each = [Iteration._make([*row[:-1], int(row[-1])]) for row in history.tolist()]
         plan_gains = np.ascontiguousarray(gains[:, :, : 2 * nv])
-        return Plan(self.dt, q, qd, tau, plan_gains, rate_gains, cost, converged, reason, each, self.scene, self.effort, self)
+        return MotionPlan(self.dt, q, qd, tau, plan_gains, rate_gains, cost, converged, reason, each, self.scene, self.effort, self)
 
 
 def optimize(
@@ -388,7 +389,7 @@ def optimize(
     tolerance: float = 1e-6,
     limit_tolerance: float = 1e-6,
     friction_speed: float = 0.2,
-) -> Plan:
+) -> MotionPlan:
     """Scene.optimize."""
     from .._core import _Optimizer
 
@@ -405,7 +406,7 @@ def optimize(
     return plan
 
 
-def _warn_of_motion(plan: Plan) -> None:
+def _warn_of_motion(plan: MotionPlan) -> None:
     """Warn of what the plan touches, and of connections that its steps leave."""
     scene, q = plan.scene, plan.q
     found = ""
@@ -457,13 +458,14 @@ def _effort(scene: Scene, effort: Any) -> _Array:
 
 def _start(scene: Scene, tau: Any, start: Any, steps: int) -> tuple[_Array | None, tuple[_Array, _Array] | None]:
     """First efforts and states."""
-    states = None
+    states: tuple[_Array, _Array] | None = None
     if start is not None:
-        if isinstance(start, Plan):
+        if isinstance(start, MotionPlan):
             start = start.shift(0)
         if not isinstance(start, tuple) or len(start) not in (2, 3):
             raise of_argument(ArgumentError, "start", f"found {type(start).__name__}; expected a plan, plan.shift(), or (q, qd) of the knots after the start")
-        states = tuple(np.ascontiguousarray(numbers("start", of)) for of in start[:2])
+        first_q, first_qd = (np.ascontiguousarray(numbers("start", of)) for of in start[:2])
+        states = first_q, first_qd
         for array, width in zip(states, (scene.nq, scene.nv), strict=True):
             if array.shape != (steps, width):
                 raise of_argument(ShapeError, "start", f"found shape {array.shape}; expected ({steps}, {width})")

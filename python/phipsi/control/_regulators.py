@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers
 from ..errors import ArgumentError, ShapeError, of_argument
-from ._plan import Plan, optimize
+from ._plan import MotionPlan, optimize
 from ._terms import Effort, State, Terminal
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, *, dt: float | N
     size = np.abs(poles) if dt is not None else np.exp(poles.real)
     if not (np.isfinite(value).all() and (size < 1.0).all()):
         raise of_argument(ArgumentError, "A, B", "found a system that these controls do not stabilize; expected one whose unstable motions B reaches and Q sees")
-    return Regulator(gains, value, poles)
+    return Regulator(np.asarray(gains, np.float64), value, np.asarray(poles, np.complex128))
 
 
 def _system(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> tuple[_Array, _Array, _Array, _Array]:
@@ -210,7 +210,7 @@ def tracking(
     velocity: ArrayLike,
     effort: ArrayLike,
     end: float = 1.0,
-) -> Plan:
+) -> MotionPlan:
     """Time-varying regulator along a path: gains that keep the robot near it.
 
     Parameters
@@ -236,7 +236,7 @@ def tracking(
 
     Returns
     -------
-    plan : Plan
+    plan : MotionPlan
         The path with its gains; its policy is the regulator.
 
     Raises
