@@ -15,6 +15,7 @@ mod codegen;
 mod codegen_languages;
 mod constraints;
 mod contacts;
+mod control;
 #[cfg(feature = "dense")]
 mod dense_check;
 mod derivatives;

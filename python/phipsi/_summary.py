@@ -23,7 +23,7 @@ def summarized(kind: C) -> C:
 
 def short(result: Any) -> str:
     """Each field: its shape; how many entries hold; the largest error."""
-    values = result._asdict() if isinstance(result, tuple) else vars(result)
+    values: dict[str, Any] = vars(result) if not hasattr(result, "_asdict") else result._asdict()
     fields = (f"{name} {_text(name, value)}" for name, value in values.items() if value is not None)
     return f"<phipsi.{type(result).__name__}: {', '.join(fields)}>"
 

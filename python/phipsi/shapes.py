@@ -480,8 +480,8 @@ def prefixed(scene: Scene, prefix: str) -> list[str]:
     for source, text in given:
         robot = ElementTree.fromstring(text)
         if robot.tag == "mujoco":
-            if file := robot.get("file", "" if source is None else str(source.absolute())):
-                part = ElementTree.Element("mujoco", file=file, prefix=prefix + robot.get("prefix", ""))
+            if named := robot.get("file", "" if source is None else str(source.absolute())):
+                part = ElementTree.Element("mujoco", file=named, prefix=prefix + robot.get("prefix", ""))
                 found.append(ElementTree.tostring(part, encoding="unicode"))
             continue
         for part in [part for part in robot if part.tag not in ("link", "material")]:

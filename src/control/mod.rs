@@ -24,7 +24,8 @@
 //!     Cost { term: effort, first: 0, last: steps - 1, is_limit: false },
 //!     Cost { term: goal, first: steps, last: steps, is_limit: false },
 //! ];
-//! let problem = Problem { costs, ..Problem::new(&scene, 0.02, steps) };
+//! let mut problem = Problem::new(&scene, 0.02, steps);
+//! problem.costs = costs;
 //! let mut optimizer = Optimizer::new(&scene, problem)?;
 //! let outcome = optimizer.solve(&Start { q: &[0.0; 3], qd: &[0.0; 3], ..Start::default() })?;
 //! assert!(outcome.converged);

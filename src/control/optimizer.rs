@@ -175,6 +175,8 @@ const FRICTION_SPEED_OF_PLANS: f64 = 0.2;
 const SHORTEST: f64 = 1.0 / 1024.0;
 /// The share of the decrease of the model that a step must reach.
 const ARMIJO: f64 = 1e-4;
+/// Largest damping with which the decrease of the model shows a minimum.
+const DAMPING_OF_A_MINIMUM: f64 = 1e-2;
 /// Least and largest damping.
 const DAMPING: [f64; 2] = [1e-9, 1e10];
 /// Largest number of times that multipliers change, and of iterations between two changes.
@@ -301,12 +303,9 @@ impl Optimizer {
     /// Wrong lengths, numbers that are not finite, and a start whose motion or costs cannot be computed.
     pub fn solve(&mut self, start: &Start<'_>) -> Result<Outcome, Error> {
         self.begin(start)?;
-        let mut history = Vec::new();
+        let mut history = Vec::with_capacity(self.problem.iterations);
         let mut damping = 0.0;
-        let mut rows = std::mem::take(&mut self.rows);
-        let mut done = self.evaluate(&self.motion.clone(), &mut rows);
-        self.rows = rows;
-        let mut violation = done.clone()?;
+        let mut violation = self.evaluate_motion()?;
         self.begin_multipliers();
         let (mut rounds, mut in_round, mut least_violation) = (0, 0, f64::INFINITY);
         let mut reason = "the largest number of iterations";
@@ -314,7 +313,7 @@ impl Optimizer {
         for _ in 0..self.problem.iterations {
             interrupt::check()?;
             self.linearize()?;
-            let Some((model, array_stages)) = self.backward(damping)? else {
+            let Some((model, array_stages)) = self.backward(damping) else {
                 damping = raised(damping);
                 if damping > DAMPING[1] {
                     reason = "the curvature of the controls is not positive: give the efforts a cost";
@@ -328,6 +327,11 @@ impl Optimizer {
             let is_feasible = self.defects.is_empty();
             let is_within = violation <= self.problem.limit_tolerance;
             if is_feasible && is_within && expected <= self.problem.tolerance * scale {
+                // With damping, steps are short and their decrease is small far from a minimum, too.
+                if damping > DAMPING_OF_A_MINIMUM {
+                    damping = lowered(damping);
+                    continue;
+                }
                 (converged, reason) = (true, "the model has no further decrease");
                 break;
             }
@@ -345,16 +349,17 @@ impl Optimizer {
                 continue;
             }
             let slope = self.slope(&model);
-            let (length, cost) = self.search(merit, slope, &model)?;
+            // The slope determines the weight of the defects.
+            let merit = self.merit(&self.rows, self.defects_sum());
+            let (length, found) = self.search(merit, slope, &model);
             if length > 0.0 {
-                violation = cost;
+                violation = found;
                 damping = match length {
                     length if length >= 0.5 => lowered(damping),
                     length if length < 0.25 => raised(damping),
                     _ => damping,
                 };
             } else {
-                done = Ok(violation);
                 damping = raised(damping);
             }
             history.push(Iteration {
@@ -378,10 +383,9 @@ impl Optimizer {
                 }
             }
         }
-        done?;
         if self.problem.iterations == 0 {
             self.linearize()?;
-            while self.backward(damping)?.is_none() && damping <= DAMPING[1] {
+            while self.backward(damping).is_none() && damping <= DAMPING[1] {
                 damping = raised(damping);
             }
         }
@@ -439,27 +443,28 @@ impl Optimizer {
 
     /// Reads a start.
     fn begin(&mut self, start: &Start<'_>) -> Result<(), Error> {
-        let scene = self.dynamics.scene().clone();
-        let (nq, nv, steps) = (scene.nq(), scene.nv(), self.problem.steps);
+        let Self { dynamics, motion, problem, defects, .. } = self;
+        let scene = dynamics.scene();
+        let (nq, nv, steps) = (scene.nq(), scene.nv(), problem.steps);
         scene.check_configuration("q0", start.q)?;
         check_length("qd0", start.qd.len(), nv)?;
         check_finite("qd0", start.qd)?;
         scene.check_start(start.q, start.qd)?;
-        self.defects.clear();
+        defects.clear();
         self.defect_weight = 0.0;
-        self.motion.q[..nq].copy_from_slice(start.q);
-        self.motion.qd[..nv].copy_from_slice(start.qd);
+        motion.q[..nq].copy_from_slice(start.q);
+        motion.qd[..nv].copy_from_slice(start.qd);
         if start.tau.is_empty() {
             let mut hold = vec![0.0; nv];
             scene.gravity_torque(&mut scene.workspace(), start.q, &mut hold)?;
-            self.motion.tau.chunks_exact_mut(nv.max(1)).for_each(|tau| tau.copy_from_slice(&hold));
+            motion.tau.chunks_exact_mut(nv.max(1)).for_each(|tau| tau.copy_from_slice(&hold));
         } else {
             check_length("tau", start.tau.len(), steps * nv)?;
             check_finite("tau", start.tau)?;
-            self.motion.tau.copy_from_slice(start.tau);
+            motion.tau.copy_from_slice(start.tau);
         }
-        let [lower, upper] = &self.problem.effort;
-        for tau in self.motion.tau.chunks_exact_mut(nv.max(1)) {
+        let [lower, upper] = &problem.effort;
+        for tau in motion.tau.chunks_exact_mut(nv.max(1)) {
             for row in 0..nv {
                 tau[row] = tau[row].clamp(lower[row], upper[row]);
             }
@@ -471,8 +476,8 @@ impl Optimizer {
             for (row, q) in q.chunks_exact(nq.max(1)).enumerate() {
                 scene.check_configuration("q", q).map_err(|error| error.in_state(row))?;
             }
-            self.motion.q[nq..].copy_from_slice(q);
-            self.motion.qd[nv..].copy_from_slice(qd);
+            motion.q[nq..].copy_from_slice(q);
+            motion.qd[nv..].copy_from_slice(qd);
             return self.measure_defects();
         }
         self.gains.fill(0.0);
@@ -542,6 +547,14 @@ impl Optimizer {
         Ok(violation)
     }
 
+    /// Computes the rows of the motion; returns the largest violation of an inequality.
+    fn evaluate_motion(&mut self) -> Result<f64, Error> {
+        let (motion, mut rows) = (std::mem::take(&mut self.motion), std::mem::take(&mut self.rows));
+        let found = self.evaluate(&motion, &mut rows);
+        (self.motion, self.rows) = (motion, rows);
+        found
+    }
+
     /// Begins with multipliers of zero, and with a penalty from the cost of the start.
     fn begin_multipliers(&mut self) {
         let cost: f64 = self.costs_of(&self.rows, false);
@@ -559,8 +572,7 @@ impl Optimizer {
 
     /// Updates the multipliers, and the penalty if the violation did not become a quarter of the least one before.
     fn update_multipliers(&mut self, violation: f64, before: f64) -> Result<(), Error> {
-        let mut rows = std::mem::take(&mut self.rows);
-        for (cost, (rows, multipliers)) in self.problem.costs.iter().zip(rows.iter().zip(&mut self.multipliers)) {
+        for (cost, (rows, multipliers)) in self.problem.costs.iter().zip(self.rows.iter().zip(&mut self.multipliers)) {
             if cost.is_limit {
                 // The penalized residual is sqrt(penalty) (g + multiplier / penalty), where it is positive.
                 for (multiplier, error) in multipliers.iter_mut().zip(rows.errors()) {
@@ -571,10 +583,7 @@ impl Optimizer {
         if violation > 0.25 * before {
             self.penalty *= 10.0;
         }
-        let motion = std::mem::take(&mut self.motion);
-        let done = self.evaluate(&motion, &mut rows);
-        (self.motion, self.rows) = (motion, rows);
-        done.map(|_| ())
+        self.evaluate_motion().map(|_| ())
     }
 
     fn costs_of(&self, rows: &[Rows], with_limits: bool) -> f64 {
@@ -632,7 +641,7 @@ impl Optimizer {
     }
 
     /// The filter from the end to the start. `None` if the curvature of the controls of some step is not positive.
-    fn backward(&mut self, damping: f64) -> Result<Option<(Model, usize)>, Error> {
+    fn backward(&mut self, damping: f64) -> Option<(Model, usize)> {
         let (nv, n, m, steps) = (self.sizes.nv, self.sizes.state(), self.sizes.controls, self.problem.steps);
         let [mut value, aside] = std::mem::take(&mut self.values);
         let mut scratch = std::mem::take(&mut self.stage);
@@ -662,7 +671,7 @@ impl Optimizer {
         }
         (self.values, self.stage) = ([value, aside], scratch);
         (self.gains, self.offsets, self.bounds) = (gains, offsets, [lower, upper]);
-        Ok(is_positive.then_some((all, array_stages)))
+        is_positive.then_some((all, array_stages))
     }
 
     /// The slope of the merit along the step, and the weight of the defects that makes it negative.
@@ -709,8 +718,7 @@ impl Optimizer {
 
     /// Tries step lengths until one decreases the merit enough; moves there. Returns the length, zero if there is none,
     /// and the largest violation of an inequality.
-    fn search(&mut self, _merit: f64, slope: f64, model: &Model) -> Result<(f64, f64), Error> {
-        let merit = self.merit(&self.rows, self.defects_sum());
+    fn search(&mut self, merit: f64, slope: f64, model: &Model) -> (f64, f64) {
         let lanes = self.dynamics.lanes().clamp(1, AT_ONCE);
         let mut longest = 1.0;
         let is_feasible = self.defects.is_empty();
@@ -747,11 +755,11 @@ impl Optimizer {
                         self.defects.clear();
                     }
                     self.defects.iter_mut().for_each(|defect| *defect *= 1.0 - length);
-                    return Ok((length, violation));
+                    return (length, violation);
                 }
             }
         }
-        Ok((0.0, f64::NAN))
+        (0.0, f64::NAN)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Motions under the law u = u_0 + length k - K x for several step lengths, each in a lane.
+//! Motions under the law `u = u_0 + length k - K x` for several step lengths, each in a lane.
 
 use super::costs::Motion;
 use super::dynamics::{AT_ONCE, Dynamics};
@@ -66,9 +66,9 @@ impl Rollouts {
             motion.qd[..nv].copy_from_slice(&laws.about.qd[..nv]);
         }
         for step in 0..steps {
-            for lane in 0..count {
+            for (lane, &length) in lengths.iter().enumerate() {
                 if self.faults[lane].is_none()
-                    && let Err(error) = self.control(dynamics, (sizes, m, n), laws, (step, lane, lengths[lane]))
+                    && let Err(error) = self.control(dynamics, (sizes, m, n), laws, (step, lane, length))
                 {
                     self.faults[lane] = Some(error);
                 }
@@ -90,9 +90,9 @@ impl Rollouts {
                     }
                 }
             }
-            for lane in 0..count {
+            for (lane, &length) in lengths.iter().enumerate() {
                 if self.faults[lane].is_none()
-                    && let Err(error) = self.advance(dynamics, (nq, nv), laws, (step, lane, lengths[lane]))
+                    && let Err(error) = self.advance(dynamics, (nq, nv), laws, (step, lane, length))
                 {
                     self.faults[lane] = Some(error);
                 }

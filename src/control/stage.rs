@@ -112,7 +112,7 @@ pub struct Scratch {
     before: Vec<f64>,
     ahead: Vec<f64>,
     along: Vec<f64>,
-    /// L^-1 of the free rows of q_ux, and then the gains of these.
+    /// L^-1 times the free rows of `q_ux`, and then the gains of these.
     y: Vec<f64>,
     pub(super) boxed: BoxedMinimum,
     array: ArrayForm,
@@ -303,29 +303,50 @@ fn quadratic_model(s: &mut Scratch, step: &Step<'_>, (rows, knot): (&[Rows], usi
     s.q_uu.fill(0.0);
     add_product(&mut s.q_uu, (Read::transposed(g, m), &s.zg), (m, nv, m), (m, m), (1.0, false));
     if has_rate {
-        let of_effort = Read { numbers: &s.carried[nx..], row: 1, column: n };
-        add_product(&mut s.q_ux, (of_effort, f), (m, nv, nx), (nx, n), (1.0, false));
-        // P'_pq T.
-        let mut by_q = vec![0.0; m * nv];
-        for i in 0..m {
-            by_q[i * nv..][..nv].copy_from_slice(&next[(nx + i) * n..][..nv]);
-        }
-        for turn in step.turns {
-            turn_columns(&mut by_q, nv, (turn.first, turn.count), &turn.transport);
-        }
-        for i in 0..m {
-            for (to, more) in s.q_ux[i * n..][..nv].iter_mut().zip(&by_q[i * nv..]) {
-                *to += more;
-            }
-        }
-        let mut cross = vec![0.0; m * m];
-        add_product(&mut cross, (of_effort, g), (m, nv, m), (m, m), (1.0, false));
-        for i in 0..m {
-            for j in 0..m {
-                s.q_uu[i * m + j] += cross[i * m + j] + cross[j * m + i] + next[(nx + i) * n + nx + j];
-            }
+        add_rates(s, step, next);
+    }
+    linear_model(s, step, value);
+    add_costs(s, rows, knot);
+    for i in 0..m {
+        s.q_uu[i * m + i] *= 1.0 + damping;
+    }
+}
+
+/// Adds the part of u in the next state, whose effort it is, to `q_ux` and `q_uu`.
+#[inline(always)]
+fn add_rates(s: &mut Scratch, step: &Step<'_>, next: &[f64]) {
+    let Sizes { nv, controls: m, .. } = s.sizes;
+    let (n, nx, f, g) = (s.sizes.state(), 2 * nv, step.by_state, step.by_control);
+    let of_effort = Read { numbers: &s.carried[nx..], row: 1, column: n };
+    add_product(&mut s.q_ux, (of_effort, f), (m, nv, nx), (nx, n), (1.0, false));
+    // P'_pq T.
+    let mut by_q = vec![0.0; m * nv];
+    for i in 0..m {
+        by_q[i * nv..][..nv].copy_from_slice(&next[(nx + i) * n..][..nv]);
+    }
+    for turn in step.turns {
+        turn_columns(&mut by_q, nv, (turn.first, turn.count), &turn.transport);
+    }
+    for i in 0..m {
+        for (to, more) in s.q_ux[i * n..][..nv].iter_mut().zip(&by_q[i * nv..]) {
+            *to += more;
         }
     }
+    let mut cross = vec![0.0; m * m];
+    add_product(&mut cross, (of_effort, g), (m, nv, m), (m, m), (1.0, false));
+    for i in 0..m {
+        for j in 0..m {
+            s.q_uu[i * m + j] += cross[i * m + j] + cross[j * m + i] + next[(nx + i) * n + nx + j];
+        }
+    }
+}
+
+/// The gradient of the model.
+#[inline(always)]
+fn linear_model(s: &mut Scratch, step: &Step<'_>, value: &Value) {
+    let Sizes { nv, controls: m, has_rate } = s.sizes;
+    let (n, nx, h, next) = (s.sizes.state(), 2 * nv, step.h, &value.hessian);
+    let (f, g) = (step.by_state, step.by_control);
     // P' c + p', and its products with E*, F* and G*.
     s.ahead.copy_from_slice(&value.gradient);
     if !step.defect.is_empty() {
@@ -351,6 +372,12 @@ fn quadratic_model(s: &mut Scratch, step: &Step<'_>, (rows, knot): (&[Rows], usi
             *to += of_effort;
         }
     }
+}
+
+/// Adds the costs of the knot.
+#[inline(always)]
+fn add_costs(s: &mut Scratch, rows: &[Rows], knot: usize) {
+    let (n, m) = (s.sizes.state(), s.sizes.controls);
     for rows in rows {
         for (error, start, values) in rows.of_knot(knot) {
             for (i, &a) in values.iter().enumerate() {
@@ -376,9 +403,6 @@ fn quadratic_model(s: &mut Scratch, step: &Step<'_>, (rows, knot): (&[Rows], usi
                 }
             }
         }
-    }
-    for i in 0..m {
-        s.q_uu[i * m + i] *= 1.0 + damping;
     }
 }
 

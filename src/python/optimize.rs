@@ -90,7 +90,7 @@ type Raised = Arc<Mutex<Option<PyErr>>>;
 
 /// A function of the caller: (q, qd, tau) to the residuals and their derivatives.
 struct Function {
-    function: Py<PyAny>,
+    call: Py<PyAny>,
     count: usize,
     sizes: [usize; 2],
     raised: Raised,
@@ -112,7 +112,7 @@ impl Residual for Function {
         let called = Python::attach(|py| -> PyResult<()> {
             let arrays = [(q, nq), (qd, nv), (tau, nv)].map(|(all, width)| from_numbers(py, all, &[knots, width]));
             let [q, qd, tau] = arrays;
-            let found = self.function.bind(py).call1((q?, qd?, tau?))?;
+            let found = self.call.bind(py).call1((q?, qd?, tau?))?;
             let (found, by) = found.extract::<(PyReadonlyArray2<'_, f64>, [PyReadonlyArray3<'_, f64>; 3])>()?;
             residuals.copy_from_slice(found.as_slice()?);
             for (to, by) in derivatives.into_iter().zip(&by) {
@@ -280,7 +280,7 @@ impl PyScene {
             "effort" => Term::Effort { tau: numbers(0)?, by_tau: numbers(1)? },
             "rate" => Term::EffortRate { by_rate: numbers(0)?, before: numbers(1)? },
             _ => Term::Own(Box::new(Function {
-                function: arguments.get_item(0)?.unbind(),
+                call: arguments.get_item(0)?.unbind(),
                 count: arguments.get_item(1)?.extract()?,
                 sizes: [self.scene.nq(), self.scene.nv()],
                 raised: raised.clone(),

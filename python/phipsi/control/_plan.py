@@ -110,8 +110,7 @@ class MotionPlan:
     @property
     def t(self) -> _Array:
         """Times of the knots, (steps + 1,), s."""
-        times: _Array = self.dt * np.arange(len(self.q))
-        return times
+        return np.arange(len(self.q), dtype=np.float64) * self.dt
 
     def policy(self, k: int, q: ArrayLike, qd: ArrayLike, *, before: ArrayLike | None = None) -> _Array:
         """Joint torques of the feedback law at step k, within the limits of effort.
