@@ -140,7 +140,7 @@ docs: $(VENV)-docs/there
 	@echo "open target/site/index.html"
 
 # The short examples of docs/examples.md.
-EXAMPLES := $(patsubst %,python/phipsi/examples/%.py,ant computed_torque dropped_box four_bar go2 gripper humanoid inverse_kinematics lift lqr own_urdf panda quadruped talos xacro_snake)
+EXAMPLES := $(patsubst %,python/phipsi/examples/%.py,ant computed_torque dropped_box follow four_bar go2 gripper humanoid inverse_kinematics lift lqr own_urdf panda quadruped stand_up talos xacro_snake)
 
 # Another processor architecture: its kernels are compiled, but not run.
 OTHER := aarch64-unknown-linux-gnu

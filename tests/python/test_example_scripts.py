@@ -21,8 +21,8 @@ FOLDER = ROOT / "python" / "phipsi" / "examples"
 ROBOTS = "example-robot-data"
 #: Short examples by name, with the optional packages that they need.
 SHORT = {
-    "ant": ("mujoco",), "computed_torque": (), "dropped_box": (), "four_bar": (), "go2": (ROBOTS,), "gripper": (), "humanoid": (), "inverse_kinematics": (), "lift": (), "lqr": (), "own_urdf": (),
-    "panda": (ROBOTS,), "quadruped": (), "talos": (ROBOTS,), "xacro_snake": ("xacro",),
+    "ant": ("mujoco",), "computed_torque": (), "dropped_box": (), "follow": (), "four_bar": (), "go2": (ROBOTS,), "gripper": (), "humanoid": (), "inverse_kinematics": (), "lift": (), "lqr": (), "own_urdf": (),
+    "panda": (ROBOTS,), "quadruped": (), "stand_up": (ROBOTS,), "talos": (ROBOTS,), "xacro_snake": ("xacro",),
 }  # fmt: skip
 RUN = "import runpy, sys; found = runpy.run_path(sys.argv[1]); print('rows', len(found['path'].q if 'path' in found else found['q']))"
 

@@ -12,7 +12,7 @@ True
 from ._expected import Expected
 from ._plan import Iteration, MotionPlan
 from ._regulators import Regulator, lqr, tracking
-from ._terms import During, Effort, EffortRate, Function, NotPositive, State, Terminal
+from ._terms import During, Effort, EffortRate, Function, NotPositive, State, Term, Terminal
 
 __all__ = [
     "During",
@@ -25,6 +25,7 @@ __all__ = [
     "MotionPlan",
     "Regulator",
     "State",
+    "Term",
     "Terminal",
     "lqr",
     "tracking",
