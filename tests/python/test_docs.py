@@ -94,9 +94,9 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 def test_the_reference_has_all_that_is_public() -> None:
     named = re.findall(r"^::: phipsi\.(\S+)$", "\n".join(page.read_text(encoding="utf-8") for page in (DOCS / "reference").glob("*.md")), flags=re.MULTILINE)
-    expected = {name for name in (*phipsi.__all__, "compile") if name not in ("__version__", "errors", "estimation", "scenes", "shapes", "tasks")}
+    expected = {name for name in (*phipsi.__all__, "compile") if name not in ("__version__", "control", "errors", "estimation", "scenes", "shapes", "tasks")}
     expected |= {name.capitalize() if "." in name else f"Scene.{name}" for name in public()}
-    expected |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.errors, phipsi.estimation, phipsi.scenes) for name in module.__all__}
+    expected |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.control, phipsi.errors, phipsi.estimation, phipsi.scenes) for name in module.__all__} - {"control.Term"}
     shown = {name for name in named if name.partition(".")[0] not in ("jax", "torch", "view")}
     expected |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.mujoco, phipsi.pinocchio, phipsi.shapes, phipsi.tasks) for name in module.__all__} - {"tasks.Task", "shapes.Color", "shapes.Shape", "shapes.ColliderShape"}
     assert len(named) == len(set(named)), "shown twice"
