@@ -13,7 +13,7 @@ scene = phipsi.load(phipsi.BUNDLED_ARM)
 
 def target(t: float) -> np.ndarray:
     """Position of the target, m."""
-    return np.array([0.5, 0.1, 0.4]) + [0.0, 0.15 * np.sin(2.0 * t), 0.1 * np.cos(2.0 * t)]
+    return np.array([0.5, 0.1 + 0.15 * np.sin(2.0 * t), 0.4 + 0.1 * np.cos(2.0 * t)])
 
 
 def costs(t: float) -> list[control.Term]:

@@ -29,7 +29,7 @@ hold = weight - rows.T @ np.linalg.lstsq(rows[:, :6].T, weight[:6], rcond=None)[
 
 goal = free.placement(crouched, "base").copy()
 goal[2, 3] = HIGH
-costs = [
+costs: list[control.Term] = [
     control.Effort(10.0),
     control.State(velocity=1.0),
     control.Terminal(tasks.Pose("base", goal, position=0.005, rotation=0.02)),
@@ -40,8 +40,9 @@ plan = scene.optimize(crouched, dt=DT, steps=STEPS, costs=costs, tau=hold, limit
 print(f"{plan}, {1e3 * (time.perf_counter() - begin) / plan.iterations:.0f} ms per iteration")
 
 # The law holds the robot on the plan, here from a trunk that moves at the start.
-state = crouched, scene.loops.project(crouched, np.r_[0.0, 0.1, 0.0, 0.2, 0.0, 0.0, np.zeros(12)]).qd
-motion = [crouched]
+rates = scene.loops.project(crouched, np.r_[0.0, 0.1, 0.0, 0.2, 0.0, 0.0, np.zeros(12)]).qd
+assert rates is not None
+state, motion = (crouched, rates), [crouched]
 for k in range(STEPS):
     moved = scene.simulate(*state, dt=DT / 4, steps=4, tau=plan.policy(k, *state))
     state = moved.q[-1], moved.qd[-1]
