@@ -180,7 +180,7 @@ impl Cost {
             Term::State { q, qd, by_q, by_qd } => {
                 array("q", q, nq, knots)?;
                 for (row, q) in q.chunks_exact(nq.max(1)).enumerate() {
-                    scene.check_configuration("q", q).map_err(|error| error.in_state(row))?;
+                    scene.check_coordinates("q", q).map_err(|error| error.in_state(row))?;
                 }
                 array("qd", qd, nv, knots)?;
                 weights("position", by_q).and_then(|()| weights("velocity", by_qd))

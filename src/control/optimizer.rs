@@ -10,6 +10,7 @@ use super::stage::{Law, Model, Scratch, Sizes, Step, Turn, Value, stage};
 use crate::error::{Error, check_finite, check_length, check_positive};
 use crate::interrupt;
 use crate::joints::JointKind;
+use crate::memory;
 use crate::scene::Scene;
 
 /// An optimal control problem of one scene.
@@ -222,6 +223,8 @@ impl Optimizer {
         let has_rate = problem.costs.iter().any(|cost| matches!(cost.term, Term::EffortRate { .. }));
         let sizes = dynamics.sizes(has_rate);
         let (n, m, nan) = (sizes.state(), sizes.controls, |length: usize| vec![f64::NAN; length]);
+        let per_step = (nv * (2 * nv + m) + m * n) as u128 + ((AT_ONCE + 1) * (nq + 2 * nv)) as u128;
+        memory::room("steps", 8 * per_step * steps as u128)?;
         let empty = Turn { first: 0, count: 0, transport: [0.0; 36], jacobian: [0.0; 36] };
         Ok(Self {
             motion: Motion { q: nan((steps + 1) * nq), qd: nan((steps + 1) * nv), tau: nan(steps * nv) },
@@ -446,7 +449,7 @@ impl Optimizer {
         let Self { dynamics, motion, problem, defects, .. } = self;
         let scene = dynamics.scene();
         let (nq, nv, steps) = (scene.nq(), scene.nv(), problem.steps);
-        scene.check_configuration("q0", start.q)?;
+        scene.check_coordinates("q0", start.q)?;
         check_length("qd0", start.qd.len(), nv)?;
         check_finite("qd0", start.qd)?;
         scene.check_start(start.q, start.qd)?;
@@ -474,7 +477,7 @@ impl Optimizer {
             check_length("qd", qd.len(), steps * nv)?;
             check_finite("qd", qd)?;
             for (row, q) in q.chunks_exact(nq.max(1)).enumerate() {
-                scene.check_configuration("q", q).map_err(|error| error.in_state(row))?;
+                scene.check_coordinates("q", q).map_err(|error| error.in_state(row))?;
             }
             motion.q[nq..].copy_from_slice(q);
             motion.qd[nv..].copy_from_slice(qd);

@@ -320,6 +320,11 @@ LARGE: dict[str, Large] = {
         lambda scene: lambda: scene.simulate(np.zeros(7), np.zeros(7), dt=1e-3, steps=10**12),
         covers=("simulate.steps", "simulate.record_every"),
     ),
+    "optimize": Large(
+        "steps",
+        lambda scene: lambda: scene.optimize(np.zeros(7), dt=1e-3, steps=10**11, costs=phipsi.control.Effort(1.0)),
+        covers=("optimize.steps",),
+    ),
     "some steps": Large("steps", lambda scene: lambda: scene.simulate(np.zeros(7), np.zeros(7), dt=1e-3, steps=4 * 10**6)),
     "simulate, a batch": Large(
         "q, qd", batch(10**6, lambda scene, q: scene.simulate(q, rates(q), dt=1e-3, steps=1, record_every=2))

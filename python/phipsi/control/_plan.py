@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -414,8 +415,12 @@ def _warn_of_motion(plan: MotionPlan) -> None:
         knot, at = np.unravel_index(np.argmin(gaps), gaps.shape)
         if gaps[knot, at] < -CLOSE:
             found = f"contact {scene.contacts.names[at]!r} {1e3 * -gaps[knot, at]:.3g} mm below its surface at step {knot}"
+    apart = None
     if not found and scene.collider_names:
-        apart = scene.distances(q, limit=0.0)
+        # Colliders of which no two can touch are refused.
+        with contextlib.suppress(ArgumentError):
+            apart = scene.distances(q, limit=0.0)
+    if apart is not None:
         if apart.distance.size and apart.distance.min() < -CLOSE:
             knot, at = np.unravel_index(np.argmin(apart.distance), apart.distance.shape)
             pair = " and ".join(repr(name) for name in apart.pairs[at])
