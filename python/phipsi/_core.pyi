@@ -66,6 +66,7 @@ __all__ = [
     "Scene",
     "SceneBuilder",
     "Simulator",
+    "_Optimizer",
     "_Observer",
     "__version__",
     "_function_table",

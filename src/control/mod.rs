@@ -41,9 +41,11 @@ mod costs;
 mod dynamics;
 mod matrices;
 mod optimizer;
+mod problem;
 mod rollout;
 mod rows;
 mod stage;
 
 pub use costs::{Cost, Limit, Motion, Residual, Term};
-pub use optimizer::{Iteration, Linearization, Optimizer, Outcome, Problem, Start};
+pub use optimizer::Optimizer;
+pub use problem::{Iteration, Linearization, Outcome, Problem, Start};
