@@ -375,7 +375,7 @@ fn connections_that_contradict_each_other_are_named() {
     let found = dynamics(&scene, Form::Auto, &state).unwrap_err();
     let Error::Constraint { violation, .. } = &found else { panic!("{found}") };
     assert_eq!(violation.connections, ["one", "other"]);
-    assert!(found.to_string().contains("scene.project"), "{found}");
+    assert!(found.to_string().contains("Scene::project"), "{found}");
     let (q, qd, tau) = &state;
     let mut qdd = [f64::NAN; 3];
     assert_eq!(scene.forward_dynamics(&mut scene.workspace(), q, qd, tau, &[], &mut qdd).unwrap_err(), found);

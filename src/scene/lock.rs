@@ -5,7 +5,7 @@ use super::connection::{ConnectionKind, tidy};
 use super::description::JointDescription;
 use super::polynomial::Polynomial;
 use super::properties::Properties;
-use crate::error::Error;
+use crate::error::{Error, in_language};
 use crate::interrupt;
 use crate::joints::JointKind;
 use crate::kinematics::joint_shift;
@@ -14,8 +14,13 @@ use crate::spatial::RigidShift;
 /// Largest constraint error accepted for a connection whose two ends are locked to each other, m or rad.
 const HELD: f64 = 1e-6;
 
-const CLOSED_BY_PROJECTION: &str =
-    "a configuration that satisfies the connections, such as the result of scene.loops.project";
+/// A configuration to lock joints at.
+fn closed_by_projection() -> &'static str {
+    in_language(
+        "a configuration that satisfies the connections, such as the result of Scene::project",
+        "a configuration that satisfies the connections, such as the result of scene.loops.project",
+    )
+}
 
 impl Scene {
     /// A scene with `joints` fixed at their positions in `q`; link names are unchanged.
@@ -126,7 +131,7 @@ impl Scene {
                                 return Err(Error::scene(
                                     format!("connection {:?}", connection.name),
                                     format!("no coordinate of joint {other:?} for that of the locked joint"),
-                                    CLOSED_BY_PROJECTION,
+                                    closed_by_projection(),
                                 ));
                             }
                             *polynomial = Polynomial::linear(0.0, root);
@@ -150,7 +155,7 @@ impl Scene {
                 return Err(Error::scene(
                     format!("connection {:?}", connection.name),
                     format!("an error of {error:.1e} (m or rad), which the locked joints cannot correct"),
-                    CLOSED_BY_PROJECTION,
+                    closed_by_projection(),
                 ));
             }
         }

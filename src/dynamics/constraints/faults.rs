@@ -50,8 +50,10 @@ impl Scene {
                 outcome.rank,
                 self.constraint_rows()
             ),
-            expected: "connections that agree with each other, at positions and velocities that meet them (scene.loops.project gives such)"
-                .to_owned(),
+            expected: format!(
+                "connections that agree with each other, at positions and velocities that meet them ({} gives such)",
+                in_language("Scene::project", "scene.loops.project")
+            ),
             residual: outcome.residual,
         }
         .into())
