@@ -191,7 +191,8 @@ def stiff_error(ratio: float) -> tuple[float, int]:
         for k in reversed(range(steps)):
             step, gain = mp.matrix(a[k]), mp.matrix(b[k])
             inner = gain.T * value * gain + mp.mpf(dt) * mp.eye(3)
-            law, offset = mp.lu_solve(inner, gain.T * value * step), mp.lu_solve(inner, gain.T * slope)
+            inverse = inner**-1
+            law, offset = inverse * (gain.T * value * step), inverse * (gain.T * slope)
             closed = step - gain * law
             slope = closed.T * slope - mp.diag(weights) * mp.matrix([*goal, 0, 0, 0])
             value = mp.diag(weights) + step.T * value * closed

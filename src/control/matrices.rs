@@ -66,59 +66,55 @@ pub fn add_product(
     c: &mut [f64],
     (a, b): (Read<'_>, &[f64]),
     (rows, inner, columns): (usize, usize, usize),
-    (width_b, width_c): (usize, usize),
+    widths: (usize, usize),
     (sign, upper): (f64, bool),
 ) {
     let mut i = 0;
     while i < rows {
-        // Two rows at once read B half as often.
-        let pair = i + 1 < rows;
-        let from = if upper { (i & !3).min(columns) } else { 0 };
-        let here = &mut c[i * width_c..];
-        let (first, rest) = here.split_at_mut(width_c.min(here.len()));
-        let first = &mut first[from..columns];
-        let second = if pair { &mut rest[from..columns] } else { &mut [][..] };
-        let mut k = 0;
-        while k < inner {
-            let take = if k + 4 <= inner { 4 } else { 1 };
-            let row = |k: usize| &b[k * width_b..][from..columns];
-            if take == 4 {
-                let ks = [k, k + 1, k + 2, k + 3];
-                let [a0, a1] = [i, if pair { i + 1 } else { i }].map(|i| ks.map(|k| sign * a.at(i, k)));
-                add_rows(first, second, (a0, a1), ks.map(row));
-            } else {
-                let [a0, a1] = [i, if pair { i + 1 } else { i }].map(|i| [sign * a.at(i, k)]);
-                add_rows(first, second, (a0, a1), [row(k)]);
-            }
-            k += take;
+        let mut j = if upper { (i & !3).min(columns) } else { 0 };
+        let four = i + 4 <= rows;
+        while j < columns {
+            let left = columns - j;
+            let at = (i, j, inner);
+            let wide = match (four, left) {
+                (true, 8..) => add_tile::<4, 8>(c, (a, b), at, widths, sign),
+                (true, 4..) => add_tile::<4, 4>(c, (a, b), at, widths, sign),
+                (true, _) => add_tile::<4, 1>(c, (a, b), at, widths, sign),
+                (false, 8..) => add_tile::<1, 8>(c, (a, b), at, widths, sign),
+                (false, 4..) => add_tile::<1, 4>(c, (a, b), at, widths, sign),
+                (false, _) => add_tile::<1, 1>(c, (a, b), at, widths, sign),
+            };
+            j += wide;
         }
-        i += 2;
+        i += if four { 4 } else { 1 };
     }
 }
 
-/// Adds sums of rows of B to one row of C, or to two.
+/// Adds a tile of R rows and W columns of a product, whose sums stay in registers; returns W.
 #[inline(always)]
-fn add_rows<const K: usize>(first: &mut [f64], second: &mut [f64], (a0, a1): ([f64; K], [f64; K]), b: [&[f64]; K]) {
-    let columns = first.len();
-    let b = b.map(|row| &row[..columns]);
-    if second.is_empty() {
-        for j in 0..columns {
-            for k in 0..K {
-                first[j] = fused(a0[k], b[k][j], first[j]);
+fn add_tile<const R: usize, const W: usize>(
+    c: &mut [f64],
+    (a, b): (Read<'_>, &[f64]),
+    (i, j, inner): (usize, usize, usize),
+    (width_b, width_c): (usize, usize),
+    sign: f64,
+) -> usize {
+    let mut sums = [[0.0; W]; R];
+    for k in 0..inner {
+        let Some(row) = b[k * width_b + j..].first_chunk::<W>() else { return W };
+        for r in 0..R {
+            let x = a.at(i + r, k);
+            for w in 0..W {
+                sums[r][w] = fused(x, row[w], sums[r][w]);
             }
         }
-        return;
     }
-    let second = &mut second[..columns];
-    for j in 0..columns {
-        let (mut x, mut y) = (first[j], second[j]);
-        for k in 0..K {
-            let b = b[k][j];
-            x = fused(a0[k], b, x);
-            y = fused(a1[k], b, y);
+    for (r, sums) in sums.iter().enumerate() {
+        for (c, sum) in c[(i + r) * width_c + j..][..W].iter_mut().zip(sums) {
+            *c = fused(sign, *sum, *c);
         }
-        (first[j], second[j]) = (x, y);
     }
+    W
 }
 
 /// Adds `sign` A x to `y`.
