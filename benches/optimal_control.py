@@ -209,7 +209,7 @@ def empirical() -> tuple[float, float, float]:
     """Mean cost of noisy runs over the stated one, its standard error, and the share of the noise in the cost."""
     problem = arm(50)
     scene, plan, rng = problem.scene, ours(problem), np.random.default_rng(0)
-    bodies, density = len(scene.body_names), 1e-2
+    bodies, density = len(scene.body_names), 0.2
     covariance = np.zeros((bodies, 10, 10))
     covariance[:, 0, 0] = (0.02 * scene.inertial_parameters[:, 0]) ** 2
     stated = plan.expected(estimation.MotionUncertainty(parameters=covariance, torque_noise=density, initial=np.full(12, 1e-6)))
