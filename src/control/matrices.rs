@@ -102,10 +102,10 @@ fn add_tile<const R: usize, const W: usize>(
     let mut sums = [[0.0; W]; R];
     for k in 0..inner {
         let Some(row) = b[k * width_b + j..].first_chunk::<W>() else { return W };
-        for r in 0..R {
+        for (r, sums) in sums.iter_mut().enumerate() {
             let x = a.at(i + r, k);
-            for w in 0..W {
-                sums[r][w] = fused(x, row[w], sums[r][w]);
+            for (sum, b) in sums.iter_mut().zip(row) {
+                *sum = fused(x, *b, *sum);
             }
         }
     }
