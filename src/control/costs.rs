@@ -242,8 +242,7 @@ impl Cost {
                 Term::State { q: from, qd: rate, by_q, by_qd } => {
                     s.apart.resize(nv, f64::NAN);
                     scene.difference(of_knot(from, nq, at), q, &mut s.apart)?;
-                    let empty = Turn { first: 0, count: 0, transport: [0.0; 36], jacobian: [0.0; 36] };
-                    s.turns.resize(dynamics.turning(), empty);
+                    s.turns.resize(dynamics.turning(), Turn::default());
                     dynamics.difference_turns(&s.apart, &mut s.turns)?;
                     for row in (0..nv).filter(|&row| by_q[row] > 0.0) {
                         let share = weight * by_q[row];

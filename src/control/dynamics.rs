@@ -11,7 +11,9 @@ use crate::error::{Error, Fault, in_language};
 use crate::filter::Form;
 use crate::joints::{JointKind, Motion};
 use crate::model::StateModel;
+use crate::motion::properties::{check_coulomb, joint_of_row};
 use crate::scene::Scene;
+use nalgebra::Matrix6;
 
 /// Knots that are differentiated, and step lengths that are tried, at once.
 pub const AT_ONCE: usize = 8;
@@ -51,16 +53,11 @@ impl Dynamics {
         let plain = scene.tree().touches().then(|| scene.without_contacts()).transpose()?;
         let scene = plain.as_ref().unwrap_or(scene);
         let (nv, forces) = (scene.nv(), scene.joint_forces());
-        let joint = |row: usize| {
-            scene.tree().joints().iter().find(|joint| joint.v.contains(&row)).map_or("", |joint| &joint.name)
-        };
-        if let Some(row) = forces.curves.iter().position(|curve| !curve.is_flat()) {
-            let found = format!("friction_offset, stribeck or load_friction of joint {:?}", joint(row));
-            return Err(Error::argument("scene", found, "a scene with these properties set to zero"));
-        }
+        check_coulomb(scene.tree(), &forces.curves, "")?;
         let is_coupled = scene.coupling().is_some();
         if is_coupled && let Some(row) = forces.friction.iter().position(|&friction| friction != 0.0) {
-            let found = format!("friction of joint {:?} in a scene whose joints follow others (mimic)", joint(row));
+            let joint = joint_of_row(scene.tree(), row);
+            let found = format!("friction of joint {joint:?} in a scene whose joints follow others (mimic)");
             return Err(Error::argument(
                 "scene",
                 found,
@@ -196,6 +193,24 @@ impl Dynamics {
         self.run(Algorithm::ForwardDynamics(Form::Auto), states.map(|(q, v, _)| (q, v)), out)
     }
 
+    /// The state after a step with the accelerations `a`: v' = v + h a and q' = q exp(x), x = h v'.
+    ///
+    /// # Errors
+    ///
+    /// A result that overflows.
+    pub fn advance(
+        &self,
+        (q, v, a): (&[f64], &[f64], &[f64]),
+        x: &mut [f64],
+        (q_next, v_next): (&mut [f64], &mut [f64]),
+    ) -> Result<(), Error> {
+        for (((x, v_next), v), a) in x.iter_mut().zip(&mut *v_next).zip(v).zip(a) {
+            *v_next = self.h * a + v;
+            *x = self.h * *v_next;
+        }
+        self.scene.integrate(q, x, q_next)
+    }
+
     /// F = h da/d(q, v) + [0, 1], (states x nv x 2 nv), and G = h da/du, (states x nv x controls), of at most
     /// [`AT_ONCE`] states, with the velocities after the step.
     ///
@@ -262,7 +277,7 @@ impl Dynamics {
             for (x, v) in x.iter_mut().zip(&v_next[*first..first + count]) {
                 *x = self.h * v;
             }
-            *turn = Turn { first: *first, count, transport: [0.0; 36], jacobian: [0.0; 36] };
+            *turn = Turn { first: *first, count, ..Turn::default() };
             jacobians(motion, count, &x, (&mut turn.transport, &mut turn.jacobian));
         }
     }
@@ -280,11 +295,14 @@ impl Dynamics {
             let (mut x, mut jacobian, mut aside) = ([0.0; 6], [0.0; 36], [0.0; 36]);
             x[..count].copy_from_slice(&apart[*first..first + count]);
             jacobians(motion, count, &x, (&mut aside, &mut jacobian));
-            let matrix = nalgebra::DMatrix::from_row_slice(count, count, &jacobian[..count * count]);
-            let Some(inverse) = matrix.try_inverse() else {
+            // One beyond the block.
+            let entry = |i: usize, j: usize| {
+                if i.max(j) < count { jacobian[i * count + j] } else { f64::from(u8::from(i == j)) }
+            };
+            let Some(inverse) = Matrix6::from_fn(entry).try_inverse() else {
                 return Err(Error::argument("costs", "a rotation by a whole turn", "configurations that are nearer"));
             };
-            *turn = Turn { first: *first, count, transport: [0.0; 36], jacobian: [0.0; 36] };
+            *turn = Turn { first: *first, count, ..Turn::default() };
             for i in 0..count {
                 for j in 0..count {
                     turn.jacobian[i * count + j] = inverse[(i, j)];

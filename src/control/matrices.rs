@@ -145,56 +145,32 @@ pub fn mirror(a: &mut [f64], n: usize) {
     }
 }
 
-/// Cholesky's factor L of a positive definite matrix (n x n) in place, below the diagonal. Returns the smallest share
-/// of a pivot in its entry of the diagonal, not positive where the matrix is not positive definite.
+/// L^-1 B in place, with the factor L (n x n), whose rows have a given width, and B (n x columns).
 #[inline(always)]
-pub fn factor(a: &mut [f64], n: usize) -> f64 {
-    let mut least = f64::INFINITY;
-    for j in 0..n {
-        let whole = a[j * n + j];
-        let (above, from) = a.split_at_mut(j * n);
-        let row = &mut from[..n];
-        for k in 0..j {
-            let other = &above[k * n..][..=k];
-            row[k] = (row[k] - dot(&row[..k], other)) / other[k];
-        }
-        let pivot = whole - dot(&row[..j], &row[..j]);
-        // A comparison that fails for NaN.
-        if !(pivot > 0.0 && pivot.is_finite()) {
-            return f64::NEG_INFINITY;
-        }
-        least = least.min(pivot / whole);
-        row[j] = pivot.sqrt();
-    }
-    least
-}
-
-/// L^-1 B in place, with the factor L (n x n) and B (n x columns).
-#[inline(always)]
-pub fn solve_lower(l: &[f64], n: usize, b: &mut [f64], columns: usize) {
+pub fn solve_lower((l, width): (&[f64], usize), n: usize, b: &mut [f64], columns: usize) {
     for i in 0..n {
         let (above, from) = b.split_at_mut(i * columns);
         add_product(
             &mut *from,
-            (Read::rows(&l[i * n..], n), above),
+            (Read::rows(&l[i * width..], width), above),
             (1, i, columns),
             (columns, columns),
             (-1.0, false),
         );
-        let share = 1.0 / l[i * n + i];
+        let share = 1.0 / l[i * width + i];
         from[..columns].iter_mut().for_each(|b| *b *= share);
     }
 }
 
 /// L^-T B in place.
 #[inline(always)]
-pub fn solve_upper(l: &[f64], n: usize, b: &mut [f64], columns: usize) {
+pub fn solve_upper((l, width): (&[f64], usize), n: usize, b: &mut [f64], columns: usize) {
     for i in (0..n).rev() {
         let (to, below) = b.split_at_mut((i + 1) * columns);
         let to = &mut to[i * columns..];
-        let column = Read { numbers: &l[((i + 1) * n + i).min(l.len())..], row: 0, column: n };
+        let column = Read { numbers: &l[((i + 1) * width + i).min(l.len())..], row: 0, column: width };
         add_product(to, (column, below), (1, n - 1 - i, columns), (columns, columns), (-1.0, false));
-        let share = 1.0 / l[i * n + i];
+        let share = 1.0 / l[i * width + i];
         for b in to.iter_mut() {
             *b *= share;
         }

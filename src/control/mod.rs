@@ -36,7 +36,6 @@
 //! ```
 
 mod array;
-mod boxed;
 mod costs;
 mod dynamics;
 mod matrices;

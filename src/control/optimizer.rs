@@ -1,13 +1,12 @@
 //! The iterations: derivatives of all steps, the filter from the end to the start, and the motion under its law.
 
 use super::array::write_system;
-use super::boxed::Bounds;
 use super::costs::{Cost, CostScratch, Motion, Term};
 use super::dynamics::{AT_ONCE, Dynamics};
 use super::problem::{Iteration, Linearization, Outcome, Problem, Start};
 use super::rollout::{Laws, Rollouts};
 use super::rows::Rows;
-use super::stage::{Law, Model, Scratch, Sizes, Step, Turn, Value, stage};
+use super::stage::{Bounds, Law, Model, Scratch, Sizes, Step, Turn, Value, stage};
 use crate::error::{Error, check_finite, check_length, check_positive};
 use crate::interrupt;
 use crate::memory;
@@ -29,7 +28,7 @@ pub struct Optimizer {
     defects: Vec<f64>,
     gains: Vec<f64>,
     offsets: Vec<f64>,
-    values: [Value; 2],
+    value: Value,
     stage: Scratch,
     costs: CostScratch,
     rollouts: Rollouts,
@@ -92,20 +91,20 @@ impl Optimizer {
         let has_rate = problem.costs.iter().any(|cost| matches!(cost.term, Term::EffortRate { .. }));
         let sizes = dynamics.sizes(has_rate);
         let (n, m, nan) = (sizes.state(), sizes.controls, |length: usize| vec![f64::NAN; length]);
-        let per_step = (nv * (2 * nv + m) + m * n) as u128 + ((AT_ONCE + 1) * (nq + 2 * nv)) as u128;
-        memory::room("steps", 8 * per_step * steps as u128)?;
-        let empty = Turn { first: 0, count: 0, transport: [0.0; 36], jacobian: [0.0; 36] };
+        let numbers = nv * (2 * nv + m) + m * n + (AT_ONCE + 1) * (nq + 2 * nv);
+        let per_step = numbers * size_of::<f64>() + dynamics.turning() * size_of::<Turn>();
+        memory::room("steps", per_step as u128 * steps as u128)?;
         Ok(Self {
             motion: Motion { q: nan((steps + 1) * nq), qd: nan((steps + 1) * nv), tau: nan(steps * nv) },
             rows: vec![Rows::default(); problem.costs.len()],
             trial_rows: vec![Rows::default(); problem.costs.len()],
             by_state: nan(steps * 2 * nv * nv),
             by_control: nan(steps * nv * m),
-            turns: vec![empty; steps * dynamics.turning()],
+            turns: vec![Turn::default(); steps * dynamics.turning()],
             defects: Vec::new(),
             gains: vec![0.0; steps * m * n],
             offsets: vec![0.0; steps * m],
-            values: [Value::new(sizes), Value::new(sizes)],
+            value: Value::new(sizes),
             stage: Scratch::new(sizes),
             costs: CostScratch::default(),
             rollouts: Rollouts::new(nq, nv, steps),
@@ -282,32 +281,23 @@ impl Optimizer {
                 write_system(self.sizes, &step, &mut a[knot * n * n..][..n * n], &mut b[knot * n * m..][..n * m]);
             }
             let to = &mut hessian[knot * all * all..][..all * all];
-            for (_, start, values) in self.rows.iter().flat_map(|rows| rows.of_knot(knot)) {
-                for (i, x) in (start..).zip(values) {
-                    for (j, y) in (start..).zip(values) {
-                        to[i * all + j] += x * y;
-                    }
-                }
-            }
+            self.rows.iter().for_each(|rows| rows.add_squares(knot, all, to));
         }
         Ok(Linearization { a, b, by_torque, hessian })
     }
 
-    /// As B, for all joints, by the derivatives of one step after another.
+    /// As B, for all joints.
     fn by_torque(&mut self) -> Result<Vec<f64>, Error> {
-        let (nq, nv) = (self.dynamics.scene().nq(), self.sizes.nv);
+        let nv = self.sizes.nv;
         let sizes = Sizes { nv, controls: nv, has_rate: false };
         let driven = std::mem::replace(&mut self.dynamics.driven, (0..nv).collect());
         let mut all = vec![0.0; self.problem.steps * 2 * nv * nv];
-        let (mut f, mut g, mut a) = (vec![0.0; 2 * nv * nv], vec![0.0; nv * nv], vec![0.0; 4 * nv * nv]);
-        let mut done = Ok(());
-        for (k, by_torque) in all.chunks_exact_mut((2 * nv * nv).max(1)).enumerate() {
-            let (motion, rates) = (&self.motion, &self.motion.qd[k * nv..(k + 2) * nv]);
-            let state = (&motion.q[k * nq..][..nq], &rates[..nv], &motion.tau[k * nv..][..nv], &rates[nv..]);
-            let found = self.dynamics.derivatives(std::iter::once(state), (&mut f, &mut g));
-            done = done.and(found.map_err(|fault| fault.error.in_state(k)));
-            let step = Step { by_state: &f, by_control: &g, ..self.step(k) };
-            write_system(sizes, &step, &mut a, by_torque);
+        let mut by_control = vec![0.0; self.problem.steps * nv * nv];
+        let done = self.differentiate(&mut by_control);
+        let mut a = vec![0.0; 4 * nv * nv];
+        let columns = by_control.chunks_exact((nv * nv).max(1));
+        for (k, (by_control, by_torque)) in columns.zip(all.chunks_exact_mut((2 * nv * nv).max(1))).enumerate() {
+            write_system(sizes, &Step { by_control, ..self.step(k) }, &mut a, by_torque);
         }
         self.dynamics.driven = driven;
         done.map(|()| all)
@@ -376,7 +366,7 @@ impl Optimizer {
 
     /// Computes the defects of the motion.
     fn measure_defects(&mut self) -> Result<(), Error> {
-        let (nq, nv, steps, h) = (self.dynamics.scene().nq(), self.sizes.nv, self.problem.steps, self.problem.dt);
+        let (nq, nv, steps) = (self.dynamics.scene().nq(), self.sizes.nv, self.problem.steps);
         self.defects.resize(steps * 2 * nv, 0.0);
         let mut accelerations = vec![f64::NAN; AT_ONCE * nv];
         let (mut x, mut moved) = (vec![0.0; nv], vec![0.0; nq]);
@@ -389,12 +379,12 @@ impl Optimizer {
             self.dynamics.accelerations(states, out).map_err(|fault| fault.error.in_state(first + fault.state))?;
             for k in first..last {
                 let defect = &mut self.defects[k * 2 * nv..][..2 * nv];
-                for i in 0..nv {
-                    let v_next = h * accelerations[(k - first) * nv + i] + motion.qd[k * nv + i];
-                    x[i] = h * v_next;
-                    defect[nv + i] = v_next - motion.qd[(k + 1) * nv + i];
+                let state =
+                    (&motion.q[k * nq..][..nq], &motion.qd[k * nv..][..nv], &accelerations[(k - first) * nv..][..nv]);
+                self.dynamics.advance(state, &mut x, (&mut moved, &mut defect[nv..]))?;
+                for (defect, v) in defect[nv..].iter_mut().zip(&motion.qd[(k + 1) * nv..]) {
+                    *defect -= v;
                 }
-                self.dynamics.scene().integrate(&motion.q[k * nq..][..nq], &x, &mut moved)?;
                 self.dynamics.scene().difference(&motion.q[(k + 1) * nq..][..nq], &moved, &mut defect[..nv])?;
             }
         }
@@ -477,26 +467,31 @@ impl Optimizer {
 
     /// The derivatives of all steps.
     fn linearize(&mut self) -> Result<(), Error> {
-        let (nq, nv, steps, m) = (self.dynamics.scene().nq(), self.sizes.nv, self.problem.steps, self.sizes.controls);
-        let motion = &self.motion;
+        let mut by_control = std::mem::take(&mut self.by_control);
+        let done = self.differentiate(&mut by_control);
+        self.by_control = by_control;
+        let (nv, count) = (self.sizes.nv, self.dynamics.turning());
+        if count > 0 {
+            for (k, turns) in self.turns.chunks_exact_mut(count).enumerate() {
+                self.dynamics.turns(&self.motion.qd[(k + 1) * nv..][..nv], turns);
+            }
+        }
+        done
+    }
+
+    /// F of all steps, and G, (steps x nv x driven), into `by_control`.
+    fn differentiate(&mut self, by_control: &mut [f64]) -> Result<(), Error> {
+        let (nq, nv, steps) = (self.dynamics.scene().nq(), self.sizes.nv, self.problem.steps);
+        let (motion, m) = (&self.motion, self.dynamics.driven.len());
         for first in (0..steps).step_by(AT_ONCE) {
             let last = (first + AT_ONCE).min(steps);
             let states = (first..last).map(|k| {
                 let rates = &motion.qd[k * nv..(k + 2) * nv];
                 (&motion.q[k * nq..][..nq], &rates[..nv], &motion.tau[k * nv..][..nv], &rates[nv..])
             });
-            let (by_state, by_control) = (
-                &mut self.by_state[first * 2 * nv * nv..last * 2 * nv * nv],
-                &mut self.by_control[first * nv * m..last * nv * m],
-            );
-            let done = self.dynamics.derivatives(states, (by_state, by_control));
+            let by_state = &mut self.by_state[first * 2 * nv * nv..last * 2 * nv * nv];
+            let done = self.dynamics.derivatives(states, (by_state, &mut by_control[first * nv * m..last * nv * m]));
             done.map_err(|fault| fault.error.in_state(first + fault.state))?;
-        }
-        let count = self.dynamics.turning();
-        if count > 0 {
-            for (k, turns) in self.turns.chunks_exact_mut(count).enumerate() {
-                self.dynamics.turns(&motion.qd[(k + 1) * nv..][..nv], turns);
-            }
         }
         Ok(())
     }
@@ -515,7 +510,7 @@ impl Optimizer {
     /// The filter from the end to the start. `None` if the curvature of the controls of some step is not positive.
     fn backward(&mut self, damping: f64) -> Option<(Model, usize)> {
         let (nv, n, m, steps) = (self.sizes.nv, self.sizes.state(), self.sizes.controls, self.problem.steps);
-        let [mut value, aside] = std::mem::take(&mut self.values);
+        let mut value = std::mem::take(&mut self.value);
         let mut scratch = std::mem::take(&mut self.stage);
         let (mut gains, mut offsets) = (std::mem::take(&mut self.gains), std::mem::take(&mut self.offsets));
         let [mut lower, mut upper] = std::mem::take(&mut self.bounds);
@@ -541,7 +536,7 @@ impl Optimizer {
             all.curvature += model.curvature;
             array_stages += usize::from(is_array);
         }
-        (self.values, self.stage) = ([value, aside], scratch);
+        (self.value, self.stage) = (value, scratch);
         (self.gains, self.offsets, self.bounds) = (gains, offsets, [lower, upper]);
         is_positive.then_some((all, array_stages))
     }

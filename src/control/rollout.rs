@@ -149,14 +149,11 @@ impl Rollouts {
         (step, lane, length): (usize, usize, f64),
     ) -> Result<(), Error> {
         let motion = &mut self.motions[lane];
-        let (before, after) = motion.qd.split_at_mut((step + 1) * nv);
-        let (v, v_next, x) = (&before[step * nv..], &mut after[..nv], &mut self.increment[..nv]);
-        for i in 0..nv {
-            v_next[i] = dynamics.h * self.accelerations[lane * nv + i] + v[i];
-            x[i] = dynamics.h * v_next[i];
-        }
+        let (rates, rates_next) = motion.qd.split_at_mut((step + 1) * nv);
         let (before, after) = motion.q.split_at_mut((step + 1) * nq);
-        dynamics.scene().integrate(&before[step * nq..], x, &mut after[..nq])?;
+        let (v_next, x) = (&mut rates_next[..nv], &mut self.increment[..nv]);
+        let state = (&before[step * nq..], &rates[step * nv..], &self.accelerations[lane * nv..][..nv]);
+        dynamics.advance(state, x, (&mut after[..nq], v_next))?;
         if !laws.defects.is_empty() && length < 1.0 {
             let defect = &laws.defects[step * 2 * nv..][..2 * nv];
             for i in 0..nv {

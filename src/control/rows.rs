@@ -51,6 +51,18 @@ impl Rows {
         entries.iter().map(|row| (row.error, row.start, &self.values[row.first..row.first + row.length]))
     }
 
+    /// Adds the second derivatives of a knot, without those beyond column `width`, to `hessian`, (width x width).
+    pub fn add_squares(&self, knot: usize, width: usize, hessian: &mut [f64]) {
+        for (_, start, values) in self.of_knot(knot) {
+            let values = &values[..values.len().min(width.saturating_sub(start))];
+            for (i, x) in (start..).zip(values) {
+                for (to, y) in hessian[i * width + start..].iter_mut().zip(values) {
+                    *to += x * y;
+                }
+            }
+        }
+    }
+
     /// Half the sum of the squares of all residuals.
     pub fn cost(&self) -> f64 {
         0.5 * self.entries.iter().map(|row| row.error * row.error).sum::<f64>()

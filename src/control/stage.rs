@@ -10,10 +10,10 @@
 //! so that with E = [h J; 1; 0] the value of the next state enters through E* P' and Z = E* P' E alone.
 
 use super::array::ArrayForm;
-use super::boxed::{Bounds, BoxedMinimum};
 use super::matrices::{Read, add_product, add_times, fused, mirror, solve_lower, solve_upper};
 use super::rows::Rows;
 use crate::batch::instruction_set::within_widest;
+use crate::inverse_kinematics::BoxStep;
 
 /// Numbers of the dimensions of a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -48,6 +48,12 @@ pub struct Turn {
     pub jacobian: [f64; 36],
 }
 
+impl Default for Turn {
+    fn default() -> Self {
+        Self { first: 0, count: 0, transport: [0.0; 36], jacobian: [0.0; 36] }
+    }
+}
+
 /// A step about one knot.
 #[derive(Debug, Clone, Copy)]
 pub struct Step<'a> {
@@ -67,6 +73,13 @@ pub struct Value {
     pub gradient: Vec<f64>,
     /// The triangle R and z of the array form, P = R* R and p = R* z; empty in covariance form.
     pub root: Vec<f64>,
+}
+
+/// Bounds of the change of the controls, (controls) each, within which is zero.
+#[derive(Debug, Clone, Copy)]
+pub struct Bounds<'a> {
+    pub lower: &'a [f64],
+    pub upper: &'a [f64],
 }
 
 /// The law u = k - K x of a stage, with what it changes in the cost.
@@ -112,9 +125,12 @@ pub struct Scratch {
     before: Vec<f64>,
     ahead: Vec<f64>,
     along: Vec<f64>,
+    /// P'_pq T, (controls x nv), and G* of E* P'_p, (controls x controls), with a cost of rates.
+    by_q: Vec<f64>,
+    cross: Vec<f64>,
     /// L^-1 times the free rows of `q_ux`, and then the gains of these.
     y: Vec<f64>,
-    pub(super) boxed: BoxedMinimum,
+    pub(super) boxed: BoxStep,
     array: ArrayForm,
 }
 
@@ -141,8 +157,10 @@ impl Scratch {
             before: nan(n),
             ahead: nan(n),
             along: nan(nv),
+            by_q: nan(if sizes.has_rate { m * nv } else { 0 }),
+            cross: nan(if sizes.has_rate { m * m } else { 0 }),
             y: nan(m * n),
-            boxed: BoxedMinimum::new(m),
+            boxed: BoxStep::new(m),
             array: ArrayForm::default(),
         }
     }
@@ -161,12 +179,10 @@ impl Value {
         self.gradient.fill(0.0);
         self.root.clear();
         for rows in rows {
+            rows.add_squares(knot, n, &mut self.hessian);
             for (error, start, values) in rows.of_knot(knot) {
-                for (i, &a) in values.iter().enumerate().take(n.saturating_sub(start)) {
-                    self.gradient[start + i] += a * error;
-                    for (j, &b) in values.iter().enumerate().take(n - start) {
-                        self.hessian[(start + i) * n + start + j] += a * b;
-                    }
+                for (to, value) in self.gradient.iter_mut().skip(start).zip(values) {
+                    *to += value * error;
                 }
             }
         }
@@ -320,20 +336,21 @@ fn add_rates(s: &mut Scratch, step: &Step<'_>, next: &[f64]) {
     let of_effort = Read { numbers: &s.carried[nx..], row: 1, column: n };
     add_product(&mut s.q_ux, (of_effort, f), (m, nv, nx), (nx, n), (1.0, false));
     // P'_pq T.
-    let mut by_q = vec![0.0; m * nv];
+    let by_q = &mut s.by_q;
     for i in 0..m {
         by_q[i * nv..][..nv].copy_from_slice(&next[(nx + i) * n..][..nv]);
     }
     for turn in step.turns {
-        turn_columns(&mut by_q, nv, (turn.first, turn.count), &turn.transport);
+        turn_columns(by_q, nv, (turn.first, turn.count), &turn.transport);
     }
     for i in 0..m {
         for (to, more) in s.q_ux[i * n..][..nv].iter_mut().zip(&by_q[i * nv..]) {
             *to += more;
         }
     }
-    let mut cross = vec![0.0; m * m];
-    add_product(&mut cross, (of_effort, g), (m, nv, m), (m, m), (1.0, false));
+    let cross = &mut s.cross;
+    cross.fill(0.0);
+    add_product(cross, (of_effort, g), (m, nv, m), (m, m), (1.0, false));
     for i in 0..m {
         for j in 0..m {
             s.q_uu[i * m + j] += cross[i * m + j] + cross[j * m + i] + next[(nx + i) * n + nx + j];
@@ -416,17 +433,24 @@ fn minimize(
     (model, margin): (&mut Model, &mut f64),
 ) {
     let (n, m) = (s.sizes.state(), s.sizes.controls);
-    *margin = s.boxed.minimize(&s.q_uu, &s.q_u, bounds, &mut *offset);
-    if !(*margin > 0.0) {
+    let within = |i: usize| bounds.map_or((f64::NEG_INFINITY, f64::INFINITY), |of| (of.lower[i], of.upper[i]));
+    *margin = f64::NEG_INFINITY;
+    if !s.boxed.minimize(&s.q_uu, &s.q_u, within, offset) {
         return;
     }
-    let free = s.boxed.free();
+    let (free, factor) = (s.boxed.free(), s.boxed.factor());
     let count = free.len();
+    *margin = f64::INFINITY;
+    for (a, &i) in free.iter().enumerate() {
+        // The share of a pivot in its entry of the diagonal.
+        let root = factor[a * m + a];
+        *margin = margin.min(root * root / s.q_uu[i * m + i]);
+    }
     let y = &mut s.y[..count * n];
     for (row, &i) in y.chunks_exact_mut(n.max(1)).zip(free) {
         row.copy_from_slice(&s.q_ux[i * n..][..n]);
     }
-    solve_lower(s.boxed.factor(), count, y, n);
+    solve_lower((factor, m), count, y, n);
     let mut largest: f64 = 0.0;
     for i in 0..n {
         s.before[i] = s.q_xx[i * n + i];
@@ -442,7 +466,7 @@ fn minimize(
     *margin = margin.min(remaining.max(f64::MIN_POSITIVE));
     mirror(&mut s.q_xx, n);
     add_times(&mut s.q_x, Read::transposed(&s.q_ux, n), &*offset, 1.0);
-    solve_upper(s.boxed.factor(), count, y, n);
+    solve_upper((factor, m), count, y, n);
     gain.fill(0.0);
     for (row, &i) in y.chunks_exact(n.max(1)).zip(free) {
         gain[i * n..][..n].copy_from_slice(row);

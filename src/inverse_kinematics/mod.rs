@@ -43,6 +43,7 @@ use crate::workspace::Workspace;
 use descent::{Descent, DescentResult, StopCondition};
 use limits::{Bounds, RateBounds};
 use std::borrow::Borrow;
+pub(crate) use step::BoxStep;
 pub use task::{Goal, Task};
 pub(crate) use task::{Rows as TaskRows, Tasks};
 

@@ -1,7 +1,7 @@
 //! One step: the exact minimum of a convex quadratic within limits.
 
 /// The quadratic g d + d A d / 2 with lower <= d <= upper, where d = 0 is admissible, and scratch memory.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct BoxStep {
     n: usize,
     factor: Vec<f64>,
@@ -29,6 +29,16 @@ impl BoxStep {
             newton_step: numbers(),
             trial: numbers(),
         }
+    }
+
+    /// The coordinates of the last minimizer that no limit holds, in order.
+    pub fn free(&self) -> &[usize] {
+        &self.free
+    }
+
+    /// Cholesky's factor of A on the free coordinates, in the first entries of rows of n.
+    pub fn factor(&self) -> &[f64] {
+        &self.factor
     }
 
     /// Writes the minimizer to `step`. Returns false if A is not positive definite on the free coordinates.

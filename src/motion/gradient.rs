@@ -11,7 +11,7 @@ use super::contact::{ContactReverse, ModeChange, ShapeGradients, check_reproduce
 use super::gradient_layout::{CONTACTS, INPUT, Layout, PARAMETERS, ROWS, RecordedRows, WRENCHES};
 use super::job::Records;
 use super::method::Method;
-use super::properties::joint_of_row;
+use super::properties::check_coulomb;
 use super::reverser::{Job, Reverser};
 use super::rollout::{GRAIN, Rollout};
 use super::torque::{StepFault, Torque};
@@ -260,14 +260,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let expected = "fixed steps, which have gradients";
             return Err(refuse(Error::argument("accuracy", "a simulation with error control", expected)));
         }
-        if let Some(row) = self.settings.properties.curves.iter().position(|curve| !curve.is_flat()) {
-            let found = format!(
-                "gradients with friction_offset, stribeck or load_friction of joint {:?}",
-                joint_of_row(scene, row)
-            );
-            let expected = "a scene with these properties set to zero";
-            return Err(refuse(Error::argument("scene", found, expected)));
-        }
+        check_coulomb(scene, &self.settings.properties.curves, "gradients with ").map_err(refuse)?;
         if every == 0 {
             return Err(refuse(Error::argument("every", "0", "at least 1")));
         }

@@ -167,6 +167,14 @@ fn check_width(name: &str, values: &[f64], (width, states): (usize, usize)) -> R
     if values.len() == width { Ok(()) } else { check_length(name, values.len(), width * states) }
 }
 
+/// Checks that friction is that of Coulomb alone, for `what` (such as "gradients with ").
+pub(crate) fn check_coulomb(scene: &Scene, curves: &[FrictionCurve], what: &str) -> Result<(), Error> {
+    let Some(row) = curves.iter().position(|curve| !curve.is_flat()) else { return Ok(()) };
+    let joint = joint_of_row(scene, row);
+    let found = format!("{what}friction_offset, stribeck or load_friction of joint {joint:?}");
+    Err(Error::argument("scene", found, "a scene with these properties set to zero"))
+}
+
 /// Name of the joint that owns a degree of freedom.
 pub(crate) fn joint_of_row(scene: &Scene, row: usize) -> String {
     scene.joints().iter().find(|joint| joint.v.contains(&row)).map(|joint| joint.name.clone()).unwrap_or_default()
