@@ -64,7 +64,8 @@ methods_in_python! {
     ///     are connections. Connections that the steps of the plan leave by more than 1 mm.
     #[doc = section!(Notes)]
     /// A step is v' = v + dt a, q' = integrate(q, dt v'), that of simulate(method="implicit-euler"): springs, damping and
-    /// friction act at its end, and accelerations satisfy the connections. With limits=False joints pass their stops.
+    /// friction act at its end (those of joints that others follow at its start, as of simulate with
+    /// "semi-implicit-euler"), and accelerations satisfy the connections. With limits=False joints pass their stops.
     ///
     /// The Riccati recursion of the linear-quadratic model about the motion is the Kalman filter of the dynamics, run
     /// from the end of the time to its start; the second derivatives are those of Gauss and Newton. Stages in which it
@@ -132,6 +133,7 @@ impl Residual for Function {
 pub(crate) struct PyOptimizer {
     scene: Py<PyScene>,
     steps: usize,
+    terms: usize,
     raised: Raised,
     has_functions: bool,
     optimizer: Mutex<Optimizer>,
@@ -163,11 +165,15 @@ impl PyOptimizer {
         (problem.tolerance, problem.limit_tolerance, problem.friction_speed) = settings;
         let has_functions = terms.iter().any(|given| given.0 == "function");
         let optimizer = Optimizer::new(&own.scene, problem)?;
-        Ok(Self { scene, steps, raised, has_functions, optimizer: Mutex::new(optimizer) })
+        Ok(Self { scene, steps, terms: terms.len(), raised, has_functions, optimizer: Mutex::new(optimizer) })
     }
 
     /// Replace the targets of terms, which are as many and of the same kinds.
     fn retarget(&self, terms: Vec<GivenTerm<'_>>) -> PyResult<()> {
+        if terms.len() != self.terms {
+            let (found, expected) = (format!("{} terms", terms.len()), format!("{}, as before", self.terms));
+            return Err(Error::argument("costs", found, expected).into());
+        }
         let own = self.scene.get();
         let new = terms
             .iter()

@@ -57,7 +57,19 @@ def four_bar():
     return builder.connect("closure", "point", "l2", xyz=(0, 0, 0.4), other_xyz=(0.6, 0, 0)).build()
 
 
+def coupled():
+    """Two hinges, the second of which follows the first, and a third one; with springs and damping."""
+    builder, last = phipsi.SceneBuilder().link("a"), "a"
+    for i in range(3):
+        builder = builder.link(f"l{i}", mass=1.0, com=(0, 0, -0.3), inertia=np.diag([0.05, 0.06, 0.02]))
+        spring = {"stiffness": 3.0, "damping": 0.4} | ({"mimic": "j0", "mimic_multiplier": -0.5} if i == 1 else {})
+        builder = builder.joint(f"j{i}", "revolute", last, f"l{i}", axis="y", xyz=(0, 0, -0.5), **spring)
+        last = f"l{i}"
+    return builder.build(mimic="couple")
+
+
 SCENES = {
+    "mimic": coupled,
     "arm": lambda: phipsi.load(phipsi.BUNDLED_ARM),
     "floating": lambda: phipsi.load(phipsi.BUNDLED_ARM, floating_base=True),
     "ball": ball,
@@ -85,7 +97,7 @@ def linearization(plan):
     return a, b, by_torque, hessian, driven
 
 
-@pytest.mark.parametrize("kind", ["arm", "ball", "line"])
+@pytest.mark.parametrize("kind", ["arm", "ball", "line", "mimic"])
 def test_motion_is_that_of_the_simulation(kind):
     plan = random_plan(SCENES[kind](), steps=30)
     path = plan.trajectory()
@@ -546,5 +558,7 @@ def test_resuming_with_other_terms_is_refused(arm):
     plan = reach(arm)
     with pytest.raises(ArgumentError, match="costs"):
         plan.resume(plan.q[1], plan.qd[1], costs=[control.State(velocity=1.0)])
+    with pytest.raises(ArgumentError, match="costs: found 1 terms; expected 4"):
+        plan.resume(plan.q[1], plan.qd[1], costs=[control.Effort(10.0)])
     with pytest.raises(ArgumentError, match="k"):
         plan.policy(30, plan.q[0], plan.qd[0])

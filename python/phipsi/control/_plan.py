@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arguments import numbers, whole
+from .._arguments import has_followers, numbers, whole
 from ..errors import ArgumentError, PlanWarning, ShapeError, of_argument, warn
 from ._expected import Expected, expected
 from ._terms import read
@@ -296,8 +296,10 @@ class MotionPlan:
         >>> plan.trajectory().q.shape
         (11, 3)
         """
+        # Springs and damping of joints that follow others act at the start of a step.
+        method = "semi-implicit-euler" if has_followers(self.scene) else "implicit-euler"
         return self.scene.simulate(
-            self.q[0], self.qd[0], dt=self.dt, steps=len(self.tau), tau_steps=self.tau, method="implicit-euler", limits="report", friction_speed=self._problem.friction_speed
+            self.q[0], self.qd[0], dt=self.dt, steps=len(self.tau), tau_steps=self.tau, method=method, limits="report", friction_speed=self._problem.friction_speed
         )
 
     def show(self, **options: Any) -> Any:
