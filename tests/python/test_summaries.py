@@ -12,6 +12,12 @@ SCENE = phipsi.scenes.chain(3)
 ZERO = np.zeros(3)
 RANDOM = np.random.default_rng(0).normal(size=(3, 40, 3))
 TARGET = phipsi.tasks.Position("link2", np.stack([SCENE.placement([0.3, 0.2, 0.1], "link2")[:3, 3], [9.0, 0.0, 0.0]]))
+
+
+def plan() -> phipsi.control.MotionPlan:
+    return SCENE.optimize(ZERO, dt=0.01, steps=5, costs=phipsi.control.Effort(1.0))
+
+
 RESULTS = {
     "trajectory": lambda: SCENE.simulate(RANDOM[0], ZERO, dt=1e-3, steps=5),
     "energy": lambda: SCENE.simulate(ZERO, ZERO, dt=1e-3, steps=5).energy_audit(),
@@ -23,6 +29,9 @@ RESULTS = {
     "estimate": lambda: SCENE.estimate(ZERO, ZERO, ZERO),
     "identification": lambda: SCENE.identify(*RANDOM, SCENE.inverse_dynamics(*RANDOM), noise=0.1),
     "smoothed": lambda: phipsi.smooth(np.arange(40) * 0.01, RANDOM[0]),
+    "plan": plan,
+    "expected": lambda: plan().expected(phipsi.estimation.MotionUncertainty(torque_noise=1e-3)),
+    "regulator": lambda: phipsi.control.lqr(-np.eye(2), np.eye(2), np.ones(2), np.ones(2)),
     "comparison": lambda: phipsi.compare(SCENE, SCENE.with_payload("link2", 1.0)),
 }
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arguments import numbers
+from .._summary import summarized
 from ..errors import ArgumentError, ShapeError, of_argument
 from ..estimation.trajectories import MotionUncertainty
 from ..estimation.uncertainty import ParameterCovariance, _joint_covariance, _per_joint, covariance_root
@@ -20,6 +21,7 @@ __all__ = ["Expected", "expected"]
 _Array = NDArray[np.float64]
 
 
+@summarized
 class Expected(NamedTuple):
     """Cost and motion of the closed loop under uncertainty, to first order in the deviations.
 

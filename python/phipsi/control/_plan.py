@@ -101,7 +101,7 @@ class MotionPlan:
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged: {self.reason}"
-        return f"MotionPlan({len(self.tau)} steps of {self.dt:g} s, cost {self.cost:.6g}, {self.iterations} iterations, {state})"
+        return f"<phipsi.MotionPlan: {len(self.tau)} steps of {self.dt:g} s, cost {self.cost:.6g}, {self.iterations} iterations, {state}>"
 
     @property
     def iterations(self) -> int:
@@ -297,9 +297,15 @@ class MotionPlan:
         (11, 3)
         """
         # Springs and damping of joints that follow others act at the start of a step.
-        method = "semi-implicit-euler" if has_followers(self.scene) else "implicit-euler"
         return self.scene.simulate(
-            self.q[0], self.qd[0], dt=self.dt, steps=len(self.tau), tau_steps=self.tau, method=method, limits="report", friction_speed=self._problem.friction_speed
+            self.q[0],
+            self.qd[0],
+            dt=self.dt,
+            steps=len(self.tau),
+            tau_steps=self.tau,
+            method="semi-implicit-euler" if has_followers(self.scene) else "implicit-euler",
+            limits="report",
+            friction_speed=self._problem.friction_speed,
         )
 
     def show(self, **options: Any) -> Any:

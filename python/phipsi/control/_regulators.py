@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import numbers
+from .._summary import summarized
 from ..errors import ArgumentError, ShapeError, of_argument
 from ._plan import MotionPlan, optimize
 from ._terms import Effort, State, Terminal
@@ -25,6 +26,7 @@ DOUBLINGS = 60
 SETTLED = 1e-13
 
 
+@summarized
 class Regulator(NamedTuple):
     """Constant gains of a linear-quadratic regulator.
 
