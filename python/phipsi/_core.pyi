@@ -4207,9 +4207,9 @@ class Scene:
             of a task is that of its knots. NotPositive(function) is an inequality instead of a cost.
         tau : (nv,) or (steps, nv) array_like, optional
             First joint torques; None: those that hold q0 against gravity.
-        start : Plan or tuple of array_like, optional
+        start : MotionPlan or tuple of array_like, optional
             First q (steps, nq) and qd (steps, nv) of the knots after q0, which the torques need not lead to (multiple
-            shooting), as from Plan.shift; None: the motion of the first torques.
+            shooting), as from MotionPlan.shift; None: the motion of the first torques.
         effort : bool or array_like, default True
             Limits of the torques: True: those of the joints; None: no limits; numbers, (nv,) or (2, nv) with smallest and
             largest torques. A joint with the limit 0 has no control, nor has a floating base.
@@ -4227,7 +4227,7 @@ class Scene:
 
         Returns
         -------
-        plan : phipsi.control.Plan
+        plan : phipsi.control.MotionPlan
             q, qd, tau, gains, cost, converged, reason and history, with policy, shift, resume, show and save.
 
         Raises
@@ -4248,7 +4248,8 @@ class Scene:
         Notes
         -----
         A step is v' = v + dt a, q' = integrate(q, dt v'), that of simulate(method="implicit-euler"): springs, damping and
-        friction act at its end, and accelerations satisfy the connections. With limits=False joints pass their stops.
+        friction act at its end (those of joints that others follow at its start, as of simulate with
+        "semi-implicit-euler"), and accelerations satisfy the connections. With limits=False joints pass their stops.
 
         The Riccati recursion of the linear-quadratic model about the motion is the Kalman filter of the dynamics, run
         from the end of the time to its start; the second derivatives are those of Gauss and Newton. Stages in which it
