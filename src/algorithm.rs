@@ -521,9 +521,13 @@ impl Algorithm {
         }
     }
 
-    /// True if it is a derivative of another algorithm.
-    pub(crate) fn is_derivative(self) -> bool {
-        self.entry().derivative_of.is_some()
+    /// True if it is a product with derivatives.
+    pub(crate) fn is_product(self) -> bool {
+        match self {
+            #[cfg(feature = "derivatives")]
+            Self::Products(_) => true,
+            _ => false,
+        }
     }
 
     /// True if the direction in its seed includes changes of constants (armature, gravity, wrenches, inertial

@@ -392,10 +392,12 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         let mut doubt = doubtful(states.len(), nearness, fault);
         #[cfg(feature = "derivatives")]
         if let (Algorithm::Derivatives(which), true) = (algorithm, GROUP == DERIVATIVES) {
-            let kernel = &mut **derivatives.get_or_insert_with(|| Box::new(DerivativeKernel::new(model, sweeps)));
+            let new = || Box::new(DerivativeKernel::new(scene, constraints));
+            let kernel = &mut **derivatives.get_or_insert_with(new);
             let scratch = sweep_scratch;
             let call = KernelCall { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
-            doubt |= derivatives::run(target, which, call, inverse_columns);
+            let is_connected = algorithm.goes_through_connections() && !constraints.is_empty();
+            doubt |= derivatives::run(target, (which, is_connected), call, inverse_columns);
             if which == Derivatives::MassMatrix {
                 for matrix in out.chunks_exact_mut(model.nv() * model.nv()) {
                     with_transpose(model.nv(), matrix, |a, b| a + b);

@@ -10,6 +10,7 @@ use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::lanes_but;
 use crate::scene::constraint::Constraints;
+use nalgebra::Vector6;
 
 /// Largest number of refinements that remove the rounding error of the rows.
 const CORRECTIONS: usize = 2;
@@ -44,25 +45,41 @@ pub(super) fn run<T: Vectorized, I: Target>(
     call: KernelCall<'_, T, ConnectedKernel<T>>,
     states: usize,
 ) -> u64 {
-    let KernelCall { scene, scratch, kernel: ConnectedKernel { rows, innovations, results }, state, wrenches, out } =
-        call;
-    let nv = innovations.len();
+    let KernelCall { scene, scratch, kernel, state, wrenches, out } = call;
     if form == Form::SquareRoot {
         return u64::MAX;
     }
-    let mut doubt = factors((target, form), scene, (&mut *scratch, rows), (state.0, state.1), &mut results[..nv]);
-    factor::innovations(target, scene, scratch, state, (wrenches, innovations));
-    let vectors = (state.2, &mut innovations[..], &mut results[..nv]);
-    let (_, open) = accelerations(target, scene, scratch, rows, vectors, (!doubt, u64::MAX));
-    doubt |= open;
+    let (nv, mut results) = (scene.0.nv(), std::mem::take(&mut kernel.results));
+    let doubt = solve((target, form), scene, (scratch, kernel), state, wrenches, &mut results[..nv]);
+    let rows = &kernel.rows;
     let m = rows.forces_of_rows.len();
     results[nv..nv + m].copy_from_slice(&rows.forces_of_rows);
     results[nv + m] = rows.rank;
     results[nv + m + 1] = rows.residual;
-    let fault = any_not_finite(results);
+    let fault = any_not_finite(&results);
     let width = out.len() / states.min(T::LANES);
     T::put_lanes(&results[..width], out);
+    kernel.results = results;
     doubt | lanes_but::<T>(|lane| fault.lane(lane) == 0.0)
+}
+
+/// The accelerations of a state, (nv) into `qdd`, with both factors for further right-hand sides, and the forces of the
+/// rows. Returns the lanes that need the fallback.
+#[inline(always)]
+pub(super) fn solve<T: Vectorized, I: Target>(
+    kernels @ (target, _): (I, Form),
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, kernel): (&mut SweepScratch<T>, &mut ConnectedKernel<T>),
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> u64 {
+    let ConnectedKernel { rows, innovations, .. } = kernel;
+    let doubt = factors(kernels, scene, (&mut *scratch, rows), (state.0, state.1), qdd);
+    factor::innovations(target, scene, scratch, state, (wrenches, innovations));
+    let vectors = (state.2, &mut innovations[..], qdd);
+    let (_, open) = accelerations(target, scene, scratch, rows, vectors, (!doubt, u64::MAX));
+    doubt | open
 }
 
 /// The factors of M, in form auto with an error estimate, and of the rows at (q, qd); `estimates` is scratch. Returns the

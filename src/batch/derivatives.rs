@@ -1,16 +1,21 @@
 //! Derivatives for one state per lane of a scalar.
 
 use super::accelerations::{self, KernelCall};
+use super::connected::{self, ConnectedKernel};
 use super::factor::{multiplied_out, with_factor};
 use super::finite::entries_not_finite;
 use super::instruction_set::{Entry, Target, Vectorized, within_target};
 use crate::algorithm::Derivatives;
+use crate::dynamics::constraints::{RowMatrices, RowSolutions};
 use crate::dynamics::derivatives::{DerivativeColumns, Kept, Matrices, Product, in_sweeps};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{InverseColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
+use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, lanes_but};
+use crate::scene::constraint::Constraints;
+use crate::spatial::RigidShift;
 
 /// Scratch beyond that of the dynamics, allocated by the first call.
 #[derive(Debug)]
@@ -24,22 +29,41 @@ pub(super) struct DerivativeKernel<T: Vectorized> {
     matrices: Vec<Entry<T>>,
     /// The index of each of their entries, in order.
     all: Vec<u32>,
+    /// For a scene with connections.
+    connected: Option<Box<Connected<T>>>,
+}
+
+/// Scratch of derivatives through connections.
+#[derive(Debug)]
+struct Connected<T: Vectorized> {
+    kernel: ConnectedKernel<T>,
+    matrices: RowMatrices<T>,
+    /// phi of every body.
+    shifts: Vec<RigidShift<T>>,
 }
 
 impl<T: Vectorized> DerivativeKernel<T> {
     #[cold]
-    pub fn new(model: &Model<T>, sweeps: &SweepModel<T>) -> Self {
+    pub fn new(scene @ (model, sweeps): (&Model<T>, &SweepModel<T>), constraints: &Constraints) -> Self {
         let (nv, nan) = (model.nv(), T::from_f64(f64::NAN));
+        let is_connected = !constraints.is_empty();
         let mut columns = DerivativeColumns::new();
         columns.prepare(model, sweeps);
         let size = 3 * nv * nv;
         Self {
             kept: Kept::new(sweeps, nv),
             columns,
-            product: Product::new(),
+            product: Product::new(is_connected),
             qdd: vec![nan; nv],
             matrices: vec![T::Columns::kept(nan); size],
             all: (0..).take(size).collect(),
+            connected: is_connected.then(|| {
+                Box::new(Connected {
+                    kernel: ConnectedKernel::new(scene, constraints),
+                    matrices: RowMatrices::new((model, constraints)),
+                    shifts: vec![RigidShift::identity(); model.bodies.len()],
+                })
+            }),
         }
     }
 }
@@ -48,20 +72,26 @@ impl<T: Vectorized> DerivativeKernel<T> {
 #[inline(always)]
 pub(super) fn run<T: Vectorized, I: Target>(
     target: I,
-    which: Derivatives,
+    (which, is_connected): (Derivatives, bool),
     call: KernelCall<'_, T, DerivativeKernel<T>>,
     inverse: &mut InverseColumns<T, T::Columns>,
 ) -> u64 {
     let KernelCall { scene, scratch, kernel, state: (q, qd, u), wrenches, out } = call;
-    let DerivativeKernel { kept, columns, product, qdd, matrices, all } = kernel;
+    let DerivativeKernel { kept, columns, product, qdd, matrices, all, connected } = kernel;
+    let mut connected = connected.as_deref_mut().filter(|_| is_connected);
     let (size, form) = (matrices.len(), if let Derivatives::ForwardDynamics(form) = which { Some(form) } else { None });
     let mut doubt = 0;
     if let Some(form) = form {
         if !matches!(form, Form::Auto | Form::Covariance) || !scene.1.is_shallow() {
             return u64::MAX;
         }
-        let call = accelerations::KernelArguments { scene, scratch, state: (q, qd, u), wrenches, qdd };
-        doubt = with_factor(target, form, call);
+        doubt = if let Some(Connected { kernel, .. }) = &mut connected {
+            kernel.rows.compliance.fill(T::zero());
+            connected::solve((target, form), scene, (scratch, kernel), (q, qd, u), wrenches, qdd)
+        } else {
+            let call = accelerations::KernelArguments { scene, scratch, state: (q, qd, u), wrenches, qdd };
+            with_factor(target, form, call)
+        };
     }
     let (kind, qdd) = match which {
         Derivatives::InverseDynamics => (Matrices::Derivatives, Some(u)),
@@ -103,7 +133,14 @@ pub(super) fn run<T: Vectorized, I: Target>(
             }
         }
         let to = if T::LANES > 1 { &mut matrices[..] } else { T::entries_in(&mut *matrices, out) };
+        let states = (q, qd, qdd.unwrap_or(u));
+        if let Some(connected) = &mut connected {
+            doubt |= reduce(target, scene, (connected, product), states, to);
+        }
         let cancels = times_inverse(target, scene, (columns.like(), product, scratch.accepted_of_products), to);
+        if let Some(Connected { matrices, .. }) = connected {
+            subtract_changes(target, matrices, &mut to[..size / 3 * 2]);
+        }
         if form == Some(Form::Auto) {
             doubt |= cancels;
         }
@@ -141,6 +178,34 @@ within_target! {
         out: &'a mut [Entry<T>],
     ) -> () {
         in_sweeps(scene, scratch, state.0, state.1, out);
+    }
+
+    /// Subtracts d(J* lambda)/dq from dtau/dq, and replaces M^-1 by that through the connections. Returns the lanes that
+    /// need the fallback.
+    #[inline(never)]
+    fn reduce<'a, T>(
+        scene: (&'a Model<T>, &'a SweepModel<T>),
+        scratch: (&'a mut Connected<T>, &'a mut Product<T, T::Columns>),
+        state: (&'a [T], &'a [T], &'a [T]),
+        out: &'a mut [Entry<T>],
+    ) -> u64 {
+        let (Connected { kernel: ConnectedKernel { rows, .. }, matrices, shifts }, product) = scratch;
+        placements_base_to_tip(scene.0, state.0, shifts);
+        if matrices.compute(scene.0, shifts, state, &rows.forces_of_rows).is_err() {
+            return u64::MAX;
+        }
+        let (both, inverse) = out.split_at_mut(out.len() / 3 * 2);
+        matrices.subtract_forces::<T::Columns>(both);
+        let RowSolutions { response, solved } = matrices.respond::<T::Columns>(inverse, product.terms_of_inverse(scene));
+        rows.times_gram_inverse(response, solved);
+        matrices.reduce::<T::Columns>(inverse);
+        0
+    }
+
+    /// Subtracts the effect of the changes of the rows from both derivatives.
+    #[inline(never)]
+    fn subtract_changes<'a, T>(matrices: &'a RowMatrices<T>, both: &'a mut [Entry<T>]) -> () {
+        matrices.subtract_changes::<T::Columns>(both);
     }
 
     /// -M^-1 times both derivatives, in place. Returns the lanes that lose precision, as bits.

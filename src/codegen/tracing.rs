@@ -153,7 +153,7 @@ fn derivatives_of_accelerations(
     let inverse = 2 * out.len() / 3;
     tracer.traced.multiplied_out(&mut out[inverse..]);
     let TracedSweeps { model, sweeps, scratch } = &tracer.traced;
-    Product::new().in_place((model, sweeps), (Traced::from_f64(0.0), scratch.accepted_of_products), out)
+    Product::new(false).in_place((model, sweeps), (Traced::from_f64(0.0), scratch.accepted_of_products), out)
 }
 
 pub(super) fn inverse_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {

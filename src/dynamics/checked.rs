@@ -221,9 +221,10 @@ impl Scene {
         }
     }
 
-    /// True if the kernels would compute a wrong result: they support connections in forward dynamics only.
+    /// True if the kernels would compute a wrong result: they support connections in forward dynamics and its
+    /// derivatives.
     fn goes_through_connections(&self, algorithm: Algorithm) -> bool {
-        algorithm.is_derivative() && algorithm.goes_through_connections() && !self.constraints().is_empty()
+        algorithm.is_product() && algorithm.goes_through_connections() && !self.constraints().is_empty()
     }
 
     /// The lengths of the arguments of one state of an algorithm, and whether the kernels support it.

@@ -58,6 +58,15 @@ impl Coupled {
         x - self.polynomial.derivative(0, y)
     }
 
+    /// Adds the torques of a unit force times r: r and -P'(y) r.
+    #[inline(always)]
+    pub fn add_torques<T: Real>(&self, q: &[T], r: T, out: &mut [T]) {
+        out[self.first.v] += r;
+        if let Some(Coordinate { q: at, v, .. }) = self.second {
+            out[v] = out[v].minus_product(r, self.polynomial.derivative(1, q[at]));
+        }
+    }
+
     /// Adds the gradients of r (x'' - P'(y) y'' - P''(y) y'^2) by (q, qd) to `by_q` and `by_qd`.
     #[inline(always)]
     pub fn add_acceleration_gradient<T: Real>(

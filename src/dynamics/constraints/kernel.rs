@@ -188,6 +188,22 @@ impl<T: Real> ConstraintKernel<T> {
         [near, far]
     }
 
+    /// G^-1 of a matrix (m x n), row by row.
+    #[cfg(feature = "derivatives")]
+    #[inline(always)]
+    pub fn times_gram_inverse(&mut self, matrix: &[T], out: &mut [T]) {
+        let count = matrix.len() / self.step.len().max(1);
+        for column in 0..count {
+            for (step, row) in self.step.iter_mut().zip(matrix.chunks_exact(count)) {
+                *step = -row[column];
+            }
+            self.solve();
+            for (step, row) in self.step.iter().zip(out.chunks_exact_mut(count)) {
+                row[column] = *step;
+            }
+        }
+    }
+
     /// Sets the step to zero where `kept` is zero.
     #[inline(always)]
     pub fn mask(&mut self, kept: T) {

@@ -35,6 +35,8 @@ mod mobility;
 #[cfg(feature = "derivatives")]
 mod products;
 mod projection;
+#[cfg(feature = "derivatives")]
+mod row_matrices;
 mod rows;
 mod scratch;
 mod solution;
@@ -60,6 +62,8 @@ pub(crate) use projection::{
 };
 #[cfg(feature = "motion")]
 pub(crate) use projection::{ProjectionStep, record_projection};
+#[cfg(feature = "derivatives")]
+pub(crate) use row_matrices::{RowMatrices, RowSolutions};
 pub(crate) use rows::errors_of_rows;
 #[cfg(test)]
 pub(super) use rows::tests::robot;

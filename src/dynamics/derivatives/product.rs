@@ -16,19 +16,30 @@ pub(crate) struct Product<T: Real, C: ColumnsOf<T>> {
     packed: Vec<[C; 2]>,
     /// The largest entry of each row of M^-1.
     largest: Vec<T>,
+    /// M^-1 has entries between all branches: it is that through connections.
+    is_dense: bool,
 }
 
 impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
     /// Empty scratch.
-    pub fn new() -> Self {
-        Self { blocks: Vec::new(), packed: Vec::new(), largest: Vec::new() }
+    pub fn new(is_dense: bool) -> Self {
+        Self { blocks: Vec::new(), packed: Vec::new(), largest: Vec::new(), is_dense }
+    }
+
+    /// For an M^-1 that is a difference: the largest term of each row, which the caller sets before the product.
+    #[inline(always)]
+    pub fn terms_of_inverse(&mut self, scene: (&Model<T>, &SweepModel<T>)) -> &mut [T] {
+        if self.blocks.is_empty() {
+            self.make(scene.0, scene.1);
+        }
+        &mut self.largest
     }
 
     #[cold]
     fn make(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) {
         let nv = model.nv();
         self.largest = vec![T::from_f64(f64::NAN); nv];
-        let mut holds = vec![vec![false; nv]; nv.div_ceil(C::COLUMNS)];
+        let mut holds = vec![vec![self.is_dense; nv]; nv.div_ceil(C::COLUMNS)];
         sweeps.each_pair(model, |row, column| {
             holds[column / C::COLUMNS][row] = true;
             holds[row / C::COLUMNS][column] = true;
@@ -53,9 +64,7 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
         out: &mut [C::Entry],
     ) -> T {
         let nv = scene.0.nv();
-        if self.blocks.is_empty() {
-            self.make(scene.0, scene.1);
-        }
+        self.terms_of_inverse(scene);
         let terms = self.pack(nv, like, out);
         let (both, inverse) = out.split_at_mut(2 * nv * nv);
         let (of_q, of_qd) = both.split_at_mut(nv * nv);
@@ -93,10 +102,10 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
     /// Packs the blocks. Returns, per lane, the largest sum of the terms of a column.
     #[inline(always)]
     fn pack(&mut self, nv: usize, like: C, out: &[C::Entry]) -> [C; 2] {
-        let Self { blocks, packed, largest } = self;
+        let Self { blocks, packed, largest, is_dense } = self;
         for (i, largest) in largest.iter_mut().enumerate() {
             let row = &out[(2 * nv + i) * nv..][..nv];
-            let mut all = like;
+            let mut all = if *is_dense { like.spread(*largest) } else { like };
             let whole = row.chunks_exact(C::COLUMNS);
             for &entry in whole.remainder() {
                 all = larger(all, like.spread(C::taken(entry).abs()));
