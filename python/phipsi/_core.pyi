@@ -4187,6 +4187,7 @@ class Scene:
         tolerance: float = 1e-6,
         limit_tolerance: float = 1e-6,
         friction_speed: float = 0.2,
+        uncertainty: MotionUncertainty | ArrayLike | object | None = None,
     ) -> MotionPlan:
         """Motion of least cost with its feedback law: iterative LQR with limits of effort and other inequalities.
 

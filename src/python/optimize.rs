@@ -49,6 +49,9 @@ methods_in_python! {
     /// friction_speed : float, default 0.2
     ///     Speed below which friction is viscous, rad/s or m/s; smaller values are nearer to dry friction and need more
     ///     iterations.
+    /// uncertainty : phipsi.estimation.MotionUncertainty or covariance, optional
+    ///     Uncertainty of the start, the parameters and the torques, as of MotionPlan.expected: the plan has the least
+    ///     expected cost under its law, instead of the least cost of the motion. None: no uncertainty.
     #[doc = section!(Returns)]
     /// plan : phipsi.control.MotionPlan
     ///     q, qd, tau, gains, cost, converged, reason and history, with policy, shift, resume, show and save.
@@ -71,6 +74,9 @@ methods_in_python! {
     /// from the end of the time to its start; the second derivatives are those of Gauss and Newton. Stages in which it
     /// cancels are computed again in array form. Step lengths are tried in lanes. O(steps nv^3) per iteration. Inequalities
     /// are an augmented Lagrangian. Results have the same bits on any number of threads.
+    ///
+    /// With an uncertainty, the plan of least cost is moved along the gradient of the expected cost, of which the change
+    /// of the law is a part, until it has no further decrease: that costs some hundred iterations.
     #[doc = section!(Examples)]
     /// >>> from phipsi import control
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
@@ -79,7 +85,8 @@ methods_in_python! {
     /// >>> plan.converged, bool(abs(scene.placement(plan.q[-1], "link6")[:3, 3] - [0.5, 0.1, 0.4]).max() < 1e-3)
     /// (True, True)
     #[pyo3(text_signature = "($self, q0, qd0=None, *, dt, steps, costs, tau=None, start=None, effort=True, limits=True, \
-                             iterations=100, tolerance=1e-6, limit_tolerance=1e-6, friction_speed=0.2)")]
+                             iterations=100, tolerance=1e-6, limit_tolerance=1e-6, friction_speed=0.2, \
+                             uncertainty=None)")]
     fn optimize(q0, qd0 = None) = "phipsi.control._plan", "optimize";
 }
 

@@ -425,6 +425,101 @@ def test_expected_cost_is_the_mean_of_noisy_runs(arm):
     assert abs(ends - 1.0).max() <= tolerances.SIGMAS / np.sqrt(2.0 * runs) + 0.02
 
 
+HEDGED = {
+    "ball": (ball, [control.Effort(3.0)], {}),
+    "loop": (four_bar, [control.Effort(3.0)], {}),
+    "mimic": (coupled, [control.Effort(3.0)], {}),
+    "rate": (ball, [control.Effort(3.0), control.EffortRate(30.0)], {}),
+    "clamped": (lambda: pendulum(2, (4.0, 4.0)), [control.Effort(3.0)], {"effort": True}),
+}
+
+
+def unsure_of(scene):
+    covariance = np.zeros((len(scene.inertial_parameters), 10, 10))
+    covariance[:, 0, 0] = (0.1 * scene.inertial_parameters[:, 0]) ** 2
+    return estimation.MotionUncertainty(parameters=covariance, torque_noise=2e-3, initial=np.full(2 * scene.nv, 1e-4))
+
+
+@pytest.mark.parametrize("kind", HEDGED)
+def test_the_expected_cost_is_least(kind):
+    """Its derivatives along changes of the torques, with rollouts and new laws, vanish."""
+    make, costs, options = HEDGED[kind]
+    scene = make()
+    q, steps = scene.neutral(), 12
+    change = np.linspace(0.5, 0.2, scene.nv)
+    goal = scene.loops.project(scene.integrate(q, change)).q if scene.loops.names else scene.integrate(q, change)
+    costs = [*costs, control.State(goal, position=1.0, velocity=3.0), control.Terminal(control.State(goal, position=0.03, velocity=0.1))]
+    given = {"dt": 0.05, "steps": steps, "costs": costs, "tolerance": 1e-9} | FREE | options
+    unsure = unsure_of(scene)
+    plain = scene.optimize(q, **given)
+    found = scene.optimize(q, **given, uncertainty=unsure)
+    assert found.converged and found.cost > plain.cost
+    assert found.expected(unsure).cost < plain.expected(unsure).cost
+
+    def slopes(plan):
+        rng = np.random.default_rng(1)
+        inside = np.abs(plan.tau) < 0.999 * plan.effort[1]
+        for _ in range(4):
+            way = rng.normal(size=plan.tau.shape) * inside
+            ends = [scene.optimize(q, **given | {"iterations": 0}, tau=plan.tau + sign * 1e-4 * way).expected(unsure).cost for sign in (1, -1)]
+            yield (ends[0] - ends[1]) / 2e-4
+
+    before, after = (np.linalg.norm(list(slopes(plan))) for plan in (plain, found))
+    assert after < 0.02 * before
+
+
+def test_the_expected_cost_of_linear_motion_is_that_of_any_motion():
+    """Where noise acts alike everywhere, the motion of least cost is that of least expected cost."""
+    scene = line()
+    given = {"dt": 0.05, "steps": 10, "costs": [control.Effort(1.0), control.Terminal(control.State(0.3, position=0.01))]}
+    plain = scene.optimize(np.zeros(3), **given, **FREE)
+    found = scene.optimize(np.zeros(3), **given, **FREE, uncertainty=estimation.MotionUncertainty(torque_noise=0.1))
+    assert np.abs(found.q - plain.q).max() < 1e-9
+
+
+def test_least_expected_cost_with_other_masses(arm):
+    """The mean cost of the closed loop with a heavier and with a lighter hand, by simulation."""
+    covariance, spread = np.zeros((6, 10, 10)), 0.4
+    covariance[-1, 0, 0] = spread**2
+    loaded = np.array(arm.inertial_parameters)
+    loaded[-1, 0] += 1.0
+    arm = arm.with_inertial_parameters(loaded)
+    target = (0.5, 0.1, 0.4)
+    costs = [control.Effort(50.0), control.Terminal(tasks.Position("link6", target, position=0.005))]
+    given = {"dt": 0.02, "steps": 50, "costs": [*costs, control.Terminal(control.State(velocity=0.1))]} | FREE
+
+    def cost_with(plan, change):
+        parameters = np.array(arm.inertial_parameters)
+        parameters[-1, 0] += change
+        changed = arm.with_inertial_parameters(parameters)
+        q, qd, cost = plan.q[0], plan.qd[0], 0.0
+        for k in range(len(plan.tau)):
+            tau = plan.tau[k] - plan.gains[k] @ np.concatenate([arm.difference(plan.q[k], q), qd - plan.qd[k]])
+            cost += 0.01 * ((tau / 50.0) ** 2).sum()
+            path = changed.simulate(q, qd, dt=0.02, steps=1, tau=tau, method="implicit-euler", limits="report")
+            q, qd = path.q[-1], path.qd[-1]
+        hand = arm.placement(q, "link6")[:3, 3] - target
+        return cost + 0.5 * (((hand / 0.005) ** 2).sum() + ((qd / 0.1) ** 2).sum())
+
+    means = []
+    for uncertainty in (None, covariance):
+        plan = arm.optimize(np.full(6, 0.1), **given, uncertainty=uncertainty)
+        mean = 0.5 * (cost_with(plan, spread) + cost_with(plan, -spread))
+        excess = plan.expected(covariance).cost - plan.cost
+        # First order.
+        assert abs(mean - plan.cost - excess) < 0.1 * excess
+        means.append(mean)
+    assert means[1] < 0.99 * means[0]
+
+
+def test_uncertainty_needs_a_search(arm):
+    unsure = estimation.MotionUncertainty(torque_noise=1e-3)
+    with pytest.raises(ArgumentError, match="iterations"):
+        reach(arm, uncertainty=unsure, iterations=0)
+    with pytest.raises(ArgumentError, match="uncertainty"):
+        reach(arm, uncertainty=estimation.MotionUncertainty(torque_noise=1e-3, check=100))
+
+
 def test_regulators_solve_their_riccati_equations(arm):
     q, zero = np.full(6, 0.3), np.zeros(6)
     system = arm.linearize(q, zero, arm.gravity_torque(q))

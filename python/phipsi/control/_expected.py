@@ -49,40 +49,86 @@ class Expected(NamedTuple):
     """Covariance of (q in its tangent space, qd), (steps + 1, 2 nv, 2 nv)."""
 
 
-def expected(plan: MotionPlan, uncertainty: Any) -> Expected:
-    """MotionPlan.expected."""
+class _Loop(NamedTuple):
+    """The closed loop of a plan to first order, x = (q in its tangent space, qd, torques of the step before with a cost
+    of their rate): x' = A x + B u, u = -K x, with noise and with errors that are constant along the motion.
+    """
+
+    a: _Array
+    b: _Array
+    by_torque: _Array
+    hessian: _Array
+    """Second derivatives of the cost by (x, u), (steps + 1, n + m, n + m)."""
+    gains: _Array
+    covariance: _Array
+    """Of x by the start and by noise, (steps + 1, n, n)."""
+    sensitivity: _Array
+    """x for each column of the root of the covariance of the constant errors, (steps + 1, n, r)."""
+
+    def whole(self) -> _Array:
+        """Covariance of x, (steps + 1, n, n)."""
+        return self.covariance + self.sensitivity @ np.swapaxes(self.sensitivity, 1, 2)
+
+    def laws(self) -> _Array:
+        """(x, u) by x, (steps + 1, n + m, n); u is zero at the end."""
+        steps, n, m = self.b.shape
+        laws = np.zeros((steps + 1, n + m, n))
+        laws[:, :n] = np.eye(n)
+        laws[:-1, n:] = -self.gains
+        return laws
+
+    def excess(self) -> float:
+        """Expected cost beyond that of the motion."""
+        laws = self.laws()
+        return 0.5 * float(np.sum(self.hessian * (laws @ self.whole() @ np.swapaxes(laws, 1, 2))))
+
+
+def read_uncertainty(uncertainty: Any) -> MotionUncertainty:
+    """An uncertainty as the user gives it."""
     given = uncertainty if isinstance(uncertainty, MotionUncertainty) else MotionUncertainty(parameters=uncertainty)
     if given.check is not None:
         raise of_argument(ArgumentError, "uncertainty", f"found check={given.check!r}; expected None: simulate noisy runs to check a plan")
-    (a, b, by_torque, hessian), driven = plan._problem.optimizer.linearization()
-    steps, n, m = b.shape
-    nv = plan.scene.nv
+    return given
+
+
+def closed_loop(plan: MotionPlan, given: MotionUncertainty, system: Any = None) -> _Loop:
+    """The closed loop of a plan; system: A, B, the derivatives by torques and the Hessians, those of the plan by default."""
+    driven = np.flatnonzero((plan.effort != 0.0).any(axis=0))
+    a, b, by_torque, hessian = plan._problem.optimizer.linearization()[0] if system is None else system
+    steps, n, nv = len(a), a.shape[1], plan.scene.nv
     gains = plan.gains[:, driven, :]
     if plan.rate_gains is not None:
         gains = np.concatenate([gains, plan.rate_gains[:, driven][:, :, driven]], axis=2)
-    noise = np.zeros((steps, n, nv))
-    noise[:, : 2 * nv] = by_torque * np.sqrt(_per_joint(plan.scene, "torque_noise", given.torque_noise) / plan.dt)
-    constant = _constant(plan, given, by_torque, n)
-    covariance = np.zeros((n, n))
-    covariance[: 2 * nv, : 2 * nv] = _initial(given, nv)
-    sensitivity = np.zeros((n, constant.shape[2]))
-    excess, states, efforts = 0.0, [], []
-    for k in range(steps + 1):
-        whole = covariance + sensitivity @ sensitivity.T
-        states.append(whole[: 2 * nv, : 2 * nv])
-        law = np.concatenate([np.eye(n), -gains[k] if k < steps else np.zeros((m, n))])
-        excess += 0.5 * float(np.sum(hessian[k] * (law @ whole @ law.T)))
-        if k == steps:
-            break
-        spread = np.zeros(nv)
-        spread[driven] = np.sqrt(np.maximum(np.diagonal(gains[k] @ whole @ gains[k].T), 0.0))
-        efforts.append(spread)
+    noise = noise_of(plan, given, by_torque)
+    constant = constant_errors(plan, given, (plan.q[:-1], plan.qd[:-1], plan.qd[1:]), by_torque, n)
+    covariance = np.zeros((steps + 1, n, n))
+    covariance[0, : 2 * nv, : 2 * nv] = _initial(given, nv)
+    sensitivity = np.zeros((steps + 1, n, constant.shape[2]))
+    for k in range(steps):
         closed = a[k] - b[k] @ gains[k]
-        covariance = closed @ covariance @ closed.T + noise[k] @ noise[k].T
-        sensitivity = closed @ sensitivity + constant[k]
-    all_states = np.array(states)
-    deviations = np.sqrt(np.maximum(np.diagonal(all_states, axis1=1, axis2=2), 0.0))
-    return Expected(plan.cost + excess, deviations[:, :nv], deviations[:, nv:], np.array(efforts), all_states)
+        covariance[k + 1] = closed @ covariance[k] @ closed.T
+        covariance[k + 1, : 2 * nv, : 2 * nv] += noise[k] @ noise[k].T
+        sensitivity[k + 1] = closed @ sensitivity[k] + constant[k]
+    return _Loop(a, b, by_torque, hessian, gains, covariance, sensitivity)
+
+
+def expected(plan: MotionPlan, uncertainty: Any) -> Expected:
+    """MotionPlan.expected."""
+    loop, nv = closed_loop(plan, read_uncertainty(uncertainty)), plan.scene.nv
+    whole = loop.whole()
+    deviations = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 0.0))
+    efforts = np.zeros((len(plan.tau), nv))
+    driven = np.flatnonzero((plan.effort != 0.0).any(axis=0))
+    of_law = loop.gains @ whole[:-1] @ np.swapaxes(loop.gains, 1, 2)
+    efforts[:, driven] = np.sqrt(np.maximum(np.diagonal(of_law, axis1=1, axis2=2), 0.0))
+    states = np.ascontiguousarray(whole[:, : 2 * nv, : 2 * nv])
+    return Expected(plan.cost + loop.excess(), deviations[:, :nv], deviations[:, nv : 2 * nv], efforts, states)
+
+
+def noise_of(plan: MotionPlan, given: MotionUncertainty, by_torque: _Array) -> _Array:
+    """Root of the covariance that a step adds to (q, qd), (..., 2 nv, nv)."""
+    spread: _Array = by_torque * np.sqrt(_per_joint(plan.scene, "torque_noise", given.torque_noise) / plan.dt)
+    return spread
 
 
 def _initial(given: MotionUncertainty, nv: int) -> _Array:
@@ -97,13 +143,14 @@ def _initial(given: MotionUncertainty, nv: int) -> _Array:
     return root @ root.T
 
 
-def _constant(plan: MotionPlan, given: MotionUncertainty, by_torque: _Array, n: int) -> _Array:
-    """Change of the next state by errors that are constant along the motion, for each column of the root of their
-    covariance, (steps, n, r).
+def constant_errors(
+    plan: MotionPlan, given: MotionUncertainty, motion: tuple[_Array, _Array, _Array], by_torque: _Array, n: int
+) -> _Array:
+    """Change of the next x by errors that are constant along the motion, for each column of the root of their
+    covariance, (steps, n, r); motion: q and qd before and qd after each step.
     """
-    scene, steps, nv = plan.scene, len(plan.tau), plan.scene.nv
-    q, qd, after = plan.q[:-1], plan.qd[:-1], plan.qd[1:]
-    accelerations = (after - qd) / plan.dt
+    scene, nv, (q, qd, after) = plan.scene, plan.scene.nv, motion
+    steps, accelerations = len(q), (after - qd) / plan.dt
     torques: list[_Array] = []
     parameters = ParameterCovariance(scene, given.parameters)
     if len(parameters.columns):

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arguments import has_followers, numbers, whole
 from ..errors import ArgumentError, PlanWarning, ShapeError, of_argument, warn
-from ._expected import Expected, expected
+from ._expected import Expected, expected, read_uncertainty
+from ._hedged import hedged
 from ._terms import read
 
 if TYPE_CHECKING:
@@ -397,6 +398,7 @@ def optimize(
     tolerance: float = 1e-6,
     limit_tolerance: float = 1e-6,
     friction_speed: float = 0.2,
+    uncertainty: Any = None,
 ) -> MotionPlan:
     """Scene.optimize."""
     from .._core import _Optimizer
@@ -406,10 +408,26 @@ def optimize(
     given = read(scene, costs, steps, state)
     bounds = _effort(scene, effort)
     settings = float(tolerance), float(limit_tolerance), float(friction_speed)
-    optimizer = _Optimizer(scene, (float(dt), steps), given, bounds.tolist(), bool(limits), settings)
+    times, iterations = (float(dt), steps), whole("iterations", iterations, 0)
+
+    def problem_of(terms: list[Any], bounds: _Array, limits: bool) -> _Problem:
+        optimizer = _Optimizer(scene, times, terms, bounds.tolist(), limits, settings)
+        return _Problem(scene, times[0], optimizer, bounds, settings[2])
+
     first, states = _start(scene, tau, start, steps)
-    problem = _Problem(scene, float(dt), optimizer, bounds, float(friction_speed))
-    plan = problem.solve(state, first, states, whole("iterations", iterations, 0))
+    plan = problem_of(given, bounds, bool(limits)).solve(state, first, states, iterations)
+    if uncertainty is not None:
+        unsure = read_uncertainty(uncertainty)
+        if iterations == 0:
+            raise of_argument(ArgumentError, "iterations", "found 0 with an uncertainty, whose plan is found by a search; expected at least 1, or plan.expected(uncertainty)")
+
+        def search(near: MotionPlan, more: list[Any]) -> MotionPlan:
+            problem = problem_of([*given, *read(scene, more, steps, state)], bounds, bool(limits))
+            return problem.solve(state, near.tau, (near.q[1:], near.qd[1:]), iterations)
+
+        unlimited = np.copysign(np.where(bounds == 0.0, 0.0, np.inf), bounds)
+        free = problem_of([term for term in given if not term[3]], unlimited, False).optimizer
+        plan = hedged(plan, unsure, free, search, float(tolerance))
     _warn_of_motion(plan)
     return plan
 
