@@ -4187,6 +4187,7 @@ class Scene:
         tolerance: float = 1e-6,
         limit_tolerance: float = 1e-6,
         friction_speed: float = 0.2,
+        smoothing: float = 0.0,
         uncertainty: MotionUncertainty | ArrayLike | object | None = None,
     ) -> MotionPlan:
         """Motion of least cost with its feedback law: iterative LQR with limits of effort and other inequalities.
@@ -6292,7 +6293,7 @@ class _Optimizer:
         terms: list[tuple[str, int, int, bool, Any]],
         effort: list[list[float]] | None,
         has_limits: bool,
-        settings: tuple[float, float, float],
+        settings: tuple[float, float, float, float],
     ) -> _Optimizer: ...
     def retarget(self, terms: list[tuple[str, int, int, bool, Any]]) -> None: ...
     def solve(

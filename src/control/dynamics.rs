@@ -4,6 +4,7 @@
 //! they are measurement noise, r = h (d + c) + h^2 k, beside the armature. Friction is c = f / sqrt(v^2 + v0^2) times
 //! the velocity.
 
+use super::contacts::ContactSteps;
 use super::stage::{Sizes, Turn};
 use crate::algorithm::{Algorithm, Arguments, Derivatives};
 use crate::batch::Evaluator;
@@ -26,6 +27,8 @@ pub struct Dynamics {
     /// Its motion: with r beside the armature, without friction and contacts.
     scene: Scene,
     evaluator: Evaluator,
+    /// The steps in which contacts act, instead of forward dynamics.
+    contacts: Option<ContactSteps>,
     pub h: f64,
     /// h k: springs act on the displacement at the end of the step.
     ahead: Vec<f64>,
@@ -43,13 +46,21 @@ pub struct Dynamics {
 }
 
 impl Dynamics {
-    /// The step of `scene` whose joints `driven` have controls.
+    /// The step of `scene` whose joints `driven` have controls; contacts act if the length `smoothing` is not zero.
     ///
     /// # Errors
     ///
-    /// Friction that is not Coulomb's, and friction of scenes with mimic joints, each by name.
-    pub fn new(scene: &Scene, h: f64, driven: Vec<usize>, friction_speed: f64) -> Result<Self, Error> {
+    /// Friction that is not Coulomb's, and friction of scenes with mimic joints, each by name; scenes whose contacts
+    /// cannot be relaxed.
+    pub fn new(
+        scene: &Scene,
+        h: f64,
+        driven: Vec<usize>,
+        (friction_speed, smoothing): (f64, f64),
+    ) -> Result<Self, Error> {
         let whole = scene.clone();
+        let contacts =
+            if smoothing == 0.0 { None } else { Some(ContactSteps::new(scene, h, friction_speed, smoothing)?) };
         let plain = scene.tree().touches().then(|| scene.without_contacts()).transpose()?;
         let scene = plain.as_ref().unwrap_or(scene);
         let (nv, forces) = (scene.nv(), scene.joint_forces());
@@ -92,6 +103,7 @@ impl Dynamics {
         });
         Ok(Self {
             evaluator: stepping.evaluator(),
+            contacts,
             h,
             has_joint_forces: forces.damping.iter().chain(&forces.stiffness).any(|&value| value != 0.0),
             ahead,
@@ -187,6 +199,9 @@ impl Dynamics {
         states: impl Iterator<Item = (&'a [f64], &'a [f64], &'a [f64])> + Clone,
         out: &mut [f64],
     ) -> Result<(), Fault> {
+        if let Some(contacts) = &mut self.contacts {
+            return contacts.accelerations(states, out);
+        }
         for (state, of) in states.clone().enumerate() {
             self.load(state, of).map_err(|error| Fault { state, error })?;
         }
@@ -222,6 +237,10 @@ impl Dynamics {
         states: impl Iterator<Item = (&'a [f64], &'a [f64], &'a [f64], &'a [f64])> + Clone,
         (by_state, by_control): (&mut [f64], &mut [f64]),
     ) -> Result<(), Fault> {
+        if let Some(contacts) = &mut self.contacts {
+            let states = states.map(|(q, v, u, _)| (q, v, u));
+            return contacts.derivatives(states, &self.driven, (by_state, by_control));
+        }
         for (state, (q, v, u, _)) in states.clone().enumerate() {
             self.load(state, (q, v, u)).map_err(|error| Fault { state, error })?;
         }

@@ -1,7 +1,9 @@
-//! Products and triangles of small dense matrices, row by row, compiled into the functions that call them.
+//! Products and triangles of small dense matrices, row by row.
 //!
 //! The order of all sums is fixed, and products are fused where the crate has lanes: results have the same bits on all
 //! processors.
+
+use crate::batch::instruction_set::within_widest;
 
 /// a b + c.
 #[inline(always)]
@@ -59,35 +61,49 @@ impl<'a> Read<'a> {
     }
 }
 
-/// Adds `sign` A B to C: `size` rows, inner length and columns; B and C begin at their first entries and have `widths`
-/// columns. With `upper`, entries of C left of the diagonal are not complete.
-#[inline(always)]
-pub fn add_product(
-    c: &mut [f64],
-    (a, b): (Read<'_>, &[f64]),
-    (rows, inner, columns): (usize, usize, usize),
-    widths: (usize, usize),
-    (sign, upper): (f64, bool),
-) {
-    let mut i = 0;
-    while i < rows {
-        let mut j = if upper { (i & !3).min(columns) } else { 0 };
-        let four = i + 4 <= rows;
-        while j < columns {
-            let left = columns - j;
-            let at = (i, j, inner);
-            let wide = match (four, left) {
-                (true, 8..) => add_tile::<4, 8>(c, (a, b), at, widths, sign),
-                (true, 4..) => add_tile::<4, 4>(c, (a, b), at, widths, sign),
-                (true, _) => add_tile::<4, 1>(c, (a, b), at, widths, sign),
-                (false, 8..) => add_tile::<1, 8>(c, (a, b), at, widths, sign),
-                (false, 4..) => add_tile::<1, 4>(c, (a, b), at, widths, sign),
-                (false, _) => add_tile::<1, 1>(c, (a, b), at, widths, sign),
+within_widest! {
+    /// Adds `sign` A B to C: `size` rows, inner length and columns; B and C begin at their first entries and have
+    /// `widths` columns. With `upper`, entries of C left of the diagonal are not complete.
+    pub fn add_product<'a>(
+        c: &'a mut [f64],
+        factors: (Read<'a>, &'a [f64]),
+        size: (usize, usize, usize),
+        widths: (usize, usize),
+        kind: (f64, bool),
+    ) {
+        let (rows, inner, columns) = size;
+        let mut i = 0;
+        while i < rows {
+            let at = (i, if kind.1 { (i & !3).min(columns) } else { 0 }, inner);
+            i += match rows - i {
+                4.. => add_strip::<4>(c, factors, (at, columns), widths, kind.0),
+                3 => add_strip::<3>(c, factors, (at, columns), widths, kind.0),
+                2 => add_strip::<2>(c, factors, (at, columns), widths, kind.0),
+                _ => add_strip::<1>(c, factors, (at, columns), widths, kind.0),
             };
-            j += wide;
         }
-        i += if four { 4 } else { 1 };
     }
+}
+
+/// Adds R rows of a product from column j on; returns R.
+#[inline(always)]
+fn add_strip<const R: usize>(
+    c: &mut [f64],
+    factors: (Read<'_>, &[f64]),
+    ((i, mut j, inner), columns): ((usize, usize, usize), usize),
+    widths: (usize, usize),
+    sign: f64,
+) -> usize {
+    while j < columns {
+        let at = (i, j, inner);
+        j += match columns - j {
+            8.. => add_tile::<R, 8>(c, factors, at, widths, sign),
+            4.. => add_tile::<R, 4>(c, factors, at, widths, sign),
+            2.. => add_tile::<R, 2>(c, factors, at, widths, sign),
+            _ => add_tile::<R, 1>(c, factors, at, widths, sign),
+        };
+    }
+    R
 }
 
 /// Adds a tile of R rows and W columns of a product, whose sums stay in registers; returns W.

@@ -36,6 +36,7 @@
 //! ```
 
 mod array;
+mod contacts;
 mod costs;
 mod dynamics;
 mod matrices;

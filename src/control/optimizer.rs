@@ -84,7 +84,7 @@ impl Optimizer {
             }
         }
         let driven = (0..nv).filter(|&row| lower[row] != 0.0 || upper[row] != 0.0).collect();
-        let dynamics = Dynamics::new(scene, problem.dt, driven, problem.friction_speed)?;
+        let dynamics = Dynamics::new(scene, problem.dt, driven, (problem.friction_speed, problem.smoothing))?;
         for (at, cost) in problem.costs.iter_mut().enumerate() {
             cost.check(&dynamics, steps, at)?;
         }

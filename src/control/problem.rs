@@ -27,6 +27,8 @@ pub struct Problem {
     pub limit_tolerance: f64,
     /// Velocity below which friction is viscous, rad/s or m/s.
     pub friction_speed: f64,
+    /// Length by which contacts are relaxed, m, as in [`Settings`](crate::motion::Settings); zero: contacts do not act.
+    pub smoothing: f64,
 }
 
 impl Problem {
@@ -47,6 +49,7 @@ impl Problem {
             tolerance: 1e-6,
             limit_tolerance: 1e-6,
             friction_speed: FRICTION_SPEED_OF_PLANS,
+            smoothing: 0.0,
         }
     }
 

@@ -49,6 +49,9 @@ methods_in_python! {
     /// friction_speed : float, default 0.2
     ///     Speed below which friction is viscous, rad/s or m/s; smaller values are nearer to dry friction and need more
     ///     iterations.
+    /// smoothing : float, default 0
+    ///     Length by which contacts are relaxed, m, as in Scene.simulate, so that a search finds contacts that the first
+    ///     motion does not have; 0: contacts do not act.
     /// uncertainty : phipsi.estimation.MotionUncertainty or covariance, optional
     ///     Uncertainty of the start, the parameters and the torques, as of MotionPlan.expected: the plan has the least
     ///     expected cost under its law, instead of the least cost of the motion. None: no uncertainty.
@@ -57,18 +60,22 @@ methods_in_python! {
     ///     q, qd, tau, gains, cost, converged, reason and history, with policy, shift, resume, show and save.
     #[doc = section!(Raises)]
     /// ArgumentError
-    ///     Friction curves, and friction of joints that others follow; terms and limits that do not fit.
+    ///     Friction curves, and friction of joints that others follow; terms and limits that do not fit; smoothing with
+    ///     connections, with joints that follow others, and with contacts that rebound.
     /// ConstraintError
     ///     A start that violates the connections.
     #[doc = entries!(arguments)]
     #[doc = section!(Warns)]
     /// PlanWarning
     ///     A contact or two shapes that touch along the plan, which is made without contacts: points that stay in contact
-    ///     are connections. Connections that the steps of the plan leave by more than 1 mm.
+    ///     are connections, and smoothing lets contacts act. Connections that the steps of the plan leave by more than 1 mm.
     #[doc = section!(Notes)]
     /// A step is v' = v + dt a, q' = integrate(q, dt v'), that of simulate(method="implicit-euler"): springs, damping and
     /// friction act at its end (those of joints that others follow at its start, as of simulate with
     /// "semi-implicit-euler"), and accelerations satisfy the connections. With limits=False joints pass their stops.
+    ///
+    /// With smoothing, v' is the velocity after a step of simulate(smoothing=...) with method="contact", and its derivatives
+    /// are adjoints of that step, one for each joint velocity.
     ///
     /// The Riccati recursion of the linear-quadratic model about the motion is the Kalman filter of the dynamics, run
     /// from the end of the time to its start; the second derivatives are those of Gauss and Newton. Stages in which it
@@ -86,7 +93,7 @@ methods_in_python! {
     /// (True, True)
     #[pyo3(text_signature = "($self, q0, qd0=None, *, dt, steps, costs, tau=None, start=None, effort=True, limits=True, \
                              iterations=100, tolerance=1e-6, limit_tolerance=1e-6, friction_speed=0.2, \
-                             uncertainty=None)")]
+                             smoothing=0.0, uncertainty=None)")]
     fn optimize(q0, qd0 = None) = "phipsi.control._plan", "optimize";
 }
 
@@ -156,7 +163,7 @@ impl PyOptimizer {
         terms: Vec<GivenTerm<'_>>,
         effort: Option<[Vec<f64>; 2]>,
         has_limits: bool,
-        settings: (f64, f64, f64),
+        settings: (f64, f64, f64, f64),
     ) -> PyResult<Self> {
         let (raised, (dt, steps), own) = (Raised::default(), times, scene.get());
         let mut problem = Problem::new(&own.scene, dt, steps);
@@ -169,7 +176,7 @@ impl PyOptimizer {
         if let Some(effort) = effort {
             problem.effort = effort;
         }
-        (problem.tolerance, problem.limit_tolerance, problem.friction_speed) = settings;
+        (problem.tolerance, problem.limit_tolerance, problem.friction_speed, problem.smoothing) = settings;
         let has_functions = terms.iter().any(|given| given.0 == "function");
         let optimizer = Optimizer::new(&own.scene, problem)?;
         Ok(Self { scene, steps, terms: terms.len(), raised, has_functions, optimizer: Mutex::new(optimizer) })

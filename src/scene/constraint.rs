@@ -199,6 +199,8 @@ impl Scene {
         if !self.constraints.is_empty() {
             self.constraints.allowance = FAR;
             self.identity = crate::model::Identity::unique();
+            // The kernels of this scene have the allowance.
+            self.shared = super::shared::Shared::default();
         }
         self
     }

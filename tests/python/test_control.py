@@ -68,6 +68,24 @@ def coupled():
     return builder.build(mimic="couple")
 
 
+def leg():
+    """A body with a leg, whose foot is 2 cm above the floor."""
+    builder = phipsi.SceneBuilder()
+    for name in ("body", "shank"):
+        builder = builder.link(name, mass=1.0, com=(0, 0, -0.2), inertia=np.diag([0.03, 0.03, 0.01]))
+    builder = builder.joint("knee", "revolute", "body", "shank", axis="y", xyz=(0, 0, -0.4), damping=0.1)
+    return builder.contact("foot", "shank", xyz=(0, 0, -0.4), friction=0.7, offset=-0.82).build(floating_base=True)
+
+
+def pusher():
+    """A hand that can push a block along a rail."""
+    builder = phipsi.SceneBuilder().link("world")
+    for name, effort, damping in (("hand", 50.0, 0.0), ("block", 0.0, 2.0)):
+        builder = builder.link(name, mass=1.0).joint(name, "prismatic", "world", name, axis="x", effort=effort, damping=damping)
+    return builder.contact("touch", "hand", radius=0.05, friction=0.0, other="block", other_radius=0.05).build(gravity=(0, 0, 0))
+
+
+SMOOTHED = {"leg": leg, "pusher": pusher}
 SCENES = {
     "mimic": coupled,
     "arm": lambda: phipsi.load(phipsi.BUNDLED_ARM),
@@ -106,18 +124,19 @@ def test_motion_is_that_of_the_simulation(kind):
     assert abs(path.qd - plan.qd).max() <= scale * 50.0
 
 
-@pytest.mark.parametrize("kind", list(SCENES))
+@pytest.mark.parametrize("kind", [*SCENES, *SMOOTHED])
 def test_derivatives_are_those_of_the_step(kind):
-    scene = SCENES[kind]()
+    scene = (SCENES | SMOOTHED)[kind]()
     costs = [control.Effort(1.0), control.EffortRate(2.0)]
-    plan = random_plan(scene, costs=costs)
+    options = FREE | ({"smoothing": 0.01} if kind in SMOOTHED else {})
+    plan = random_plan(scene, costs=costs, **options)
     a, b, by_torque, _, driven = linearization(plan)
     nv = scene.nv
-    assert list(driven) == [row for row in range(nv) if kind != "floating" or row >= 6]
+    assert list(driven) == [row for row in range(nv) if kind not in {"floating", "leg"} or row >= 6]
 
     def after(q, qd, tau, k):
         # Efforts of a floating base move it too, but are no controls.
-        moved = scene.optimize(q, qd, dt=0.02, steps=1, costs=control.Effort(1.0), tau=tau[None], iterations=0, **FREE)
+        moved = scene.optimize(q, qd, dt=0.02, steps=1, costs=control.Effort(1.0), tau=tau[None], iterations=0, **options)
         return np.concatenate([scene.difference(plan.q[k + 1], moved.q[1]), moved.qd[1]])
 
     for k in (0, 2):
@@ -389,6 +408,56 @@ def test_model_predictive_loop_follows(arm):
     assert plan.iterations == 1
     assert abs(arm.placement(q, "link6")[:3, 3] - target).max() < 0.02
     assert (plan.q[0] == q).all()
+
+
+def test_plans_through_connections_do_not_depend_on_earlier_calls():
+    """The steps of a plan drift from the connections by more than other calls accept: the kernels know."""
+    used, fresh = four_bar(), four_bar()
+    used.forward_dynamics(used.neutral(), np.zeros(3), np.zeros(3))
+    given = {"dt": 0.05, "steps": 20, "costs": [control.Effort(1.0), control.State(qd=2.0, velocity=0.1)]} | FREE
+    with pytest.warns(PlanWarning, match="error of the connections"):
+        plans = [scene.optimize(scene.neutral(), **given) for scene in (used, fresh)]
+    assert abs(used.loops.error(plans[0].q)).max() > 1e-3
+    assert (plans[0].q == plans[1].q).all() and (plans[0].gains == plans[1].gains).all()
+
+
+def test_smoothed_contacts_are_found():
+    """A block that the first motion does not touch is pushed to its goal, also by the exact law."""
+    scene = pusher()
+    goal = control.Terminal(control.State([0.0, 0.5], position=[np.inf, 0.01], velocity=0.1))
+    given = {"dt": 0.02, "steps": 50, "costs": [control.Effort(30.0), goal], "limits": False}
+    # Nothing leads to the block, which no motor moves.
+    apart = scene.optimize([0.0, 0.3], **given)
+    assert apart.q[-1, 1] == 0.3
+    plan = scene.optimize([0.0, 0.3], **given, smoothing=0.01)
+    assert plan.converged and abs(plan.q[-1, 1] - 0.5) < 0.02
+    q, qd = plan.q[0], plan.qd[0]
+    for k in range(50):
+        path = scene.simulate(q, qd, dt=0.02, steps=1, tau=plan.policy(k, q, qd), limits="report")
+        q, qd = path.q[-1], path.qd[-1]
+    assert abs(q[1] - 0.5) < 0.05
+    with pytest.raises(ArgumentError, match="smoothing"):
+        plan.trajectory()
+
+
+def test_a_leg_lands_and_stands():
+    """With contacts that act, weight is carried: the body stays up with the torques of a plan, and only with contacts."""
+    scene = leg()
+    start = np.array(scene.neutral())
+    start[2] = 0.05
+    goal = control.State([0, 0, 0, 0, 0, 0, 1, 0], position=0.05, velocity=0.5)
+    given = {"dt": 0.01, "steps": 40, "costs": [control.Effort(10.0), goal], "limits": False}
+    plan = scene.optimize(start, **given, smoothing=0.005)
+    assert -0.04 < plan.q[-1, 2] < 0.06
+    with pytest.warns(PlanWarning, match="contact 'foot'"):
+        assert scene.optimize(start, **given).q[-1, 2] < -0.3
+
+
+@pytest.mark.parametrize(("make", "words"), [(coupled, "follow others"), (four_bar, "connected"), (line, "without contacts")])
+def test_contacts_that_cannot_be_smoothed(make, words):
+    scene = make()
+    with pytest.raises(ArgumentError, match=f"smoothing.*{words}"):
+        scene.optimize(scene.neutral(), dt=0.02, steps=3, costs=control.Effort(1.0), limits=False, smoothing=0.01)
 
 
 def test_expected_cost_is_the_mean_of_noisy_runs(arm):

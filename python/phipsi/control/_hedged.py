@@ -124,7 +124,7 @@ def gradient_of(plan: MotionPlan, given: MotionUncertainty, free: _Optimizer) ->
         """Parts of the excess that depend on each knot, (steps + 1,)."""
         a, b, by_torque, hessian = system
         closed, noise = a - b @ loop.gains, noise_of(plan, given, by_torque)
-        parts = 0.5 * np.sum(hessian * spread, axis=(1, 2))
+        parts: _Array = 0.5 * np.sum(hessian * spread, axis=(1, 2))
         parts[:-1] += 0.5 * np.sum(value[1:] * (closed @ loop.covariance[:-1] @ np.swapaxes(closed, 1, 2)), axis=(1, 2))
         parts[:-1] += 0.5 * np.sum((value[1:, : 2 * nv, : 2 * nv] @ noise) * noise, axis=(1, 2))
         constant = constant_errors(plan, given, motion, by_torque, n)
@@ -196,9 +196,9 @@ def _directions(plan: MotionPlan) -> Iterator[tuple[int, int, float, NDArray[np.
         for first in (1, 2):
             for which in (0, 1):
                 yield which, column, STEP, np.arange(first, steps + 1, 2)
-    for column in driven:
+    for column in driven.tolist():
         for first in (0, 1):
-            yield 2, int(column), efforts, np.arange(first, steps, 2)
+            yield 2, column, efforts, np.arange(first, steps, 2)
 
 
 def _linearized(free: _Optimizer, q: _Array, qd: _Array, tau: _Array) -> tuple[_Array, ...]:

@@ -297,6 +297,8 @@ class MotionPlan:
         >>> plan.trajectory().q.shape
         (11, 3)
         """
+        if self._problem.smoothing:
+            raise of_argument(ArgumentError, "smoothing", f"found a plan with smoothing={self._problem.smoothing:g}, whose steps are not those of simulate; expected plan.q and plan.qd, or a loop of plan.policy and simulate")
         # Springs and damping of joints that follow others act at the start of a step.
         return self.scene.simulate(
             self.q[0],
@@ -366,6 +368,7 @@ class _Problem:
     optimizer: _Optimizer
     effort: _Array
     friction_speed: float
+    smoothing: float
 
     def solve(
         self, state: tuple[_Array, _Array], tau: _Array | None, states: tuple[_Array, _Array] | None, iterations: int
@@ -398,6 +401,7 @@ def optimize(
     tolerance: float = 1e-6,
     limit_tolerance: float = 1e-6,
     friction_speed: float = 0.2,
+    smoothing: float = 0.0,
     uncertainty: Any = None,
 ) -> MotionPlan:
     """Scene.optimize."""
@@ -407,12 +411,12 @@ def optimize(
     state = _state(scene, q0, np.zeros(scene.nv) if qd0 is None else qd0)
     given = read(scene, costs, steps, state)
     bounds = _effort(scene, effort)
-    settings = float(tolerance), float(limit_tolerance), float(friction_speed)
+    settings = float(tolerance), float(limit_tolerance), float(friction_speed), float(smoothing)
     times, iterations = (float(dt), steps), whole("iterations", iterations, 0)
 
     def problem_of(terms: list[Any], bounds: _Array, limits: bool) -> _Problem:
         optimizer = _Optimizer(scene, times, terms, bounds.tolist(), limits, settings)
-        return _Problem(scene, times[0], optimizer, bounds, settings[2])
+        return _Problem(scene, times[0], optimizer, bounds, settings[2], settings[3])
 
     first, states = _start(scene, tau, start, steps)
     plan = problem_of(given, bounds, bool(limits)).solve(state, first, states, iterations)
@@ -436,13 +440,13 @@ def _warn_of_motion(plan: MotionPlan) -> None:
     """Warn of what the plan touches, and of connections that its steps leave."""
     scene, q = plan.scene, plan.q
     found = ""
-    if scene.contacts.names:
+    if scene.contacts.names and not plan._problem.smoothing:
         gaps = scene.contacts.gaps(q)
         knot, at = np.unravel_index(np.argmin(gaps), gaps.shape)
         if gaps[knot, at] < -CLOSE:
             found = f"contact {scene.contacts.names[at]!r} {1e3 * -gaps[knot, at]:.3g} mm below its surface at step {knot}"
     apart = None
-    if not found and scene.collider_names:
+    if not found and scene.collider_names and not plan._problem.smoothing:
         # Colliders of which no two can touch are refused.
         with contextlib.suppress(ArgumentError):
             apart = scene.distances(q, limit=0.0)
@@ -452,7 +456,7 @@ def _warn_of_motion(plan: MotionPlan) -> None:
             pair = " and ".join(repr(name) for name in apart.pairs[at])
             found = f"shapes {pair} that overlap by {1e3 * -apart.distance[knot, at]:.3g} mm at step {knot}"
     if found:
-        warn(f"plan: found {found}; expected a motion that touches nothing, by tasks.Distance, or connections for points that stay in contact", PlanWarning)
+        warn(f"plan: found {found}; expected a motion that touches nothing, by tasks.Distance, connections for points that stay in contact, or smoothing", PlanWarning)
     if scene.loops.names:
         error = np.abs(scene.loops.error(q)).max(axis=1)
         if error.max() > CLOSE:
