@@ -27,9 +27,9 @@ impl ContactSteps {
     pub fn new(scene: &Scene, h: f64, friction_speed: f64, smoothing: f64) -> Result<Self, Error> {
         let tree = scene.tree();
         let unfit = [
-            (!tree.touches(), "without contacts"),
             (scene.coupling().is_some(), "whose joints follow others (mimic)"),
             (!tree.constraints().is_empty(), "whose links are connected"),
+            (!tree.touches(), "without contacts"),
         ];
         if let Some((_, what)) = unfit.iter().find(|(is_unfit, _)| *is_unfit) {
             let found = format!("{smoothing} for a scene {what}");
