@@ -4226,6 +4226,12 @@ class Scene:
         friction_speed : float, default 0.2
             Speed below which friction is viscous, rad/s or m/s; smaller values are nearer to dry friction and need more
             iterations.
+        smoothing : float, default 0
+            Length by which contacts are relaxed, m, as in Scene.simulate, so that a search finds contacts that the first
+            motion does not have; 0: contacts do not act.
+        uncertainty : phipsi.estimation.MotionUncertainty or covariance, optional
+            Uncertainty of the start, the parameters and the torques, as of MotionPlan.expected: the plan has the least
+            expected cost under its law, instead of the least cost of the motion. None: no uncertainty.
 
         Returns
         -------
@@ -4235,7 +4241,8 @@ class Scene:
         Raises
         ------
         ArgumentError
-            Friction curves, and friction of joints that others follow; terms and limits that do not fit.
+            Friction curves, and friction of joints that others follow; terms and limits that do not fit; smoothing with
+            connections, with joints that follow others, and with contacts that rebound.
         ConstraintError
             A start that violates the connections.
         ShapeError, NotFiniteError, ArgumentError
@@ -4245,7 +4252,7 @@ class Scene:
         -----
         PlanWarning
             A contact or two shapes that touch along the plan, which is made without contacts: points that stay in contact
-            are connections. Connections that the steps of the plan leave by more than 1 mm.
+            are connections, and smoothing lets contacts act. Connections that the steps of the plan leave by more than 1 mm.
 
         Notes
         -----
@@ -4253,10 +4260,16 @@ class Scene:
         friction act at its end (those of joints that others follow at its start, as of simulate with
         "semi-implicit-euler"), and accelerations satisfy the connections. With limits=False joints pass their stops.
 
+        With smoothing, v' is the velocity after a step of simulate(smoothing=...) with method="contact", and its derivatives
+        are adjoints of that step, one for each joint velocity.
+
         The Riccati recursion of the linear-quadratic model about the motion is the Kalman filter of the dynamics, run
         from the end of the time to its start; the second derivatives are those of Gauss and Newton. Stages in which it
         cancels are computed again in array form. Step lengths are tried in lanes. O(steps nv^3) per iteration. Inequalities
         are an augmented Lagrangian. Results have the same bits on any number of threads.
+
+        With an uncertainty, the plan of least cost is moved along the gradient of the expected cost, of which the change
+        of the law is a part, until it has no further decrease: that costs some hundred iterations.
 
         Examples
         --------
