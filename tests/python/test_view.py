@@ -406,7 +406,7 @@ def test_a_page_plays_without_a_network(browser: Any, tmp_path: Path) -> None:
     scene = phipsi.scenes.chain(3)
     path = scene.simulate([0.5, 0.3, 0.2], [2.0, -1.0, 3.0], dt=1e-3, steps=3000, method="rk4", record_every=10)
     file = scene.show(path, to=tmp_path / "page.html")
-    assert file.stat().st_size < 3e6
+    assert file.stat().st_size < 3e6 and player.NIGHT in file.read_text(encoding="utf-8")
     with Opened(browser, file, 600) as opened:
         check_player(opened, opened.page)
         opened.check(file)

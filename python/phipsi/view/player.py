@@ -59,6 +59,10 @@ FIT = """<script>(() => {
   const found = CAMERAS.filter(([aspect]) => aspect <= innerWidth / innerHeight).pop(), get = URLSearchParams.prototype.get;
   if (found) URLSearchParams.prototype.get = function (name) { return name === "initialCameraPosition" ? found[1].join() : get.call(this, name); };
 })()</script>"""
+#: A page is dark if the browser is, as the report around it.
+NIGHT = 'darkMode:matchMedia("(prefers-color-scheme: dark)").matches'
+#: Color of the lines of the ground, visible on white and on black.
+LINES = (140, 140, 140)
 #: Ratios of width to height for which a page has a position of the camera, ascending.
 ASPECTS = (0.1, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.5)
 
@@ -147,7 +151,7 @@ class _Stage:
         self.center = self.server.scene.add_icosphere("/center_of_mass", radius=0.02 * size, color=(220, 60, 40), visible=False)
         wide = 6 * size + 2 * float(np.abs(self.way).max(initial=0.0))
         self.tile, self.beneath, self.shift = below(size), np.array((*middle[:2], low)), np.zeros(3)
-        self.ground = self.server.scene.add_grid("/ground", width=wide, height=wide, cell_size=below(size / 5), section_size=self.tile, position=tuple(self.beneath))
+        self.ground = self.server.scene.add_grid("/ground", width=wide, height=wide, cell_size=below(size / 5), section_size=self.tile, cell_color=LINES, cell_thickness=0.5, section_color=LINES, position=tuple(self.beneath))
         camera = self.server.initial_camera
         camera.fov = float(FIELD)
         camera.position = tuple(self.extent.camera(ASPECTS[-1]))
@@ -218,7 +222,7 @@ class _Stage:
                 self.arrows.show(i)
             serializer.insert_sleep(float(times[i + 1] - times[i]) if i + 1 < len(times) else 0.0)
         script = FIT.replace("CAMERAS", json.dumps([(aspect, list(self.extent.camera(aspect))) for aspect in ASPECTS]))
-        page = str(serializer.as_html()).replace("<title>Viser</title>", f"<title>{escape(title)}</title>", 1)
+        page = str(serializer.as_html()).replace("<title>Viser</title>", f"<title>{escape(title)}</title>", 1).replace("darkMode:false", NIGHT, 1)
         return page.replace("<head>", f"<head>{script}", 1)
 
     def close(self) -> None:
