@@ -66,6 +66,13 @@ def test_a_task_has_a_picture_and_shows_output_instead_of_assertions(page: Path)
     assert page.stem == "index" or "```text" in visible
 
 
+def test_all_guides_have_a_picture() -> None:
+    linked = re.findall(r"\]\(([^)#:]+\.md)\)", (DOCS / "how-to" / "index.md").read_text(encoding="utf-8"))
+    guides = [DOCS / "how-to" / link for link in linked if "reference" not in link] + [DOCS / f"{name}.md" for name in ("index", "tutorial", "motion", "examples")] + [ROOT / "README.md"]
+    without = [page.name for page in guides if not re.search(r"!\[[^\]]{10,}\]\(\S+\.(webp|png)\)", page.read_text(encoding="utf-8"))]
+    assert len(guides) > 30 and not without
+
+
 def test_a_page_whose_code_or_output_is_wrong_is_found(tmp_path: Path) -> None:
     page = "# Title\n\n```python\nx = 1\nprint(x, 2.50)\n```\n\n```text\n1 2.5\n```\n\n```sh\nls\n```\n\n<!-- checks\nassert x == 2\n-->\n"
     text = script(page)
