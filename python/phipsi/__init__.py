@@ -40,6 +40,7 @@ from ._core import (
     set_num_threads,
 )
 from ._cuda import CompiledForCuda
+from ._glossary import missing as __getattr__
 from ._load import load
 from ._motion import (
     PD,

@@ -133,6 +133,9 @@ def compare(first: Scene, second: Scene, *, states: int = 16, seed: int = 0, tol
     >>> print(phipsi.compare(arm, arm.with_payload("flange", 0.5, (0, 0, 0.1))).first)
     link "flange": mass, kg: 0.03 and 0.53 (relative difference 0.94)
     """
+    for name, scene in (("first", first), ("second", second)):
+        if not isinstance(scene, Scene):
+            raise ArgumentError(f"{name}: found {type(scene).__name__}; expected a scene, for a file phipsi.load(file)")
     states = whole("states", states, 1, "a positive integer", most=10_000)
     if not 0.0 < tolerance < 1.0:
         raise ArgumentError(f"tolerance: found {tolerance!r}; expected a number between 0 and 1")

@@ -73,6 +73,18 @@ def test_all_guides_have_a_picture() -> None:
     assert len(guides) > 30 and not without
 
 
+def test_ten_first_jobs_are_one_page_behind_the_index() -> None:
+    """README leads to the index, the index to the page; its example or function is on that page."""
+    assert "(docs/how-to/index.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
+    jobs = re.findall(r"^\| (.*?) \| \[.*?\]\(([\w-]+\.md)(#[\w-]+)?\) \| (.*) \|$", (DOCS / "how-to" / "index.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert len(jobs) == 10
+    for job, page, _, calls in jobs:
+        text = (DOCS / "how-to" / page).read_text(encoding="utf-8")
+        for name in re.findall(r"(?:scene|phipsi|control)\.(?!control|examples)(\w+)", calls):
+            assert name in text, (job, name)
+    assert all((ROOT / "python" / "phipsi" / "examples" / f"{name}.py").is_file() for name in ("hopper", "quadruped", "lift", "panda"))
+
+
 def test_a_page_whose_code_or_output_is_wrong_is_found(tmp_path: Path) -> None:
     page = "# Title\n\n```python\nx = 1\nprint(x, 2.50)\n```\n\n```text\n1 2.5\n```\n\n```sh\nls\n```\n\n<!-- checks\nassert x == 2\n-->\n"
     text = script(page)
