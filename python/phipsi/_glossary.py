@@ -116,7 +116,7 @@ def teach(scene: type) -> None:
     setattr(scene, "__new__", _no_constructor)  # noqa: B010
 
 
-def _no_constructor(scene: type, *_: object, **__: object) -> NoReturn:
+def _no_constructor(scene: type, *given: Any, **named: Any) -> NoReturn:
     raise TypeError(f"cannot create {scene.__name__!r} instances; use phipsi.load(file), or phipsi.SceneBuilder for a scene from code")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import inspect
 import re
 from pathlib import Path
 
@@ -127,6 +128,12 @@ def test_the_index_of_methods_is_complete() -> None:
     text = (DOCS / "reference" / "methods.md").read_text(encoding="utf-8")
     assert text == methods(), "python tests/python/method_page.py docs/reference/methods.md"
     assert all(len(line.split("|")[2].split()) >= 2 for line in text.splitlines() if line.startswith("| ["))
+
+
+def test_the_page_of_motion_groups_every_argument() -> None:
+    (table,) = re.findall(r"^\| group \| arguments \|\n.*?\n\n", (DOCS / "motion.md").read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    named = re.findall(r"`(\w+)`", table)
+    assert sorted(named) == sorted(name for name in inspect.signature(phipsi.Scene.simulate).parameters if name != "self")
 
 
 def test_the_page_of_examples_shows_all_of_them() -> None:
