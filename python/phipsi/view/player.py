@@ -348,9 +348,17 @@ class Viewer:
 
     def _repr_html_(self) -> str:
         """The configuration or the motion as a page within a notebook."""
-        motion = self._motion if self._motion.moves else Motion(self._scene, self._q, None)
-        html = _html(self._scene, self._shapes, motion, self._title)
+        html = _html(self._scene, self._shapes, self._displayed(), self._title)
         return f'<iframe title="{escape(self._title)}" srcdoc="{escape(html)}" style="width: 100%; height: {HEIGHT}px; border: 1px solid #d9dde1"></iframe>'
+
+    def _repr_png_(self) -> bytes:
+        """A picture of the configuration, or of the first one of the motion, where a saved notebook shows no pages."""
+        stream = io.BytesIO()
+        next(picture.frames(self._scene, self._displayed(), self._shapes, [0], picture.MOVING)).save(stream, "png")
+        return stream.getvalue()
+
+    def _displayed(self) -> Motion:
+        return self._motion if self._motion.moves else Motion(self._scene, self._q, None)
 
     def _add_center_of_mass(self) -> None:
         shown = self._stage.server.gui.add_checkbox("center of mass", False)
