@@ -43,7 +43,7 @@ def kept(cell: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def texts(outputs: list[dict[str, Any]]) -> list[str]:
-    """What outputs print, and the kinds of the others."""
+    """Texts of printed outputs, and kinds of the others."""
     return ["".join(output["text"]) if "text" in output else " ".join(sorted(set(output["data"]) - {"text/html"})) for output in outputs]
 
 
