@@ -28,7 +28,7 @@ import phipsi.view  # noqa: E402
 import trimesh  # noqa: E402
 from phipsi._forces import Forces  # noqa: E402
 from phipsi.view.arrows import Arrows  # noqa: E402
-from phipsi.view.player import HOST, MOST, PORTS, RATE, Motion  # noqa: E402
+from phipsi.view.player import HOST, MOST, NIGHT, PORTS, RATE, Motion  # noqa: E402
 from phipsi.view.shapes import find, robot_size, shapes_of  # noqa: E402
 
 LINK = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -406,7 +406,7 @@ def test_a_page_plays_without_a_network(browser: Any, tmp_path: Path) -> None:
     scene = phipsi.scenes.chain(3)
     path = scene.simulate([0.5, 0.3, 0.2], [2.0, -1.0, 3.0], dt=1e-3, steps=3000, method="rk4", record_every=10)
     file = scene.show(path, to=tmp_path / "page.html")
-    assert file.stat().st_size < 3e6 and player.NIGHT in file.read_text(encoding="utf-8")
+    assert file.stat().st_size < 3e6 and NIGHT in file.read_text(encoding="utf-8")
     with Opened(browser, file, 600) as opened:
         check_player(opened, opened.page)
         opened.check(file)

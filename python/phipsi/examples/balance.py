@@ -1,4 +1,4 @@
-"""Balance: three rods on a cart are kept upright by a force on the cart only (linear-quadratic regulator).
+"""Three rods on a cart are kept upright by a force on the cart only: a linear-quadratic regulator.
 
 Run it with phipsi and numpy:
 
