@@ -40,7 +40,6 @@ from ._core import (
     set_num_threads,
 )
 from ._cuda import CompiledForCuda
-from ._glossary import missing as __getattr__
 from ._load import load
 from ._motion import (
     PD,
@@ -85,6 +84,8 @@ from .estimation._smooth import smooth
 from .operators import Factor, Operator
 
 _glossary.teach(Scene)
+# Type checkers would accept every name.
+globals()["__getattr__"] = _glossary.missing
 
 #: `compile` is missing, because `from phipsi import *` would shadow the builtin.
 __all__ = [

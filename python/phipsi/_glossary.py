@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
 import sys
+from pathlib import Path
 from typing import Any, NoReturn
 
 from . import _core
@@ -124,7 +124,8 @@ def missing(name: str) -> NoReturn:
     """Raise AttributeError for an attribute that phipsi does not have; methods of a scene and modules are named."""
     hint, found = "", vars(_core.Scene).get(name)
     if not name.startswith("_"):
-        if importlib.util.find_spec(f"phipsi.{name}") is not None:
+        # An import of a module calls this function too.
+        if Path(__file__).with_name(f"{name}.py").is_file() or Path(__file__).with_name(name).is_dir():
             hint = f"; write import phipsi.{name}"
         elif isinstance(found, Elsewhere):
             hint = f"; {found.hint} of a scene"
