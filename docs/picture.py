@@ -1,12 +1,13 @@
-"""Writes the pictures of README.md, docs/examples.md and docs/how-to/: docs/robot.webp, docs/robots.webp, docs/pictures/, docs/how-to/pictures/.
+"""Writes the pictures of README.md, docs/examples.md and docs/how-to/: docs/robot.webp, docs/robots.webp, docs/simulate.webp, docs/pictures/, docs/how-to/pictures/.
 
-Usage: python docs/picture.py [NAME ...]. Needs phipsi[view], matplotlib, scipy, xacro and
+Usage: python docs/picture.py [NAME ...]. Needs phipsi[view,report], matplotlib, scipy, xacro, playwright with Chromium and
 example-robot-data. Without names, all pictures are written. A name of a how-to page begins with how-to/, such as how-to/lqr.
 """
 
 import os
 import re
 import runpy
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -104,12 +105,30 @@ def of_page(name: str, folder: Path) -> None:
     raise SystemExit(f"{target}: found {target.stat().st_size} bytes; expected at most {LARGEST}: a shorter motion")
 
 
+def of_simulate(folder: Path) -> Image.Image:
+    """The page of `phipsi simulate` in a browser."""
+    sys.path.insert(0, str(ROOT / "tests" / "python"))
+    from browsing import CHROMIUM, OPTIONS, PATIENCE
+    from playwright.sync_api import sync_playwright
+
+    subprocess.run([sys.executable, "-m", "phipsi", "simulate", "-o", str(folder), "--time", "2"], check=True)
+    with sync_playwright() as driver:
+        page = driver.chromium.launch(executable_path=CHROMIUM, args=OPTIONS).new_page(viewport={"width": 1000, "height": 1780})
+        page.goto((folder / "index.html").as_uri())
+        frame = page.frame_locator("iframe.robot")
+        # The warning that there is no graphics processor.
+        frame.locator(".mantine-Notification-closeButton").click(timeout=PATIENCE)
+        page.wait_for_timeout(20_000)
+        page.screenshot(path=folder / "page.png", timeout=PATIENCE)
+    return Image.open(folder / "page.png").convert("RGB").resize((700, 1246), Image.Resampling.LANCZOS)
+
+
 def main(names: list[str]) -> None:
     PICTURES.mkdir(exist_ok=True)
     shown = re.findall(r"pictures/(\w+)\.webp", (ROOT / "docs" / "examples.md").read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as folder:
         for name in names or dict.fromkeys(shown):
-            if name not in ("robot", "robots") and not name.startswith("how-to/"):
+            if name not in ("robot", "robots", "simulate") and not name.startswith("how-to/"):
                 save(*swapped(frames(of_example(name, Path(folder)), SIZE), PICTURES / f"{name}.webp"))
         for page in sorted((ROOT / "docs" / "how-to").glob("*.md")):
             name = f"how-to/{page.stem}"
@@ -123,6 +142,8 @@ def main(names: list[str]) -> None:
                 for i, panel in enumerate(panels):
                     strip[-1].paste(panel[at % len(panel)], (i * PANEL[0], 0))
             save(strip, ROOT / "docs" / "robots.webp", 50, 40)
+        if not names or "simulate" in names:
+            save([of_simulate(Path(folder))], ROOT / "docs" / "simulate.webp", 50)
         if not names or "robot" in names:
             (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
             found: dict[str, Any] = {}

@@ -106,9 +106,12 @@ def _output(output: Any) -> str:
     if output.output_type == "stream":
         return f"```text\n{output.text.rstrip()}\n```"
     data = output.get("data", {})
+    # The page of a robot rather than its picture.
+    if data.get("text/html", "").startswith("<iframe"):
+        # In one line, so that Markdown passes it on as it is.
+        return str(data["text/html"]).replace("\n", "&#10;")
     if "image/png" in data:
         return f'<img alt="what the cell draws" src="data:image/png;base64,{data["image/png"].strip()}">'
     if "text/html" in data:
-        # In one line, so that Markdown passes it on as it is.
-        return str(data["text/html"]).replace("\n", "&#10;") if data["text/html"].startswith("<iframe") else str(data["text/html"])
+        return str(data["text/html"])
     return f"```text\n{data['text/plain']}\n```"

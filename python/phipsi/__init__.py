@@ -84,6 +84,8 @@ from .estimation._smooth import smooth
 from .operators import Factor, Operator
 
 _glossary.teach(Scene)
+# Type checkers would accept every name.
+globals()["__getattr__"] = _glossary.missing
 
 #: `compile` is missing, because `from phipsi import *` would shadow the builtin.
 __all__ = [

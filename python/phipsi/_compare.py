@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from pathlib import Path
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 from ._arguments import whole
 from ._core import Scene
+from ._install import need_pages
 from .errors import ArgumentError, PhipsiError
 
 _Array = NDArray[np.float64]
@@ -41,7 +44,7 @@ class Difference(NamedTuple):
     """Largest difference relative to the larger value; NaN for texts."""
 
     def __str__(self) -> str:
-        values = " and ".join(_text(value) for value in (self.first, self.second))
+        values = " and ".join(text_of(value) for value in (self.first, self.second))
         return f"{self.where}: {self.quantity}: {values}" + (f" (relative difference {self.relative:.2g})" if np.isfinite(self.relative) else "")
 
 
@@ -61,13 +64,16 @@ class Comparison:
         Joints that only one of the robots has, or that differ in type: they are locked at neutral for poses and dynamics.
     note : str
         The reason if poses and dynamics could not be compared, otherwise empty.
+    scenes : tuple of Scene
+        Both robots.
     """
 
     properties: tuple[Difference, ...]
     poses: tuple[Difference, ...]
     dynamics: tuple[Difference, ...]
     locked: tuple[str, ...]
-    note: str = ""
+    note: str
+    scenes: tuple[Scene, Scene] = field(repr=False, compare=False)
 
     def __repr__(self) -> str:
         found = "no difference" if self.same else ", ".join(f"{len(getattr(self, of))} of {of}" for of in ("properties", "poses", "dynamics"))
@@ -82,6 +88,39 @@ class Comparison:
     def first(self) -> Difference | None:
         """The difference that is nearest to the base, or None."""
         return next(iter((*self.properties, *self.poses, *self.dynamics)), None)
+
+    def report(self, file: str | PathLike[str], *, names: tuple[str, str] = ("first", "second")) -> Path:
+        """Write a page with both robots and all differences: the page of `phipsi compare --report`, in one file.
+
+        Parameters
+        ----------
+        file : path
+            File to write, HTML without external resources.
+        names : tuple of str, optional
+            Names of the robots on the page.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        ImportError
+            The packages for pages are not installed.
+
+        Examples
+        --------
+        >>> import phipsi, tempfile
+        >>> arm = phipsi.load(phipsi.BUNDLED_ARM)
+        >>> found = phipsi.compare(arm, arm.with_payload("flange", 0.5, (0, 0, 0.1)))
+        >>> found.report(tempfile.mkdtemp() + "/payload.html", names=("arm", "arm with payload")).name
+        'payload.html'
+        """
+        need_pages()
+        from .report.comparison import write_page
+
+        return write_page(Path(fspath(file)), names, self)
 
     def __str__(self) -> str:
         if self.same:
@@ -133,6 +172,9 @@ def compare(first: Scene, second: Scene, *, states: int = 16, seed: int = 0, tol
     >>> print(phipsi.compare(arm, arm.with_payload("flange", 0.5, (0, 0, 0.1))).first)
     link "flange": mass, kg: 0.03 and 0.53 (relative difference 0.94)
     """
+    for name, scene in (("first", first), ("second", second)):
+        if not isinstance(scene, Scene):
+            raise ArgumentError(f"{name}: found {type(scene).__name__}; expected a scene, for a file phipsi.load(file)")
     states = whole("states", states, 1, "a positive integer", most=10_000)
     if not 0.0 < tolerance < 1.0:
         raise ArgumentError(f"tolerance: found {tolerance!r}; expected a number between 0 and 1")
@@ -143,8 +185,8 @@ def compare(first: Scene, second: Scene, *, states: int = 16, seed: int = 0, tol
         one, two = (_reduced(scene, common) for scene in (first, second))
         poses, dynamics = _at_states(one, two, common, states, seed, tolerance)
     except PhipsiError as error:
-        return Comparison(properties, (), (), locked, f"poses and dynamics were not compared: {error}")
-    return Comparison(properties, tuple(poses), tuple(dynamics), locked)
+        return Comparison(properties, (), (), locked, f"poses and dynamics were not compared: {error}", (first, second))
+    return Comparison(properties, tuple(poses), tuple(dynamics), locked, "", (first, second))
 
 
 def _properties(first: Scene, second: Scene, tolerance: float) -> Iterator[Difference]:
@@ -251,7 +293,7 @@ def _at_states(first: Scene, second: Scene, common: list[str], states: int, seed
     return poses, dynamics
 
 
-def _text(value: Any) -> str:
+def text_of(value: Any) -> str:
     """A value in a line."""
     if value is None or isinstance(value, str):
         return str(value)

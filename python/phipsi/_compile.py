@@ -44,7 +44,7 @@ _LOGGER = logging.getLogger("phipsi")
 _Array: TypeAlias = NDArray[Any]
 #: Flags for every compiler. Functions of one state are not used here, and would take half of the compilation time.
 ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC", "-DROBOT_BATCHES_ALONE")
-#: So many operations, and roughly how long a compiler takes for each.
+#: Number of operations above which a warning states the time, and the approximate time of a compiler per operation, s.
 LONG, SECONDS_EACH = 50_000, 4e-4
 #: Functions that are compiled with the margin of their error estimate in form "auto".
 WATCHED: dict[str, Any] = {name: row["watched"] for name, row in COMPILED.items() if row["watched"]}
@@ -176,7 +176,7 @@ class Compiled(Functions[_Array]):
         return np.stack(found, axis=-3)
 
     def _by_scene(self, function: tuple[str, ...], given: tuple[Any, ...], out: _Array | None, errors: _Errors, more: dict[str, Any] | None) -> Any:
-        """What the scene's own method gives, which says what is wrong."""
+        """Result of the method of the scene, whose errors are complete."""
         name, keywords = function[0], self._keywords[function]
         rounds = self._is_rounded and "dtype" not in keywords
         keywords = {**keywords, **(more or {}), "errors": errors}
@@ -311,7 +311,7 @@ def compile(  # noqa: A001  # phipsi.compile
     if form not in (None, "auto", "covariance"):
         raise of_argument(ArgumentError, "form", f"found {form!r}; expected 'auto' or 'covariance'")
     if form == "auto" and (device == "cuda" or dtype != "float64"):
-        raise of_argument(ArgumentError, "form", f"found 'auto' with device={device!r} and dtype={dtype!r}; expected 'covariance': states are watched in float64 on the CPU")
+        raise of_argument(ArgumentError, "form", f"found 'auto' with device={device!r} and dtype={dtype!r}; expected 'covariance': errors are estimated in float64 on the CPU only")
     if tolerance is not None and (form == "covariance" or device == "cuda" or dtype != "float64"):
         raise of_argument(ArgumentError, "tolerance", f"found {tolerance!r} with form 'covariance', which takes its result as it is; expected form='auto' (of float64, on the CPU), or no tolerance")
     names = None if functions is None else names_of(functions)
@@ -395,7 +395,7 @@ def _dependent(scene: Scene) -> str | None:
 
 
 def _compiled(scene: Scene, functions: tuple[Function, ...], options: dict[str, Any]) -> Compiled:
-    """What pickle calls."""
+    """Reconstruct from a pickle."""
     made: Compiled = compile(scene, functions, **options)
     return made
 
@@ -435,7 +435,7 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
 
 
 def _written(functions: tuple[Function, ...], watched: dict[str, Any]) -> tuple[Any, ...]:
-    """The functions in the code: those that are watched with their margin, in form "auto" also the margin of the factor."""
+    """Functions in the code: those with an error estimate include its margin; form "auto" also needs the margin of the factor."""
     watches = [WATCH] if watched is WATCHED and any(name in WATCHES for name in functions) else []
     return tuple(dict.fromkeys([*(watched.get(str(name), name) for name in functions), *watches]))
 
@@ -479,14 +479,14 @@ def _is_alone_in(group: int) -> bool:
 
 
 def _key(files: dict[str, str], compiler: list[str], flags: list[str]) -> str:
-    """What the machine code depends on, as a name."""
+    """Name of a library: a hash of everything on which its machine code depends."""
     version = _run([*compiler, "--version"]).stdout
     parts = [files["robot.c"], files["robot.h"], *compiler, version, *flags, platform.machine(), _processor()]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
 
 def _processor() -> str:
-    """What this processor can do, for code that is made for it."""
+    """Instruction sets of this processor, for which code is compiled."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
@@ -514,7 +514,7 @@ def _build(files: dict[str, str], command: list[str], library: Path) -> None:
 
 
 def _digest(library: Path) -> str:
-    """What tells a library from any other."""
+    """Hash of a library."""
     return hashlib.sha256(library.read_bytes()).hexdigest()
 
 

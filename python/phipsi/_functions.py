@@ -47,7 +47,7 @@ _OfScene = Literal[
 ]
 _Frame = Literal["local", "world", "local-world-aligned"]
 _Errors = Literal["raise", "nan"]
-#: What to_c and compile know: a name, or of one link (name, link) and (name, link, frame).
+#: Functions for to_c and compile: a name, or for one link (name, link) and (name, link, frame).
 Function: TypeAlias = (
     _OfScene | tuple[Literal["placement"], str] | tuple[Literal["jacobian"], str] | tuple[Literal["jacobian"], str, _Frame]
 )

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import inspect
+import sys
+from pathlib import Path
 from typing import Any, NoReturn
 
 from . import _core
 
-__all__ = ["HINTS", "KEYWORDS", "METHODS", "REMOVED", "RENAMED", "Elsewhere", "of_keyword", "teach"]
+__all__ = ["HINTS", "KEYWORDS", "METHODS", "REMOVED", "RENAMED", "Elsewhere", "missing", "of_keyword", "teach"]
 
 #: Former and present names of attributes of a scene.
 RENAMED = {
@@ -31,7 +33,7 @@ METHODS = {
         "bias_torque": "nle nonLinearEffects nonlinear_effects qfrc_bias bias_force bias_forces h CalcBiasTerm",
         "gravity_torque": "gravity_compensation computeGeneralizedGravity gravity_vector gravity_force gravity_forces generalized_gravity gravload g",
         "coriolis_matrix": "coriolis C computeCoriolisMatrix",
-        "placement": "fk forwardKinematics forward_kinematics fkine framesForwardKinematics oMf oMi xpos CalcPoseInWorld transform link_pose frame_pose get_pose get_link_pose",
+        "placement": "fk forwardKinematics forward_kinematics fkine framesForwardKinematics oMf oMi xpos CalcPoseInWorld transform link_pose frame_pose get_pose get_link_pose pose",
         "placements": "frames_placements all_poses link_poses transforms",
         "jacobian": "computeFrameJacobian getFrameJacobian mj_jacBody jac jacob0 frame_jacobian",
         "jacobian_rate": "getFrameJacobianTimeVariation jdot jacobian_dot jacobian_derivative",
@@ -62,6 +64,8 @@ METHODS = {
         "nv": "dof ndof dofs num_dof njoints degrees_of_freedom num_velocities",
         "nq": "num_positions",
         "armature": "rotorInertia rotor_inertia reflected_inertia",
+        "lock": "with_locked lock_joints fix_joints freeze buildReducedModel build_reduced_model reduced_model",
+        "with_payload": "add_payload attach_payload",
         "to_c": "code codegen generate_code ccode",
         "forward_dynamics_vjp": "products",
     }.items()
@@ -73,7 +77,7 @@ KEYWORDS = {
     "T": ("duration", "steps"), "t_end": ("duration",), "tf": ("duration",), "t_final": ("duration",), "time": ("duration",), "horizon": ("steps",),
     "n": ("steps",), "n_steps": ("steps",), "num_steps": ("steps",), "nsteps": ("steps",), "timestep": ("dt",), "time_step": ("dt",), "h": ("dt",),
     "q0": ("q",), "v0": ("qd",), "qd0": ("qd",), "v": ("qd",), "dq": ("qd",), "qdot": ("qd",), "qvel": ("qd",), "qpos": ("q",),
-    "u": ("tau",), "torque": ("tau",), "torques": ("tau", "tau_steps"), "ctrl": ("tau",), "control": ("tau",), "controller": ("pd", "tau"), "gains": ("pd",),
+    "u": ("tau",), "torque": ("tau",), "torques": ("tau", "tau_steps"), "ctrl": ("tau",), "control": ("tau",), "controller": ("pd", "tau"), "gains": ("pd",), "kp": ("pd",), "kd": ("pd",),
     "integrator": ("method",), "solver": ("method",), "cog": ("com",), "center_of_mass": ("com",), "centre_of_mass": ("com",), "m": ("mass",),
     "payload": ("mass",), "I": ("inertia",), "inertias": ("inertia",), "body": ("link",), "frame": ("link",), "origin": ("xyz",), "position": ("xyz",),
     "translation": ("xyz",), "pos": ("xyz",), "euler": ("rpy",), "orientation": ("rpy", "rotation"), "joint_type": ("type",), "kind": ("type",), "parent_link": ("parent",),
@@ -109,6 +113,25 @@ def teach(scene: type) -> None:
     for name, hint in HINTS.items():
         setattr(scene, name, Elsewhere(scene, name, hint))
     setattr(scene, "__dir__", lambda _: known)  # noqa: B010
+    setattr(scene, "__new__", _no_constructor)  # noqa: B010
+
+
+def _no_constructor(scene: type, *given: Any, **named: Any) -> NoReturn:
+    raise TypeError(f"cannot create {scene.__name__!r} instances; use phipsi.load(file), or phipsi.SceneBuilder for a scene from code")
+
+
+def missing(name: str) -> NoReturn:
+    """Raise AttributeError for an attribute that phipsi does not have; methods of a scene and modules are named."""
+    hint, found = "", vars(_core.Scene).get(name)
+    if not name.startswith("_"):
+        # An import of a module calls this function too.
+        if Path(__file__).with_name(f"{name}.py").is_file() or Path(__file__).with_name(name).is_dir():
+            hint = f"; write import phipsi.{name}"
+        elif isinstance(found, Elsewhere):
+            hint = f"; {found.hint} of a scene"
+        elif callable(found):
+            hint = f"; it is a method of a scene: phipsi.load(file).{name}"
+    raise AttributeError(f"module 'phipsi' has no attribute {name!r}{hint}", name=name, obj=sys.modules["phipsi"])
 
 
 def of_keyword(method: str, name: str) -> str:

@@ -160,8 +160,8 @@ pub(super) fn inverse_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec
     derivatives_of_torques(tracer, (&given[0], &given[1], &given[2]), out);
 }
 
-/// The accelerations of a state, which leave the factor of M in the scratch; if they are watched, with the margin of the
-/// factor, whose test vector estimates the errors of solutions.
+/// The accelerations of a state, which leave the factor of M in the scratch; with an error estimate, the margin
+/// of the factor too, whose test vector estimates the errors of solutions.
 fn accelerations(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], are_watched: bool) -> (Vec<Traced>, Option<Traced>) {
     let mut qdd = vec![Traced::from_f64(f64::NAN); tracer.traced.model.nv()];
     if !are_watched {

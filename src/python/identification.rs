@@ -87,7 +87,7 @@ methods_in_python! {
     ///     decreases with speed) and "load" (friction proportional to the joint torque), and "friction_asymmetry" and
     ///     "damping_asymmetry", half of the difference of "friction" and "damping" between positive and negative
     ///     velocities. With `transmission` these are parameters of motors, and "joint_damping" and "joint_friction" are
-    ///     those of the joints that no motor moves alone. The others are those of the scene.
+    ///     parameters of joints, if no motor moves them alone. Other parameters keep the values of the scene.
     /// noise : float or (nv,) array_like, optional
     ///     Standard deviation of the torques, N m or N. None: estimated from the residuals of least squares, which
     ///     needs at least twice as many measured torques as parameters.

@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+#: Options for a container: no graphics processor, and the root user.
+OPTIONS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 needs_browser = pytest.mark.skipif(CHROMIUM is None and "PHIPSI_NEEDS_BROWSER" not in os.environ, reason="no Chromium is installed")
 
 
@@ -20,9 +22,7 @@ needs_browser = pytest.mark.skipif(CHROMIUM is None and "PHIPSI_NEEDS_BROWSER" n
 def browser() -> Iterator[Any]:
     api = pytest.importorskip("playwright.sync_api")
     with api.sync_playwright() as driver:
-        # Options for a container: no graphics processor, and the root user.
-        options = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-        opened = driver.chromium.launch(executable_path=CHROMIUM, args=options)
+        opened = driver.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
         yield opened
         opened.close()
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import random_scene
+from page_script import differences, script
 from test_codegen import FUNCTIONS, parts
 from tolerances import in_float32
 
@@ -179,8 +180,9 @@ def stand_in(one_thread: str, into: Path, devices: Callable[[], int] = lambda: 1
             return launch
 
     runtime = SimpleNamespace(getDeviceCount=devices, CUDARuntimeError=CudaError)
-    made = {name: taken(getattr(np, name)) for name in ("ascontiguousarray", "asarray", "broadcast_to", "empty", "from_dlpack")}
-    return SimpleNamespace(ndarray=OnGpu, RawModule=RawModule, cuda=SimpleNamespace(runtime=runtime), **made)
+    made: dict[str, Any] = {name: taken(getattr(np, name)) for name in ("ascontiguousarray", "asarray", "broadcast_to", "empty", "from_dlpack")}
+    made["random"] = SimpleNamespace(uniform=taken(np.random.default_rng(0).uniform))
+    return SimpleNamespace(ndarray=OnGpu, float32=np.float32, RawModule=RawModule, cuda=SimpleNamespace(runtime=runtime), **made)
 
 
 @pytest.fixture
@@ -209,6 +211,14 @@ def test_batches_of_any_shape_and_library(gpu: Any, dtype: str) -> None:
     qdd = fast.forward_dynamics(given["q"], given["qd"][0], given["u"][0, 0])
     tau = fast.inverse_dynamics(given["q"], given["qd"][0], qdd)
     np.testing.assert_allclose(tau, np.broadcast_to(given["u"][0, 0], tau.shape), rtol=0, atol=EPSILON[dtype] * 1e4 * float(np.max(np.abs(tau))))
+
+
+@pytest.mark.usefixtures("gpu")
+def test_the_output_of_the_page_is_that_of_the_substitute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "cuda.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script(page), "cuda.md", "exec"), {"__name__": "__main__"})
+    assert not differences(page, capsys.readouterr().out, every=True)
 
 
 def test_arguments_that_are_broken_are_named(gpu: Any) -> None:

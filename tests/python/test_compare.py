@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -101,3 +102,17 @@ def test_the_command(tmp_path: Path) -> None:
     content = json.loads(run.invoke(group, ["compare", str(tmp_path / "arm.urdf"), str(tmp_path / "loaded.urdf"), "--json"]).stdout)
     assert not content["same"] and content["properties"][0]["first"] == 0.03 and content["dynamics"]
     assert run.invoke(group, ["compare", str(tmp_path / "arm.urdf"), str(tmp_path / "none.urdf")]).exit_code == 2
+
+
+def test_the_page(tmp_path: Path) -> None:
+    pytest.importorskip("jinja2")
+    ARM.to_urdf(tmp_path / "arm.urdf")
+    ARM.lock(["joint5"], ARM.neutral()).to_urdf(tmp_path / "locked.urdf")
+    page = tmp_path / "page.html"
+    done = CliRunner().invoke(group, ["compare", str(tmp_path / "arm.urdf"), str(tmp_path / "locked.urdf"), "--report", str(page)])
+    assert done.exit_code == 1, done.output
+    text = page.read_text(encoding="utf-8")
+    assert "arm and locked" in text and "1 joint of one robot only, locked at neutral here and for the dynamics: joint5." in text
+    assert "joints of one robot only" in text and "http://" not in re.sub(r"srcdoc=\".*?\"", "", text, flags=re.DOTALL)
+    same = phipsi.compare(ARM, ARM).report(tmp_path / "same.html", names=("one", "other"))
+    assert "The robots are the same within the tolerance." in same.read_text(encoding="utf-8")

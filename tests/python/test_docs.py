@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import inspect
 import re
 from pathlib import Path
 
@@ -66,6 +67,25 @@ def test_a_task_has_a_picture_and_shows_output_instead_of_assertions(page: Path)
     assert page.stem == "index" or "```text" in visible
 
 
+def test_all_guides_have_a_picture() -> None:
+    linked = re.findall(r"\]\(([^)#:]+\.md)\)", (DOCS / "how-to" / "index.md").read_text(encoding="utf-8"))
+    guides = [DOCS / "how-to" / link for link in linked if "reference" not in link] + [DOCS / f"{name}.md" for name in ("index", "tutorial", "motion", "examples")] + [ROOT / "README.md"]
+    without = [page.name for page in guides if not re.search(r"!\[[^\]]{10,}\]\(\S+\.(webp|png)\)", page.read_text(encoding="utf-8"))]
+    assert len(guides) > 30 and not without
+
+
+def test_ten_first_jobs_are_one_page_behind_the_index() -> None:
+    """README leads to the index, the index to the page; its example or function is on that page."""
+    assert "(docs/how-to/index.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
+    jobs = re.findall(r"^\| (.*?) \| \[.*?\]\(([\w-]+\.md)(#[\w-]+)?\) \| (.*) \|$", (DOCS / "how-to" / "index.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert len(jobs) == 10
+    for job, page, _, calls in jobs:
+        text = (DOCS / "how-to" / page).read_text(encoding="utf-8")
+        for name in re.findall(r"(?:scene|phipsi|control)\.(?!control|examples)(\w+)", calls):
+            assert name in text, (job, name)
+    assert all((ROOT / "python" / "phipsi" / "examples" / f"{name}.py").is_file() for name in ("hopper", "quadruped", "lift", "panda"))
+
+
 def test_a_page_whose_code_or_output_is_wrong_is_found(tmp_path: Path) -> None:
     page = "# Title\n\n```python\nx = 1\nprint(x, 2.50)\n```\n\n```text\n1 2.5\n```\n\n```sh\nls\n```\n\n<!-- checks\nassert x == 2\n-->\n"
     text = script(page)
@@ -108,6 +128,12 @@ def test_the_index_of_methods_is_complete() -> None:
     text = (DOCS / "reference" / "methods.md").read_text(encoding="utf-8")
     assert text == methods(), "python tests/python/method_page.py docs/reference/methods.md"
     assert all(len(line.split("|")[2].split()) >= 2 for line in text.splitlines() if line.startswith("| ["))
+
+
+def test_the_page_of_motion_groups_every_argument() -> None:
+    (table,) = re.findall(r"^\| group \| arguments \|\n.*?\n\n", (DOCS / "motion.md").read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    named = re.findall(r"`(\w+)`", table)
+    assert sorted(named) == sorted(name for name in inspect.signature(phipsi.Scene.simulate).parameters if name != "self")
 
 
 def test_the_page_of_examples_shows_all_of_them() -> None:

@@ -69,3 +69,11 @@ def test_robots_are_found_by_name() -> None:
     assert examples.robot("go2_description/urdf/go2.urdf").is_file()
     with pytest.raises(FileNotFoundError, match="go9.urdf: found no such file below .*robots; expected a robot of example-robot-data"):
         examples.robot("go2_description/urdf/go9.urdf")
+
+
+def test_the_list_of_examples_names_the_packages_that_each_needs() -> None:
+    for name, path in command.scripts().items():
+        source = path.read_text(encoding="utf-8")
+        imported = {word.partition(".")[0] for word in re.findall(r"^(?:from|import) ([\w.]+)", source, flags=re.MULTILINE)} - set(sys.stdlib_module_names)
+        needed = (imported - {"numpy", "phipsi", "__future__"}) | set(SHORT.get(name, ()))
+        assert all(f"(needs {package})" in command.summary(path) for package in needed), (name, needed)

@@ -7,6 +7,8 @@ from __future__ import annotations
 import builtins
 import pickle
 import re
+import subprocess
+import sys
 import warnings
 from operator import attrgetter
 from pathlib import Path
@@ -83,6 +85,27 @@ def test_a_former_name_of_trajectories(arm: phipsi.Scene) -> None:
 def test_an_unknown_attribute_is_named(arm: phipsi.Scene) -> None:
     with pytest.raises(AttributeError, match="Scene' object has no attribute 'forward_dynamic'$"):
         arm.forward_dynamic  # type: ignore[attr-defined] # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: phipsi.Scene("robot.urdf"), TypeError, r"cannot create 'Scene' instances; use phipsi.load\(file\)"),
+        (lambda: phipsi.simulate(1), AttributeError, r"no attribute 'simulate'; it is a method of a scene: phipsi.load\(file\).simulate"),
+        (lambda: phipsi.rnea, AttributeError, "module 'phipsi' has no attribute 'rnea'; use 'inverse_dynamics' of a scene"),
+        (lambda: phipsi.pinoccio, AttributeError, "module 'phipsi' has no attribute 'pinoccio'$"),
+        (lambda: phipsi.compare("one.urdf", "other.urdf"), ArgumentError, r"first: found str; expected a scene, for a file phipsi.load\(file\)"),
+        (lambda: phipsi.scenes.chain(1).optimize([0.0], dt=0.1, steps=2, costs=[]), ArgumentError, "costs: found none; expected terms"),
+    ],
+)
+def test_first_mistakes_lead_to_the_right_call(call: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        call()
+
+
+def test_a_module_that_is_not_imported_is_named() -> None:
+    done = subprocess.run([sys.executable, "-c", "import phipsi; phipsi.pinocchio"], capture_output=True, text=True, check=False)
+    assert "AttributeError: module 'phipsi' has no attribute 'pinocchio'; write import phipsi.pinocchio" in done.stderr
 
 
 def test_former_names_of_fields(arm: phipsi.Scene) -> None:
@@ -412,6 +435,7 @@ def test_calls_of_methods_take_the_fast_path_of_cpython(arm: phipsi.Scene) -> No
     [
         (lambda arm: arm.simulate(np.zeros(6), np.zeros(6), T=1.0), r"Scene.simulate\(\) got an unexpected keyword argument 'T'; use 'duration' or 'steps'"),
         (lambda arm: arm.simulate(np.zeros(6), np.zeros(6), dt=1e-3, dampin=1.0), "'dampin'; use 'damping'"),
+        (lambda arm: arm.simulate(np.zeros(6), np.zeros(6), dt=1e-3, kp=10.0), "'kp'; use 'pd'"),
         (lambda arm: arm.simulator(np.zeros(6), dt=1e-3, integrator="rk4"), "'integrator'; use 'method'"),
         (lambda arm: arm.with_payload("link6", 1.0, cog=(0, 0, 0)), "'cog'; use 'com'"),
         (lambda arm: phipsi.SceneBuilder().link("a", 1.0, cog=(0, 0, 0)), "'cog'; use 'com'"),

@@ -140,7 +140,7 @@ def test_limits_broken_are_told(tmp_path: Path) -> None:
     state.write_text('{"q": {"joint2": 3.0}}')
     result = run("-o", tmp_path, "--state", state, "--time", 0.002, "--limits", "report")
     assert result.exit_code == 0
-    assert "limit exceeded: joint2, upper 0.785398, first at t = 0 s" in result.output
+    assert "limit exceeded: joint2, upper 0.785398 rad, first at t = 0 s" in result.output
 
 
 def test_what_diverges_exits_with_1_and_keeps_its_rows(tmp_path: Path) -> None:

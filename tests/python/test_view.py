@@ -28,7 +28,7 @@ import phipsi.view  # noqa: E402
 import trimesh  # noqa: E402
 from phipsi._forces import Forces  # noqa: E402
 from phipsi.view.arrows import Arrows  # noqa: E402
-from phipsi.view.player import HOST, MOST, PORTS, RATE, Motion  # noqa: E402
+from phipsi.view.player import HOST, MOST, NIGHT, PORTS, RATE, Motion  # noqa: E402
 from phipsi.view.shapes import find, robot_size, shapes_of  # noqa: E402
 
 LINK = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -326,6 +326,31 @@ def test_a_served_robot_moves_and_ends(robot: Path) -> None:
     assert "closed" in repr(viewer)
 
 
+def test_the_camera_follows_a_robot_that_moves_far(robot: Path) -> None:
+    """The world moves instead of the camera: the robot stays near the middle, and the ground under it."""
+    scene = phipsi.Scene.from_urdf(robot, floating_base=True)
+    way = np.tile(scene.neutral(), (91, 1))
+    way[:, 0] = np.linspace(0.0, 40.0, 91)
+    size, axes = robot_size(scene), slice(0, 2)
+    with scene.show(way, t=np.linspace(0.0, 3.0, 91), browser=False) as viewer:
+        stage = viewer._stage
+        assert np.linalg.norm(stage.extent.middle[axes]) < 2.0 * size
+        for row in (0, 45, 90):
+            stage.update(way[row], stage.way[row])
+            center = np.add(stage.parents[0].position, scene.center_of_mass(way[row]))
+            assert np.linalg.norm((center - stage.start)[axes]) < 4.0  # the mean of 15 frames is behind at the ends
+            assert np.all(np.abs(np.subtract(stage.ground.position, stage.beneath)) < stage.tile)
+    with scene.show(way[0], browser=False) as viewer:
+        for row in (3, 30, 90, 0):
+            viewer.update(way[row])
+            center = np.add(viewer._stage.parents[0].position, scene.center_of_mass(way[row]))
+            assert np.linalg.norm((center - viewer._stage.start)[axes]) < 0.71 * size
+        place, still = viewer._stage.parents[0].position, scene.neutral()
+        still[-1] += 0.1
+        viewer.update(still)
+        assert np.array_equal(viewer._stage.parents[0].position, place)
+
+
 def test_the_command(tmp_path: Path) -> None:
     run = CliRunner().invoke
     result = run(commands.group, ["simulate", "-o", str(tmp_path), "--time", "0.1"])
@@ -381,7 +406,7 @@ def test_a_page_plays_without_a_network(browser: Any, tmp_path: Path) -> None:
     scene = phipsi.scenes.chain(3)
     path = scene.simulate([0.5, 0.3, 0.2], [2.0, -1.0, 3.0], dt=1e-3, steps=3000, method="rk4", record_every=10)
     file = scene.show(path, to=tmp_path / "page.html")
-    assert file.stat().st_size < 3e6
+    assert file.stat().st_size < 3e6 and NIGHT in file.read_text(encoding="utf-8")
     with Opened(browser, file, 600) as opened:
         check_player(opened, opened.page)
         opened.check(file)

@@ -144,6 +144,8 @@ STEP = 6e-6
 def read(scene: Scene, costs: Any, steps: int, start: tuple[_Array, _Array]) -> list[_Given]:
     """The terms as the Rust side takes them."""
     given = [costs] if _is_term(costs) else list(costs)
+    if not given:
+        raise ArgumentError("costs: found none; expected terms of phipsi.control and phipsi.tasks, of which one has a cost of the efforts")
     return [_one(scene, f"costs[{at}]", term, steps, start) for at, term in enumerate(given)]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import io
+import re
 import runpy
 import sys
 from difflib import get_close_matches
@@ -25,9 +26,11 @@ def scripts() -> dict[str, Path]:
 
 
 def summary(path: Path) -> str:
-    """The first sentence of a script."""
+    """The first sentence of a script, and the packages that it needs."""
     text = " ".join((ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition("\n\n")[0].split())
-    return text.partition(": ")[0].rstrip(".")
+    sentence, _, rest = text.partition(": ")
+    needs = re.search(r" \(needs [^)]*\)", rest)
+    return sentence.rstrip(".") + (needs[0] if needs else "")
 
 
 def picture(path: Path, file: str) -> str:

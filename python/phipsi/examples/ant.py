@@ -1,4 +1,4 @@
-"""An ant from an MJCF file lands on its floor: robots/ant.xml, with its geoms as colliders (needs the package mujoco)."""
+"""An ant from an MJCF file lands on its floor: robots/ant.xml, with its geoms as colliders (needs mujoco)."""
 
 from pathlib import Path
 

@@ -1,18 +1,18 @@
-"""Balance: three rods on a cart are kept upright by a force on the cart only (linear-quadratic regulator).
+"""Three rods on a cart are kept upright by a force on the cart only: a linear-quadratic regulator.
 
-Run it with phipsi, numpy and scipy:
+Run it with phipsi and numpy:
 
     python -m phipsi.examples balance
 
-Scene.linearize computes A and B for small deviations from the upright equilibrium; SciPy solves the Riccati equation
-for the gains K of u = -K x, and the nonlinear scene is simulated with this controller from a perturbed initial state.
+Scene.linearize computes A and B for small deviations from the upright equilibrium; phipsi.control.lqr computes the
+gains K of u = -K x, and the nonlinear scene is simulated with this controller from a perturbed initial state.
 The deviation is computed by Scene.difference, so that the same code balances robots with spherical joints or a
 floating base.
 """
 
 import numpy as np
 import phipsi
-from scipy.linalg import solve_continuous_are
+from phipsi import control
 
 RODS, LENGTH, SECONDS, DT = 3, 0.5, 8.0, 0.004
 
@@ -30,10 +30,9 @@ pushed = scene.v_index("slide")
 upright, still = scene.neutral(), np.zeros(n)
 a, b = scene.linearize(upright, still, scene.bias_torque(upright, still))
 b = b[:, pushed]
-cost = solve_continuous_are(a, b, np.diag([1.0] + [10.0] * RODS + [1.0] * n), np.eye(1) * 0.01)
-gains = (b.T @ cost) / 0.01
-fastest = np.linalg.eigvals(a).real.max()
-slowest = np.linalg.eigvals(a - b @ gains).real.max()
+regulator = control.lqr(a, b, [1.0] + [10.0] * RODS + [1.0] * n, [0.01])
+gains = regulator.gains
+fastest, slowest = np.linalg.eigvals(a).real.max(), regulator.poles.real.max()
 print(f"{n} degrees of freedom, one force; upright falls at {fastest:.1f}/s, balanced it settles at {slowest:.1f}/s")
 
 

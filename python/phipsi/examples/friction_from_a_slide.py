@@ -1,4 +1,4 @@
-"""The friction of a floor and the mass distribution of a puck, from one recorded slide, by gradients through contact."""
+"""The friction of a floor and the mass distribution of a puck, from one recorded slide, by gradients through contact (needs scipy)."""
 
 import numpy as np
 import phipsi

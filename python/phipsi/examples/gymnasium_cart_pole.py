@@ -1,4 +1,4 @@
-"""A cart-pole for reinforcement learning: one as a gymnasium.Env, and a batch as a gymnasium.vector.VectorEnv.
+"""A cart-pole for reinforcement learning: one as a gymnasium.Env, and a batch as a VectorEnv (needs gymnasium).
 
 Run it with phipsi, numpy and gymnasium:
 

@@ -1,4 +1,4 @@
-"""A hopper jumps to a given height with the least effort: the force of its leg, found from gradients through contact."""
+"""A hopper jumps to a given height with the least effort: the force of its leg, found from gradients through contact (needs scipy)."""
 
 import numpy as np
 import phipsi

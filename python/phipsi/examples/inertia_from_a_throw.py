@@ -1,4 +1,4 @@
-"""All ten inertial parameters of a tool from one throw: the force of the hand is measured, and a camera sees the flight."""
+"""All ten inertial parameters of a tool from one throw: the force of the hand is measured, and a camera sees the flight (needs scipy)."""
 
 import numpy as np
 import phipsi

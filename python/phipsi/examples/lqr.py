@@ -1,8 +1,9 @@
-"""Balance a rod on a cart with damping by a linear-quadratic regulator: linearize, solve the Riccati equation, simulate."""
+"""Balance a rod on a cart with damping by a linear-quadratic regulator: linearize, compute the gains, simulate."""
 
 import numpy as np
 import phipsi
 from numpy.typing import NDArray
+from phipsi import control
 from phipsi.shapes import Box, Capsule
 
 Array = NDArray[np.float64]
@@ -17,11 +18,7 @@ scene = builder.build()
 
 A, B_joints, *_ = scene.linearize([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])  # upright, with damping; x = (positions, velocities)
 B = B_joints[:, :1]  # a motor at the cart only
-weights, effort = np.diag([10.0, 10.0, 1.0, 1.0]), 0.1
-# The Riccati equation by the stable eigenvectors of its Hamiltonian matrix; scipy.linalg.solve_continuous_are does the same.
-values, vectors = np.linalg.eig(np.block([[A, -B @ B.T / effort], [-weights, -A.T]]))
-stable = vectors[:, np.real(values) < 0.0]
-gains = B.T @ np.real(stable[4:] @ np.linalg.inv(stable[:4])) / effort  # force = -gains x
+gains = control.lqr(A, B, [10.0, 10.0, 1.0, 1.0], [0.1]).gains  # weights of x and of the force; force = -gains x
 
 
 def force(t: float, q: Array, qd: Array) -> Array:

@@ -1,4 +1,4 @@
-"""A block is pushed for 0.3 s and slides to a goal, turned as requested: the push, found from gradients through contact."""
+"""A block is pushed for 0.3 s and slides to a goal, turned as requested: the push, found from gradients through contact (needs scipy)."""
 
 import numpy as np
 import phipsi

@@ -1,4 +1,4 @@
-"""A block at rest is pushed to a goal, from no push at all: smoothed contacts have the gradient that friction hides."""
+"""A block at rest is pushed to a goal, from no push at all: smoothed contacts have the gradient that friction hides (needs scipy)."""
 
 import numpy as np
 import phipsi

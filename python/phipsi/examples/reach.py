@@ -1,4 +1,4 @@
-"""Reach: the bundled arm moves to a pose in one second with small torques, found by gradients of the whole simulation.
+"""The bundled arm moves to a pose in one second with small torques: gradients of the whole simulation (needs scipy).
 
 Run it with phipsi, numpy and scipy:
 

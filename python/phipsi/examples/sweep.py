@@ -1,5 +1,5 @@
 """A parameter sweep on a cluster: gains for which the bundled arm settles fastest within its torque limits, distributed
-with Dask.
+with Dask (needs distributed).
 
     python -m phipsi.examples sweep                                 two worker processes here (pip install distributed)
     python -m phipsi.examples sweep --address tcp://10.0.0.1:8786   workers of an existing cluster with phipsi installed

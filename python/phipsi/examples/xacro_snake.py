@@ -1,4 +1,4 @@
-"""Read a xacro with an argument: robots/snake.xacro, a chain with a given number of links (needs the package xacro)."""
+"""Read a xacro with an argument: robots/snake.xacro, a chain with a given number of links (needs xacro)."""
 
 from pathlib import Path
 

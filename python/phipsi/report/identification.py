@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -291,5 +291,5 @@ REPORT: Layout[IdentificationReport] = Layout(
 
 def write_page(file: Path, report: IdentificationReport) -> Path:
     """Write the page as one file."""
-    file.write_text(html(REPORT, report), encoding="utf-8")
+    file.write_text(html(replace(REPORT, numbers=""), report), encoding="utf-8")
     return file

@@ -86,7 +86,7 @@ class Layout(Generic[C]):
     name: str
     """Folder of its templates. It contains page.html, and page.md if the report has Markdown."""
     numbers: str
-    """File name of its JSON."""
+    """File name of its JSON; empty for a page in one file."""
     sections: Sequence[Section[C]]
     templates: Sequence[Path] = ()
     """Folders of templates in addition to those in the package."""

@@ -20,7 +20,7 @@ from .plotting import COLORS, GRAY, Axis, Chart, Panel, Series
 from .progress import Reporter
 from .states import Array
 from .structure import Tree
-from .text import plural
+from .text import plural, scientific
 
 #: Number of points of a curve, limited by the resolution of a screen.
 MOST_ROWS = 1200
@@ -150,13 +150,13 @@ def _limits(run: Run) -> Sequence[Block]:
     if not broken:
         blocks: list[Block] = ["No recorded row exceeds a limit of position or velocity."]
     else:
-        rows = [(one.joint, one.limit, *(f"{value:.4g} {_unit(run, one.joint, one.limit)}" for value in (one.bound, one.worst)), f"{one.time:.3g} s") for one in broken]
+        rows = [(one.joint, one.limit, *(f"{value:.4g}{unit(run.path.scene, one.joint, one.limit)}" for value in (one.bound, one.worst)), f"{one.time:.3g} s") for one in broken]
         blocks = [Table(("joint", "limit", "value", "worst value", "first exceeded at"), rows, 2)]
     if run.path.limits == "stop":
         found = run.path.stops
         blocks.append(f"Joint limits were stops, with {plural(len(found), 'impact')}." + (f" The first {MOST_IMPACTS}:" if len(found) > MOST_IMPACTS else ""))
         hits = [
-            (one.joint, one.limit, f"{one.time:.4g} s", f"{one.speed:.3g} {_unit(run, one.joint, 'velocity')}", f"{one.impulse:.3g} {_unit(run, one.joint, 'impulse')}")
+            (one.joint, one.limit, f"{one.time:.4g} s", f"{one.speed:.3g}{unit(run.path.scene, one.joint, 'velocity')}", f"{one.impulse:.3g}{unit(run.path.scene, one.joint, 'impulse')}")
             for one in found[:MOST_IMPACTS]
         ]
         if hits:
@@ -166,11 +166,12 @@ def _limits(run: Run) -> Sequence[Block]:
     return blocks
 
 
-def _unit(run: Run, joint: str, what: str) -> str:
-    """Unit of a limit ("lower", "upper", "velocity") or of an impulse of a joint."""
-    is_sliding = run.path.scene.joint(joint).type == "prismatic"
-    units = {"velocity": ("rad/s", "m/s"), "impulse": ("N m s", "N s")}
-    return units.get(what, ("rad", "m"))[is_sliding]
+def unit(scene: Scene, joint: str, what: str) -> str:
+    """Unit, with a space before it, of a limit of a Violation or of an impulse of a joint; empty for controls of actuators, whose units are their own."""
+    if what.startswith("control"):
+        return ""
+    units = {"lower": ("rad", "m"), "upper": ("rad", "m"), "velocity": ("rad/s", "m/s"), "impulse": ("N m s", "N s")}
+    return " " + units.get(what, ("N m", "N"))[scene.joints[joint].type == "prismatic"]
 
 
 class Touch(NamedTuple):
@@ -214,14 +215,14 @@ def _energy(run: Run) -> Sequence[Block]:
         verdict += f" That is more than 1 %: use a smaller step{motion.or_control(run.path.scene, ' or error control')}."
     blocks: list[Block] = [Table(("work or change", "J"), rows, 1), verdict]
     if run.path.estimated_error > 0.0:
-        blocks.append(f"Sum of the estimated errors of all substeps: {float(run.path.estimated_error):.1e} rad or m.")
+        blocks.append(f"Sum of the estimated errors of all substeps: {scientific(float(run.path.estimated_error))} rad or m.")
     elif run.error is not None:
-        blocks.append(f"Estimated error of the final configuration, by comparison with a more accurate simulation: {run.error:.1e} rad or m.")
+        blocks.append(f"Estimated error of the final configuration, by comparison with a more accurate simulation: {scientific(run.error)} rad or m.")
     return blocks
 
 
 def _pictures(_: Run) -> Sequence[Block]:
-    return [Figure("stroboscope", "The robot at equidistant times, from light to dark, and the paths of its tips. Drag to rotate the view.")]
+    return [Figure("stroboscope", "The robot at equidistant times, later ones more intense, and the paths of its tips. Drag to rotate the view.")]
 
 
 def _over_time(_: Run) -> Sequence[Block]:

@@ -17,7 +17,7 @@ from .._motion import PD, Trajectory
 from . import motion, pipeline
 from .commands import BEYOND, FLOATING, JSON, KEYFRAME, MIMIC, ROBOT, STOPPED, BadInput, Mimic, _as_options, _load, _typed_errors, check_pages, echo_json, folder, group
 from .progress import Silent, reporter
-from .run import Run, layout, touches
+from .run import Run, layout, touches, unit
 from .states import Array
 from .structure import tree_of
 from .terminal import line
@@ -204,4 +204,5 @@ def _tell(name: str, path: Trajectory) -> None:
     if path.scene.loops.names:
         click.echo(f"largest constraint error of the connections: {path.drift.max():.1e} m or rad")
     for one in path.violations():
-        click.echo(f"limit exceeded: {one.joint}, {one.limit} {one.bound:g}, first at t = {one.time:g} s, worst {one.worst:.4g}")
+        of = unit(path.scene, one.joint, one.limit)
+        click.echo(f"limit exceeded: {one.joint}, {one.limit} {one.bound:g}{of}, first at t = {one.time:g} s, worst {one.worst:.4g}{of}")

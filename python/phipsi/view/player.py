@@ -32,7 +32,7 @@ from .._motion import Trajectory
 from ..errors import ArgumentError, ShapeError
 from . import picture
 from .arrows import Arrows, below
-from .shapes import FIELD, Shape, extent, name_of, poses, robot_size, shapes_of, translucent, travel
+from .shapes import FIELD, FOLLOWED, Shape, extent, name_of, poses, robot_size, shapes_of, translucent, travel
 
 _Array = NDArray[np.float64]
 
@@ -59,6 +59,10 @@ FIT = """<script>(() => {
   const found = CAMERAS.filter(([aspect]) => aspect <= innerWidth / innerHeight).pop(), get = URLSearchParams.prototype.get;
   if (found) URLSearchParams.prototype.get = function (name) { return name === "initialCameraPosition" ? found[1].join() : get.call(this, name); };
 })()</script>"""
+#: A page is dark if the browser is, as the report around it.
+NIGHT = 'darkMode:matchMedia("(prefers-color-scheme: dark)").matches'
+#: Color of the lines of the ground, visible on white and on black.
+LINES = (140, 140, 140)
 #: Ratios of width to height for which a page has a position of the camera, ascending.
 ASPECTS = (0.1, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.5)
 
@@ -123,15 +127,17 @@ class _Stage:
     """A robot on a viser server: one frame per link with its meshes, the ground, the center of mass, force arrows."""
 
     def __init__(self, scene: Scene, shapes: Sequence[Shape], port: int, motion: Motion, host: str = HOST) -> None:
-        self.scene, size, rows = scene, robot_size(scene), motion.q
-        self.extent = extent(scene, shapes, rows)
-        low, middle = self.extent.low, self.extent.middle
+        self.scene, self.size, rows = scene, robot_size(scene), motion.frames()[1]
+        # The way of the camera, for the rows of the motion.
+        self.way = travel(scene, rows)
+        self.extent = extent(scene, shapes, rows, self.way) if self.way.any() else extent(scene, shapes, motion.q)
+        size, low, middle = self.size, self.extent.low, self.extent.middle
         # Suppresses the printed address, which is returned to the caller.
         with _quiet():
             self.server = viser.ViserServer(host=host, port=port, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         drawn = dict.fromkeys(shape.link for shape in shapes)
-        # The parents of links and of arrows, which a page moves instead of its camera.
+        # The parents of links and of arrows, which move instead of the camera, so that a visitor can rotate it.
         self.parents = [self.server.scene.add_frame(name, show_axes=False) for name in ("/robot", "/forces")]
         self.arrows = Arrows.of(self.server, motion.forces(), size, middle, low)
         self.links = {link: self.server.scene.add_frame(f"/robot/{i}", show_axes=False) for i, link in enumerate(drawn)}
@@ -143,17 +149,16 @@ class _Stage:
                 f"/robot/{index[shape.link]}/{i}", mesh, wxyz=place.rotation().wxyz, position=place.translation()
             )
         self.center = self.server.scene.add_icosphere("/center_of_mass", radius=0.02 * size, color=(220, 60, 40), visible=False)
-        # Rows of the page, and the way of its camera.
-        self.shift = travel(scene, motion.frames()[1])
-        wide = 6 * size + 2 * float(np.abs(self.shift).max(initial=0.0))
-        self.ground = self.server.scene.add_grid("/ground", width=wide, height=wide, cell_size=below(size / 5), section_size=below(size), position=(*middle[:2], low))
-        self.shapes = shapes
+        wide = 6 * size + 2 * float(np.abs(self.way).max(initial=0.0))
+        self.tile, self.beneath, self.shift = below(size), np.array((*middle[:2], low)), np.zeros(3)
+        self.ground = self.server.scene.add_grid("/ground", width=wide, height=wide, cell_size=below(size / 5), section_size=self.tile, cell_color=LINES, cell_thickness=0.5, section_color=LINES, position=tuple(self.beneath))
         camera = self.server.initial_camera
         camera.fov = float(FIELD)
         camera.position = tuple(self.extent.camera(ASPECTS[-1]))
         camera.look_at = tuple(middle)
         self.server.on_client_connect(self._fit)
-        self.update(rows[0])
+        self.start = self._middle_of(rows[0])
+        self.update(rows[0], np.zeros(3))
 
     def _fit(self, client: viser.ClientHandle) -> None:
         """Move the camera of a narrow window away."""
@@ -161,14 +166,30 @@ class _Stage:
             client.camera.position = tuple(self.extent.camera(client.camera.aspect))
             client.camera.look_at = tuple(self.extent.middle)
 
-    def update(self, q: _Array) -> None:
-        """Move all links and the center of mass to the configuration q, (nq,)."""
-        placements = poses(self.scene, q)
+    def update(self, q: _Array, shift: _Array | None = None) -> None:
+        """Move all links and the center of mass to the configuration q, (nq,), and the world by -shift, (3,), m; None: no farther than the robot needs to stay near the middle."""
+        placements, center = poses(self.scene, q), self._middle_of(q)
+        if shift is None:
+            apart = (center - self.start - self.shift) * [1.0, 1.0, 0.0]
+            shift = self.shift + apart * max(0.0, 1.0 - FOLLOWED * self.size / max(float(np.linalg.norm(apart)), 1e-300))
         with self.server.atomic():
             for link, frame in self.links.items():
                 self._move(frame, placements[link])
+            if not np.array_equal(shift, self.shift):
+                self.follow(shift)
             if self.center.visible:
-                self.center.position = tuple(self.scene.center_of_mass(q))
+                self.center.position = tuple(center - shift)
+
+    def follow(self, shift: _Array) -> None:
+        """Move the world by -shift, (3,), m; the ground by less than one of its tiles."""
+        self.shift = np.array(shift)
+        for part in self.parents:
+            part.position = tuple(-shift)
+        self.ground.position = tuple(self.beneath - np.fmod(shift, self.tile))
+
+    def _middle_of(self, q: _Array) -> _Array:
+        """Center of mass, (3,), m; zero without masses."""
+        return self.scene.center_of_mass(q) if self.scene.total_mass > 0.0 else np.zeros(3)
 
     @staticmethod
     def _move(frame: Any, place: _Array) -> None:
@@ -179,17 +200,12 @@ class _Stage:
         """The motion as one page that needs no server."""
         times, rows = motion.frames()
         placements = poses(self.scene, rows)
-        follows = bool(self.shift.any())
-        space = extent(self.scene, self.shapes, rows, self.shift) if follows else self.extent
-        self.server.initial_camera.position = tuple(space.camera(ASPECTS[-1]))
-        self.server.initial_camera.look_at = tuple(space.middle)
-        still = [(part, np.array(part.position)) for part in (*self.parents, self.ground)] if follows else []
+        line = None
         if len(rows) > 1 and self.scene.total_mass > 0.0:
             self.center.visible, centers = True, self.scene.center_of_mass(rows)
             line = self.server.scene.add_line_segments(
                 "/path", np.stack([centers[:-1], centers[1:]], axis=1), colors=(220, 60, 40), thickness=2.0, thickness_units="screen"
             )
-            still += [(line, np.zeros(3))] if follows else []
         serializer = self.server.get_scene_serializer()
         for i in range(len(rows)):
             for link, frame in self.links.items():
@@ -197,15 +213,16 @@ class _Stage:
                 if i == 0 or not np.array_equal(placements[link][i], placements[link][i - 1]):
                     self._move(frame, placements[link][i])
             if self.center.visible:
-                self.center.position = tuple(centers[i] - self.shift[i])
-            # The world moves back, so that the camera follows the robot.
-            for part, position in still:
-                part.position = tuple(position - self.shift[i])
+                self.center.position = tuple(centers[i] - self.way[i])
+            if self.way.any():
+                self.follow(self.way[i])
+                if line is not None:
+                    line.position = tuple(-self.way[i])
             if self.arrows is not None:
                 self.arrows.show(i)
             serializer.insert_sleep(float(times[i + 1] - times[i]) if i + 1 < len(times) else 0.0)
-        script = FIT.replace("CAMERAS", json.dumps([(aspect, list(space.camera(aspect))) for aspect in ASPECTS]))
-        page = str(serializer.as_html()).replace("<title>Viser</title>", f"<title>{escape(title)}</title>", 1)
+        script = FIT.replace("CAMERAS", json.dumps([(aspect, list(self.extent.camera(aspect))) for aspect in ASPECTS]))
+        page = str(serializer.as_html()).replace("<title>Viser</title>", f"<title>{escape(title)}</title>", 1).replace("darkMode:false", NIGHT, 1)
         return page.replace("<head>", f"<head>{script}", 1)
 
     def close(self) -> None:
@@ -331,16 +348,24 @@ class Viewer:
 
     def _repr_html_(self) -> str:
         """The configuration or the motion as a page within a notebook."""
-        motion = self._motion if self._motion.moves else Motion(self._scene, self._q, None)
-        html = _html(self._scene, self._shapes, motion, self._title)
+        html = _html(self._scene, self._shapes, self._displayed(), self._title)
         return f'<iframe title="{escape(self._title)}" srcdoc="{escape(html)}" style="width: 100%; height: {HEIGHT}px; border: 1px solid #d9dde1"></iframe>'
+
+    def _repr_png_(self) -> bytes:
+        """A picture of the configuration, or of the first one of the motion, where a saved notebook shows no pages."""
+        stream = io.BytesIO()
+        next(picture.frames(self._scene, self._displayed(), self._shapes, [0], picture.MOVING)).save(stream, "png")
+        return stream.getvalue()
+
+    def _displayed(self) -> Motion:
+        return self._motion if self._motion.moves else Motion(self._scene, self._q, None)
 
     def _add_center_of_mass(self) -> None:
         shown = self._stage.server.gui.add_checkbox("center of mass", False)
 
         def turn(_: Any) -> None:
             self._stage.center.visible = shown.value
-            self._stage.update(self._q)
+            self._stage.update(self._q, self._stage.shift)
 
         shown.on_update(turn)
 
@@ -350,18 +375,21 @@ class Viewer:
         playing = gui.add_checkbox("play", True)
         at = gui.add_slider("time, s", float(times[0]), float(times[-1]), max(float(times[-1] - times[0]) / 1000.0, 1e-9), float(times[0]))
 
-        arrows = self._stage.arrows
+        stage, arrows = self._stage, self._stage.arrows
+        follows = gui.add_checkbox("follow", True) if stage.way.any() else None
         frame = 0
 
         def seek(_: Any) -> None:
             nonlocal frame
             frame = int(np.clip(np.searchsorted(times, at.value), 0, len(times) - 1))
             self._q = rows[frame]
-            self._stage.update(self._q)
+            stage.update(self._q, stage.way[frame] if follows is not None and follows.value else np.zeros(3))
             if arrows is not None:
                 arrows.show(frame)
 
         at.on_update(seek)
+        if follows is not None:
+            follows.on_update(seek)
         if arrows is not None:
             shown = gui.add_checkbox("forces", True)
             shown.on_update(lambda _: arrows.turn(shown.value, frame))
