@@ -199,7 +199,8 @@ class MotionPlan:
         """MotionPlan from a measured state, beginning with this plan shifted: the loop of model predictive control.
 
         The memory of the search is kept, so this plan can be resumed once at a time. It is faster than
-        Scene.optimize because nothing is set up again.
+        Scene.optimize because nothing is set up again. The new plan is one of least cost, also if this one is of least
+        expected cost.
 
         Parameters
         ----------
