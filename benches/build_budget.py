@@ -50,7 +50,8 @@ def compile_crate(command: list[str]) -> int:
     name = command[command.index("--crate-name") + 1] if "--crate-name" in command else ""
     if name == "phipsi":
         command = [*command, "-C", "symbol-mangling-version=v0"]
-    code = subprocess.run(command, check=False).returncode
+    # With the open files of the job server.
+    code = subprocess.run(command, check=False, close_fds=False).returncode
     if name not in ("", "___"):
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         with Path(os.environ[LOG]).open("a", encoding="utf-8") as log:
@@ -76,7 +77,9 @@ def functions(library: Path) -> list[tuple[str, int]]:
     """Name and size of each function."""
     listed = subprocess.run(["nm", "-S", "--defined-only", library], capture_output=True, text=True, check=True)
     named = subprocess.run(["c++filt"], input=listed.stdout, capture_output=True, text=True, check=True).stdout
-    found = (re.fullmatch(r"\w+ (\w+) [tT] (.*)", line) for line in named.splitlines())
+    # Without the numbers of the crates.
+    lines = re.sub(r"\[[0-9a-f]+\]", "", named).splitlines()
+    found = (re.fullmatch(r"\w+ (\w+) [tT] (.*)", line) for line in lines)
     return [(match[2], int(match[1], 16)) for match in found if match]
 
 
@@ -93,9 +96,9 @@ def without_arguments(name: str) -> str:
 
 
 def kernel_of(name: str) -> str:
-    """The function of the crate that a name stands for: that of the work, where pulp compiles it for lanes."""
-    if "::vectorize" in name and (work := re.search(r"phipsi::[\w:]+::\w+(?=::Call|<)", name.split("vectorize")[1])):
-        return work[0]
+    """The function that a name stands for: that of the work, where pulp compiles it for lanes."""
+    if "::vectorize" in name and (work := re.search(r"(?:Job|Dispatched)<(phipsi::[\w:]+)", name)):
+        return work[1].removesuffix("::Call")
     return without_arguments(name)
 
 
