@@ -32,6 +32,7 @@
 #   make compiled  after make peers: compiled robots, compared with the methods of the scene and with CasADi's code: writes docs/measured/compiled-times.md (some minutes)
 #   make embedded  after make test: flash, stack and instructions of robots on a Cortex-M4F, by gcc-arm-none-eabi and QEMU: writes docs/measured/embedded-size.md (half a minute)
 #   make rust-crate   build time and size of a Rust program that uses the crate, by features: writes docs/measured/rust-crate.md (ten minutes)
+#   make build-budget  CPU time of the build of the Python module, and its code by feature, instruction set and function: writes docs/measured/build-budget.md (fifteen minutes)
 #   make picture   the pictures of README.md and of docs/examples.md (some minutes)
 #   make roofline  after make peers for its robots: operations, time and fraction of the machine's peak: writes docs/measured/roofline.md
 #   make bench     after make peers: all benchmarks (20 minutes): writes docs/measured/benchmarks.md and the results in README.md (BENCH=--quick: a test)
@@ -57,7 +58,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives kinematics leaving-out inverse-kinematics closed-loops loops-and-contacts optimal-control servos populations jax-calls contact-suites compiled embedded roofline rust-crate picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax test-optional docs check check-crate check-wheel manylinux sdist sdist-compiles oldest bench numerics motion robustness instructions auto-states derivatives kinematics leaving-out inverse-kinematics closed-loops loops-and-contacts optimal-control servos populations jax-calls contact-suites compiled embedded roofline rust-crate build-budget picture peers peers-there peers-phipsi stub clean
 
 # A separate environment; the packages of the system are not changed.
 $(BIN)/python:
@@ -279,6 +280,9 @@ embedded: $(VENV)/test
 
 rust-crate:
 	$(PYTHON) benches/rust_crate.py --markdown docs/measured/rust-crate.md
+
+build-budget:
+	$(PYTHON) benches/build_budget.py --features python$(AVX512) --markdown docs/measured/build-budget.md
 
 leaving-out:
 	$(PYTHON) benches/leaving_out.py

@@ -32,7 +32,7 @@ pub(crate) fn forward_dynamics<T: Real>(
     let mut innovations = vec![T::zero(); qdd.len()];
     general::forces::<_, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches: &[] });
     general::innovations::<_, true>(scene, scratch, tau, &mut innovations);
-    margin = margin.worst(rows.factor(scene, scratch, (q, qd)));
+    margin = margin.worst(factor_rows(scene, (scratch, rows), (q, qd)));
     rows.first_step(scratch, tau, &innovations, true);
     for correction in 0..=CORRECTIONS {
         rows.take(&mut innovations);
@@ -46,6 +46,16 @@ pub(crate) fn forward_dynamics<T: Real>(
     margin
 }
 
+/// The factor of the rows, compiled once.
+#[inline(never)]
+fn factor_rows<T: Real>(
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, rows): (&mut SweepScratch<T>, &mut ConstraintKernel<T>),
+    at: (&[T], &[T]),
+) -> T {
+    rows.factor(scene, scratch, at)
+}
+
 /// The factors of M at `q` and of the rows of mimic joints. Returns the margin, which is negative or NaN if pivots may
 /// have lost five digits.
 pub(crate) fn factor<T: Real>(
@@ -54,7 +64,7 @@ pub(crate) fn factor<T: Real>(
     (q, qd): (&[T], &[T]),
 ) -> T {
     let [_, near] = general::factor_and_nearness(scene, scratch, q);
-    near.margin().worst(rows.factor(scene, scratch, (q, qd)))
+    near.margin().worst(factor_rows(scene, (scratch, rows), (q, qd)))
 }
 
 /// The accelerations of mimic joints from torques with both factors in the scratch, with the bias of (q, qd) or

@@ -79,10 +79,8 @@ pub fn weight(row: usize) -> f64 {
 /// The error estimate, as the smoother accumulates it.
 #[derive(Debug, Clone, Copy)]
 pub struct Cancellation<T> {
-    /// The estimated square of w* da, over eps^2: the contribution of P and of the forces.
+    /// The estimated square of w* da, over eps^2: the contributions of P, of the forces and of the smoother.
     noise: T,
-    /// The same of the smoother.
-    smoother: T,
     /// The square of the effect on w* a of one unit in the last place of the forces at rest, over eps^2.
     rest: T,
     /// The same of the bias.
@@ -97,7 +95,7 @@ impl<T: Real> Cancellation<T> {
     #[must_use]
     pub fn new() -> Self {
         let o = T::zero();
-        Self { noise: o, smoother: o, rest: o, bias: o, size: o }
+        Self { noise: o, rest: o, bias: o, size: o }
     }
 
     /// The estimated error of the largest estimate, in its unit, including the effect of one unit in the last place of
@@ -105,7 +103,7 @@ impl<T: Real> Cancellation<T> {
     #[inline(always)]
     #[must_use]
     pub fn error(&self) -> T {
-        ((self.noise + self.smoother) + (self.rest + self.bias)).sqrt() * T::epsilon()
+        (self.noise + (self.rest + self.bias)).sqrt() * T::epsilon()
     }
 
     /// The same of one lane, relative to the largest estimate.
@@ -124,7 +122,7 @@ impl<T: Real> Cancellation<T> {
         let size = self.size * self.size;
         let of_bias = (self.bias * square(margins.of_bias)).worst(size * square(margins.of_bias_at_most));
         let allowed = larger(size * tolerance, of_bias);
-        self.rest.mul_add(square(margins.of_rest), allowed) - (self.noise + self.smoother)
+        self.rest.mul_add(square(margins.of_rest), allowed) - self.noise
     }
 
     /// The larger value of each part, for two test vectors.
@@ -132,7 +130,6 @@ impl<T: Real> Cancellation<T> {
     pub(crate) fn larger(&self, other: &Self) -> Self {
         Self {
             noise: larger(self.noise, other.noise),
-            smoother: larger(self.smoother, other.smoother),
             rest: larger(self.rest, other.rest),
             bias: larger(self.bias, other.bias),
             size: self.size.worst(other.size),
@@ -206,7 +203,7 @@ impl<T: Real> Cancellation<T> {
     /// squares of zeta^+ are these [`squares`].
     #[inline(always)]
     pub(crate) fn carried(&mut self, zeta: (T, T), outer: &Vector6<T>, lever_square: T) {
-        self.smoother += carried(zeta, outer, lever_square);
+        self.noise += carried(zeta, outer, lever_square);
     }
 
     /// [`through_stage`](Self::through_stage) for one row that selects entry `PICKED` of its state: e^- of both
@@ -225,7 +222,7 @@ impl<T: Real> Cancellation<T> {
         let Measured { pivot_inverse, gain, .. } = measured;
         let share = e * *pivot_inverse;
         let a = share - dot(gain, &Vector6::from(*lambda));
-        self.smoother = (e_w * e_w).mul_add(share.mul_add(share, a * a), self.smoother);
+        self.noise = (e_w * e_w).mul_add(share.mul_add(share, a * a), self.noise);
         lambda[PICKED] += a;
         nu[PICKED] += (e_w * *pivot_inverse) - dot(gain, &Vector6::from(*nu));
         self.size = self.size.worst(-a.abs());
@@ -267,7 +264,7 @@ impl<T: Real> Cancellation<T> {
             let (e, e_w) = (estimates[row], weighed[row]);
             let share = e * m.pivot_inverse;
             let a = share - dot(&m.gain, lambda);
-            self.smoother += e_w * e_w * (share * share + a * a);
+            self.noise += e_w * e_w * (share * share + a * a);
             let c = e_w * m.pivot_inverse - dot(&m.gain, nu);
             *lambda = hinge.spread_onto(lambda, a);
             *nu = hinge.spread_onto(nu, c);

@@ -16,18 +16,18 @@
 //! ([`Motion`](crate::joints::Motion)). A stage costs one factorization of M, one additional solve and one reverse
 //! product, all O(N), with the sweeps of forward dynamics.
 
-use super::drives::{KD, KP, set_drives};
+use super::drives::{KD, KP};
 use super::events::RowSolution;
 use super::manifold::advance_cotangents;
 use super::method::STAGES;
-use super::modes::{STUCK_NOISE, set_modes, test_stuck_rows};
+use super::modes::STUCK_NOISE;
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::{Checked, Solver};
-use super::step::{at_stage, finish_stage, finish_step, rounded_speed, set_friction, stage};
+use super::step::{Part, at_stage, do_part, rounded_speed};
 use super::step_settings::{StepArguments, StepSettings};
 use super::wrenches::LinkWrenches;
 use crate::batch::accelerations::KernelArguments;
-use crate::batch::instruction_set::{Target, Vectorized};
+use crate::batch::instruction_set::{Target, Vectorized, Work};
 use crate::batch::{factor::with_factor, products};
 use crate::dynamics;
 use crate::dynamics::derivatives::{self, CoStates, Constants, Parameters, ProductScratch};
@@ -274,67 +274,107 @@ fn gradients_by_torques(
 /// step is too long. `solutions` has the stuck rows of an event, for one state; `None` if the initial state determines
 /// the modes.
 #[inline(always)]
-pub(super) fn backward<T: Real, S: BackwardSolver<T>>(
-    by @ (settings, scheme): StepArguments<'_>,
+pub(super) fn backward<T: Real, I: Target, S: BackwardSolver<T>>(
+    target: I,
+    by @ (_, scheme): StepArguments<'_>,
     s: &mut Scratch<T>,
     to: &mut StepGradients<T>,
     solver: &mut S,
     solutions: Option<&[RowSolution]>,
 ) -> u64 {
-    let last = scheme.tableau.last_stage();
+    let (last, is_event) = (scheme.tableau.last_stage(), solutions.is_some());
     let mut fallback = 0;
-    if solutions.is_none() {
-        set_drives(by, s);
-    }
-    if settings.regularized {
-        set_friction(by, s);
-    }
-    set_modes(by, s);
+    do_part(target, Part::Begin { drives: !is_event }, by, s);
     if let Some(solutions) = solutions {
         set_event_modes(by, s, solutions);
     }
     for i in 0..last {
-        stage(by, s, i);
+        do_part(target, Part::Stage(i), by, s);
         fallback |= solver.factor(at_stage(s, i));
-        test_stuck_rows(s, i);
-        finish_stage(by, s, i);
+        do_part(target, Part::FinishStage(i), by, s);
     }
     clear(&mut s.control);
     for i in (0..=last).rev() {
-        stage(by, s, i);
+        do_part(target, Part::Stage(i), by, s);
         fallback |= solver.factor(at_stage(s, i));
-        test_stuck_rows(s, i);
-        if i == last {
-            finish_stage(by, s, i);
-            to.of_end(by, s);
-        }
-        if solutions.is_none() {
-            release(s, &mut to.l[i]);
-        }
-        add_scaled(&mut to.m[i], scheme.tableau.gamma[i][i], &to.l[i]);
-        if solutions.is_none() {
-            release(s, &mut to.m[i]);
-        }
-        to.c.copy_from_slice(&to.l[i]);
+        do_part(target, if i == last { Part::FinishStage(i) } else { Part::Hold(i) }, by, s);
+        reverse_part(target, ReversePart::Before { stage: i, is_event }, by, s, to);
         let StepGradients { m, stage_parameters, of_dynamics, .. } = to;
         let of_stage = StageGradients { cotangent: &m[i], parameters: stage_parameters, out: of_dynamics };
         fallback |= solver.gradients(at_stage(s, i), of_stage);
-        to.of_torques(by, s, i);
-        if let Some(wrenches) = &settings.wrenches {
-            to.of_wrenches(wrenches, s);
-        }
-        to.of_stage(by, s, i);
+        reverse_part(target, ReversePart::After { stage: i }, by, s, to);
     }
-    to.of_friction(by, s);
+    reverse_part(target, ReversePart::Start { is_event }, by, s, to);
     if let Some(solutions) = solutions {
         to.of_stuck_rows(s, solutions);
     } else {
-        // A joint that is at rest stays at rest for all perturbations.
-        release(s, &mut to.start[1]);
-        finish_step(by, s);
+        do_part(target, Part::Finish, by, s);
         fallback |= lanes_but::<T>(|lane| s.consistent.lane(lane) > 0.0 && s.short_enough.lane(lane) > 0.0);
     }
     fallback
+}
+
+/// The parts of the adjoint of a step between the gradients of the accelerations of its stages.
+#[derive(Debug, Clone, Copy)]
+enum ReversePart {
+    /// Gradients by the accelerations of a stage; in the last one those by the end of the step first.
+    Before { stage: usize, is_event: bool },
+    /// From the gradients of these accelerations to those by torques, wrenches and the stages before.
+    After { stage: usize },
+    /// By the start of the step.
+    Start { is_event: bool },
+}
+
+struct InReversePart<'a, T: Real>(ReversePart, StepArguments<'a>, &'a mut Scratch<T>, &'a mut StepGradients<T>);
+
+impl<T: Real> Work for InReversePart<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(part, by @ (settings, scheme), s, to) = self;
+        match part {
+            ReversePart::Before { stage: i, is_event } => {
+                if i == scheme.tableau.last_stage() {
+                    to.of_end(by, s);
+                }
+                if !is_event {
+                    release(s, &mut to.l[i]);
+                }
+                add_scaled(&mut to.m[i], scheme.tableau.gamma[i][i], &to.l[i]);
+                if !is_event {
+                    release(s, &mut to.m[i]);
+                }
+                to.c.copy_from_slice(&to.l[i]);
+            }
+            ReversePart::After { stage: i } => {
+                to.of_torques(by, s, i);
+                if let Some(wrenches) = &settings.wrenches {
+                    to.of_wrenches(wrenches, s);
+                }
+                to.of_stage(by, s, i);
+            }
+            ReversePart::Start { is_event } => {
+                to.of_friction(by, s);
+                if !is_event {
+                    // A joint that is at rest stays at rest for all perturbations.
+                    release(s, &mut to.start[1]);
+                }
+            }
+        }
+    }
+}
+
+/// A part of the adjoint of a step, with the instructions of `target`; compiled once for all solvers, as [`do_part`].
+#[inline(never)]
+fn reverse_part<T: Real, I: Target>(
+    target: I,
+    part: ReversePart,
+    by: StepArguments<'_>,
+    s: &mut Scratch<T>,
+    to: &mut StepGradients<T>,
+) {
+    target.within(InReversePart(part, by, s, to));
 }
 
 /// Sets the rows of stuck joints to zero.

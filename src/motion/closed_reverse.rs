@@ -18,6 +18,7 @@ use super::step::step;
 use super::step_settings::StepSettings;
 use super::stepper::CheckedState;
 use crate::batch::accelerations::KernelArguments;
+use crate::batch::instruction_set::Baseline;
 use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowFault, subtract_products};
 use crate::dynamics::derivatives::Constants;
 use crate::error::Error;
@@ -105,7 +106,7 @@ impl ClosedReverse {
         let end = (s.q_next.clone(), s.v_next.clone());
         let (q, v) = (std::mem::replace(&mut s.q, end.0), std::mem::replace(&mut s.v, end.1));
         clear(&mut s.dry);
-        step((without, scheme), s, &mut solver);
+        step(Baseline, (without, scheme), s, &mut solver);
         let finished = solver.finish(without, s, None);
         let accelerations = s.v_next.iter().zip(&s.v).map(|(next, v)| (next - v) / scheme.step).collect();
         (s.q, s.v) = (q, v);
@@ -127,7 +128,7 @@ impl ClosedReverse {
         let (mut by, named) = ((settings, scheme), |failure| named(scene, failure));
         s.adopt(settings, scheme);
         forces.clear();
-        step(by, s, &mut Recorded { forward: &mut forward, forces });
+        step(Baseline, by, s, &mut Recorded { forward: &mut forward, forces });
         let mut free = s.v_next.clone();
         newton.clear();
         let finished = forward.finish(settings, s, Some(newton));
@@ -141,7 +142,7 @@ impl ClosedReverse {
             clear(&mut s.dry);
             s.release_drives(settings, scheme.implicit_step());
             forces.clear();
-            step(by, s, &mut Recorded { forward: &mut forward, forces });
+            step(Baseline, by, s, &mut Recorded { forward: &mut forward, forces });
             free.copy_from_slice(&s.v_next);
             newton.clear();
             forward.finish(settings, s, Some(newton)).map_err(named)?;
@@ -197,7 +198,7 @@ impl ClosedReverse {
         forces.truncate(scheme.tableau.last_stage() + 1);
         let mut solver = ClosedBackward { forward, adjoint, forces };
         s.are_sides_given = true;
-        backward(by, s, gradients, &mut solver, None);
+        backward(Baseline, by, s, gradients, &mut solver, None);
         s.are_sides_given = false;
         if let Err(failure) = solver.forward.scratch.take_fault() {
             return Err(named(failure));

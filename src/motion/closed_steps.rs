@@ -12,6 +12,7 @@ use super::step::step;
 use super::step_settings::{StepArguments, StepSettings};
 use super::stops::SetValued;
 use super::works::add_work;
+use crate::batch::instruction_set::Baseline;
 use crate::filter::Form;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
@@ -62,7 +63,7 @@ impl Steps for ClosedSteps<'_> {
     fn step(&mut self, by: StepArguments<'_>, s: &mut Scratch<f64>) {
         // That of a step that was too long.
         self.scratch.rows_of_connections.take_fault().ok();
-        step(by, s, &mut self.constrained(by.0));
+        step(Baseline, by, s, &mut self.constrained(by.0));
     }
 
     fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>) {
@@ -85,7 +86,7 @@ impl Steps for ClosedSteps<'_> {
             clear(&mut s.dry);
             let scheme = Scheme::new(settings.method, ending.0);
             s.release_drives(settings, scheme.implicit_step());
-            step((without, &scheme), s, &mut solver);
+            step(Baseline, (without, &scheme), s, &mut solver);
             found = solver.finish(settings, s, None);
         }
         let (h, mut record) = (ending.0, StopRecord::default());

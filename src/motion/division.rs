@@ -15,6 +15,7 @@ use super::step_settings::{RateKind, StepArguments, StepSettings};
 use super::stops::SetValued;
 use super::totals::{ERROR, EVENTS, LENGTH, MOST, SUBSTEPS};
 use super::works::add_work;
+use crate::batch::instruction_set::Baseline;
 use crate::interrupt;
 use crate::workspace::Workspace;
 
@@ -84,7 +85,7 @@ pub(super) struct TreeSteps<'a> {
 
 impl Steps for TreeSteps<'_> {
     fn step(&mut self, by: StepArguments<'_>, s: &mut Scratch<f64>) {
-        step(by, s, self.solver);
+        step(Baseline, by, s, self.solver);
     }
 
     fn event(&mut self, settings: &StepSettings, s: &mut Scratch<f64>, ending: Ending<'_>) -> f64 {

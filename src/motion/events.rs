@@ -11,11 +11,12 @@ use super::method::{Method, Scheme};
 use super::modes::STUCK_NOISE;
 use super::scratch::{Scratch, clear};
 use super::solver::Checked;
-use super::step::{set_friction, stage};
+use super::step::{Part, do_part, set_friction};
 use super::step_settings::StepSettings;
 use super::stops::{Drive, Graph, Hold, Line, Piece, SetValued, settle};
 use super::totals::{STOPS, TOTALS, UNSETTLED, WORKS};
 use super::works::{RowWork, add_work};
+use crate::batch::instruction_set::Baseline;
 use crate::dynamics;
 use crate::workspace::Workspace;
 
@@ -88,7 +89,7 @@ impl Events {
         }
         clear(&mut s.dry);
         clear(&mut s.control);
-        stage(by, s, 0);
+        do_part(Baseline, Part::Stage(0), by, s);
         self.given.copy_from_slice(&s.u);
         self.noise.copy_from_slice(&s.model.system.noise);
         self.graphs.clear();

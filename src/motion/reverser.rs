@@ -18,7 +18,7 @@ use super::scratch::{Scratch, add_scaled, clear};
 use super::step_settings::{StepArguments, StepSettings};
 use super::stepper::{CheckedState, Stepper, fill, scatter, take_lane};
 use super::torque::{StepFault, Torque};
-use crate::batch::instruction_set::{InstructionSet, Target, Vectorized, lanes_of, on_instruction_set};
+use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, lanes_of, on_instruction_set};
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::Scene;
@@ -264,7 +264,7 @@ impl OneState for Checked {
                     if !pieces.is_empty() {
                         give(settings, scratch, &pieces);
                     }
-                    backward(by, scratch, gradients, solver, None);
+                    backward(Baseline, by, scratch, gradients, solver, None);
                     scratch.are_sides_given = false;
                 }
                 Some(event) => {
@@ -300,7 +300,7 @@ fn through_event(
         gradients.end[0][row] = 0.0;
     }
     let mut through = |gradients: &mut StepGradients<f64>, solutions: &EventSolution| {
-        backward(by, s, gradients, &mut solver.known(&solutions.accelerations), Some(&solutions.rows));
+        backward(Baseline, by, s, gradients, &mut solver.known(&solutions.accelerations), Some(&solutions.rows));
     };
     let [for_positions, for_velocities] = &solutions[..] else {
         for solutions in solutions {

@@ -222,7 +222,7 @@ within_target! {
             s.take_targets(settings, (n, count), |lane| states.at(lane));
             let by = (settings, &settings.scheme);
             // Steps that are not vectorized run one state after another.
-            let mut fallback = if is_vectorized { step(by, s, &mut kernels) } else { u64::MAX };
+            let mut fallback = if is_vectorized { step(target, by, s, &mut kernels) } else { u64::MAX };
             let totals = s.totals;
             if let Some(connected) = &mut kernels.connected {
                 fallback |= connected.finish(target, form, s);

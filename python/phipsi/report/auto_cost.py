@@ -16,7 +16,7 @@ import numpy as np
 
 import phipsi
 
-from .. import examples
+from phipsi import examples
 from . import kinds
 from .timing import BATCH, Arguments, in_turns, looped, one_by_one, threads
 

@@ -63,11 +63,11 @@ pub(super) fn base_to_tip<T: Real, const ALLOWS: bool>(
 ) -> Cancellation<T> {
     let mut seen = Cancellation::new();
     let SweepScratch { own, shifts, measured, test, .. } = scratch;
-    let TestVector { own: tested, co_states, innovations, .. } = test;
+    let TestVector { own: tested, co_states, innovations, nu: nus, .. } = test;
     // Slices of equal length, which lets the compiler omit bounds checks.
     let rows = measured.len();
     let (estimates, innovations) = (&mut estimates[..rows], &innovations[..rows]);
-    for ((body, own), tested) in sweeps.swept().iter().zip(own).zip(tested) {
+    for (place, ((body, own), tested)) in sweeps.swept().iter().zip(own).zip(tested).enumerate() {
         let [outer, outer_nu] = &co_states[body.places.parent_outward];
         let o = outer[0].constant(0.0);
         let (mut lambda, mut nu) = ([o; 6], [o; 6]);
@@ -85,7 +85,7 @@ pub(super) fn base_to_tip<T: Real, const ALLOWS: bool>(
             );
         });
         if !ALLOWS {
-            tested.nu = nu;
+            nus[place] = nu;
         }
         if !body.is_leaf {
             co_states[body.places.outward] = [lambda, nu];

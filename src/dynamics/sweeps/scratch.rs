@@ -67,8 +67,6 @@ pub(in crate::dynamics) struct TestState<T> {
     pub bias: [T; 6],
     /// Squares of the angular and the linear half of zeta^+.
     pub zeta: (T, T),
-    /// The co-state of the test vector, for the factor of M.
-    pub nu: [T; 6],
 }
 
 /// The root of P and z = L y + t of a body with the children that have been joined to it.
@@ -103,6 +101,8 @@ pub(in crate::dynamics) struct TestVector<T> {
     pub own: Vec<TestState<T>>,
     /// lambda^- and nu, in slots, outward; the first, of the base, is zero.
     pub co_states: Vec<[[T; 6]; 2]>,
+    /// nu of each body, for the factor of M alone: apart, because form `auto` must fit the cache.
+    pub nu: Vec<[T; 6]>,
 }
 
 /// One for each thread; starts as NaN.
@@ -171,7 +171,8 @@ impl<T: Real> SweepScratch<T> {
                 other_vector: (nv..2 * nv).map(|row| T::from_f64(weight(row))).collect(),
                 innovations: vec![nan; nv],
                 accumulated: test_accumulated,
-                own: vec![TestState { terms: [nan; 6], bias: [nan; 6], zeta: (nan, nan), nu: [nan; 6] }; bodies],
+                own: vec![TestState { terms: [nan; 6], bias: [nan; 6], zeta: (nan, nan) }; bodies],
+                nu: vec![[nan; 6]; bodies],
                 co_states: test_co_states,
             },
             co_states,
@@ -212,7 +213,7 @@ impl<T: Real> SweepScratch<T> {
     /// The co-state of the test vector at a place, of the factor of M with an error estimate.
     #[inline(always)]
     pub(in crate::dynamics) fn test_co_state(&self, place: usize) -> [T; 6] {
-        self.test.own[place].nu
+        self.test.nu[place]
     }
 
     /// Exchanges the two test vectors.

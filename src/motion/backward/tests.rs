@@ -138,10 +138,11 @@ impl Case {
             to.end.clone_from(&self.end);
         }
         let mut solver = VectorizedBackward::new(Baseline, Form::Auto, (&s.model, &s.constants));
-        let fallback = backward((&self.settings, &self.settings.scheme), &mut s, &mut both[0], &mut solver, None);
+        let fallback =
+            backward(Baseline, (&self.settings, &self.settings.scheme), &mut s, &mut both[0], &mut solver, None);
         assert_eq!(fallback, 0, "{:?}: {:?}, {:?}", self.settings.method, s.consistent, s.short_enough);
         let mut checked = CheckedBackward::new(&s.model, None, Form::Auto, None);
-        backward((&self.settings, &self.settings.scheme), &mut s, &mut both[1], &mut checked, None);
+        backward(Baseline, (&self.settings, &self.settings.scheme), &mut s, &mut both[1], &mut checked, None);
         assert!(checked.solver.lost.is_none());
         both
     }
@@ -151,7 +152,7 @@ impl Case {
         let mut s = self.scratch::<Number>();
         set(&mut s);
         let mut solver = General(Workspace::new(&s.model));
-        step((&self.settings, &self.settings.scheme), &mut s, &mut solver);
+        step(Baseline, (&self.settings, &self.settings.scheme), &mut s, &mut solver);
         let mut sum = DoubleDouble::from_f64(0.0);
         for (k, body) in s.model.bodies.iter().enumerate() {
             let row = s.model.system.stages[k].first_row;

@@ -130,7 +130,7 @@ impl<T: Vectorized> ConnectedReverse<T> {
         let by = (settings, &settings.scheme);
         self.connected.begin(states, s);
         self.connected.replaced();
-        let mut fallback = step(by, s, &mut Recorded { reverse: self, kernels, at: 0 });
+        let mut fallback = step(kernels.0, by, s, &mut Recorded { reverse: self, kernels, at: 0 });
         fallback |= beyond_limits(&self.connected.limits, (&s.q, &s.q_next));
         if self.connected.active & !fallback == 0 {
             return u64::MAX;
@@ -141,7 +141,7 @@ impl<T: Vectorized> ConnectedReverse<T> {
         fallback |= self.projections(kernels, fallback, s, &mut to.end);
         let at = settings.scheme.tableau.last_stage() + 1;
         s.are_sides_given = true;
-        fallback |= backward(by, s, to, &mut Recorded { reverse: self, kernels, at }, None);
+        fallback |= backward(kernels.0, by, s, to, &mut Recorded { reverse: self, kernels, at }, None);
         s.are_sides_given = false;
         add_scaled(&mut to.acting[ARMATURE], 1.0, &self.gradients.noise);
         add_scaled(to.parameters.as_flattened_mut(), 1.0, self.gradients.parameters.as_flattened());

@@ -29,6 +29,7 @@ use super::laws::{Chain, Response};
 use super::moves::{Move, Pulled, Push};
 use super::record::StepRecord;
 use super::step::ContactStep;
+use crate::batch::instruction_set::Baseline;
 use crate::contact::Limits;
 use crate::dynamics::constraints::Pushed;
 use crate::dynamics::contacts::derivatives::RowDerivatives;
@@ -168,7 +169,7 @@ impl ContactAdjoint {
         gradients.end[1].copy_from_slice(&of_free);
         // The accelerations of the implicit Euler step are in the scratch.
         let mut known = KnownAccelerations { solver, products: &mut self.products, accelerations: None };
-        backward((settings, &settings.scheme), s, gradients, &mut known, None);
+        backward(Baseline, (settings, &settings.scheme), s, gradients, &mut known, None);
         for (start, more) in gradients.start.iter_mut().zip([&self.q, &self.v]) {
             start.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
         }

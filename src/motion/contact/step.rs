@@ -21,6 +21,7 @@ use super::project::{onto_surfaces, out_of_planes};
 use super::reach::touching_gap;
 use super::record::{Laws, StepRecord};
 use super::report::ContactReport;
+use crate::batch::instruction_set::Baseline;
 use crate::contact::{Cones, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
@@ -179,7 +180,7 @@ impl ContactStep {
         accepted: &RangeInclusive<f64>,
     ) -> Result<bool, (String, Error)> {
         self.contradicted.clear();
-        step((settings, &settings.scheme), s, &mut self.solver);
+        step(Baseline, (settings, &settings.scheme), s, &mut self.solver);
         let lost = self.solver.lost.take();
         if let Some(fault) = fault_of(scene, settings, s, lost) {
             return Err(fault);

@@ -30,7 +30,7 @@ within_target! {
         }
         let fallback = match connected {
             Some(connected) => connected.step((target, *form), (settings, count), s, gradients),
-            None => backward((settings, &settings.scheme), s, gradients, solver, None),
+            None => backward(target, (settings, &settings.scheme), s, gradients, solver, None),
         };
         if fallback == u64::MAX { fallback } else { fallback | not_finite(gradients) }
     }
