@@ -25,12 +25,18 @@ const CHANGES: usize = 3;
 pub(super) enum Part {
     /// The pieces of the control laws, for a step without an event; friction and modes.
     Begin { drives: bool },
+    /// The same for a step without an event, then stage 0.
+    Start,
     /// The state and the torque of a stage.
     Stage(usize),
     /// Its stuck rows.
     Hold(usize),
     /// The same, and the velocity of its increment.
     FinishStage(usize),
+    /// The same, then the stage after it.
+    Next(usize),
+    /// The same, then the end of the step.
+    End(usize),
     /// The end of the step.
     Finish,
     /// Other pieces of the control laws; nothing is done if none changes.
@@ -43,29 +49,41 @@ impl<T: Real> Work for InPart<'_, T> {
     /// Whether pieces of the control laws changed.
     type Output = bool;
 
+    /// Each operation is compiled into it once.
     #[inline(always)]
     fn call(self) -> bool {
         let Self(part, by, s) = self;
-        match part {
-            Part::Begin { drives } => {
-                if drives {
-                    set_drives(by, s);
-                }
-                if by.0.regularized {
-                    set_friction(by, s);
-                }
-                set_modes(by, s);
-            }
-            Part::Stage(i) => stage(by, s, i),
-            Part::Hold(i) => test_stuck_rows(s, i),
-            Part::FinishStage(i) => {
-                test_stuck_rows(s, i);
+        if let Part::Hold(i) | Part::FinishStage(i) | Part::Next(i) | Part::End(i) = part {
+            test_stuck_rows(s, i);
+            if !matches!(part, Part::Hold(_)) {
                 finish_stage(by, s, i);
             }
-            Part::Finish => finish_step(by, s),
-            Part::Change => return change_drives(by, s),
         }
-        false
+        if matches!(part, Part::End(_) | Part::Finish) {
+            finish_step(by, s);
+        }
+        if matches!(part, Part::Begin { .. } | Part::Start) {
+            if !matches!(part, Part::Begin { drives: false }) {
+                set_drives(by, s);
+            }
+            if by.0.regularized {
+                set_friction(by, s);
+            }
+            set_modes(by, s);
+        }
+        let next = match part {
+            Part::Start => Some(0),
+            Part::Stage(i) => Some(i),
+            Part::Next(i) => Some(i + 1),
+            _ => None,
+        };
+        if let Some(i) = next {
+            if matches!(part, Part::Start) {
+                clear(&mut s.control);
+            }
+            stage(by, s, i);
+        }
+        matches!(part, Part::Change) && change_drives(by, s)
     }
 }
 
@@ -112,14 +130,12 @@ fn on_pieces<T: Real, I: Target, S: Solver<T>>(
     solver: &mut S,
 ) -> u64 {
     let mut fallback = 0;
-    do_part(target, Part::Begin { drives: true }, by, s);
-    clear(&mut s.control);
-    for i in 0..scheme.tableau.stages {
-        do_part(target, Part::Stage(i), by, s);
+    let last = scheme.tableau.stages - 1;
+    do_part(target, Part::Start, by, s);
+    for i in 0..=last {
         fallback |= solver.solve(i == 0, at_stage(s, i));
-        do_part(target, Part::FinishStage(i), by, s);
+        do_part(target, if i < last { Part::Next(i) } else { Part::End(i) }, by, s);
     }
-    do_part(target, Part::Finish, by, s);
     fallback
 }
 
