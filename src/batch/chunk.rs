@@ -393,11 +393,9 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         #[cfg(feature = "derivatives")]
         if let (Algorithm::Derivatives(which), true) = (algorithm, GROUP == DERIVATIVES) {
             let new = || Box::new(DerivativeKernel::new(scene, constraints));
-            let kernel = &mut **derivatives.get_or_insert_with(new);
-            let scratch = sweep_scratch;
+            let (kernel, scratch) = (&mut **derivatives.get_or_insert_with(new), sweep_scratch);
             let call = KernelCall { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
-            let is_connected = algorithm.goes_through_connections() && !constraints.is_empty();
-            doubt |= derivatives::run(target, (which, is_connected), call, inverse_columns);
+            doubt |= derivatives::run(target, which, call, inverse_columns);
             if which == Derivatives::MassMatrix {
                 for matrix in out.chunks_exact_mut(model.nv() * model.nv()) {
                     with_transpose(model.nv(), matrix, |a, b| a + b);

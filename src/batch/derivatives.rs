@@ -72,14 +72,14 @@ impl<T: Vectorized> DerivativeKernel<T> {
 #[inline(always)]
 pub(super) fn run<T: Vectorized, I: Target>(
     target: I,
-    (which, is_connected): (Derivatives, bool),
+    which: Derivatives,
     call: KernelCall<'_, T, DerivativeKernel<T>>,
     inverse: &mut InverseColumns<T, T::Columns>,
 ) -> u64 {
     let KernelCall { scene, scratch, kernel, state: (q, qd, u), wrenches, out } = call;
     let DerivativeKernel { kept, columns, product, qdd, matrices, all, connected } = kernel;
-    let mut connected = connected.as_deref_mut().filter(|_| is_connected);
     let (size, form) = (matrices.len(), if let Derivatives::ForwardDynamics(form) = which { Some(form) } else { None });
+    let mut connected = connected.as_deref_mut().filter(|_| form.is_some());
     let mut doubt = 0;
     if let Some(form) = form {
         if !matches!(form, Form::Auto | Form::Covariance) || !scene.1.is_shallow() {
