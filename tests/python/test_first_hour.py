@@ -104,7 +104,7 @@ def test_first_mistakes_lead_to_the_right_call(call: Any, error: type[Exception]
 
 
 def test_a_module_that_is_not_imported_is_named() -> None:
-    done = subprocess.run([sys.executable, "-c", "import phipsi; phipsi.pinocchio"], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-c", "import phipsi; phipsi.pinocchio"], capture_output=True, text=True, check=False, timeout=120)
     assert "AttributeError: module 'phipsi' has no attribute 'pinocchio'; write import phipsi.pinocchio" in done.stderr
 
 
