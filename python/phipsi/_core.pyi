@@ -4269,7 +4269,7 @@ class Scene:
         are an augmented Lagrangian. Results have the same bits on any number of threads.
 
         With an uncertainty, the plan of least cost is moved along the gradient of the expected cost, of which the change
-        of the law is a part, until it has no further decrease: that costs some hundred iterations.
+        of the law is a part, until it has no further decrease: each change is a search.
 
         Examples
         --------

@@ -46,7 +46,7 @@ pub(super) enum Part {
 struct InPart<'a, T: Real>(Part, StepArguments<'a>, &'a mut Scratch<T>);
 
 impl<T: Real> Work for InPart<'_, T> {
-    /// Whether pieces of the control laws changed.
+    /// True if pieces of the control laws changed.
     type Output = bool;
 
     /// Each operation is compiled into it once.

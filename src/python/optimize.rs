@@ -83,7 +83,7 @@ methods_in_python! {
     /// are an augmented Lagrangian. Results have the same bits on any number of threads.
     ///
     /// With an uncertainty, the plan of least cost is moved along the gradient of the expected cost, of which the change
-    /// of the law is a part, until it has no further decrease: that costs some hundred iterations.
+    /// of the law is a part, until it has no further decrease: each change is a search.
     #[doc = section!(Examples)]
     /// >>> from phipsi import control
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)

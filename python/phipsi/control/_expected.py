@@ -93,7 +93,7 @@ def read_uncertainty(uncertainty: Any) -> MotionUncertainty:
 
 def closed_loop(plan: MotionPlan, given: MotionUncertainty, system: Any = None) -> _Loop:
     """The closed loop of a plan; system: A, B, the derivatives by torques and the Hessians, those of the plan by default."""
-    driven = np.flatnonzero((plan.effort != 0.0).any(axis=0))
+    driven = plan._problem.driven
     a, b, by_torque, hessian = plan._problem.optimizer.linearization()[0] if system is None else system
     steps, n, nv = len(a), a.shape[1], plan.scene.nv
     gains = plan.gains[:, driven, :]
@@ -118,9 +118,8 @@ def expected(plan: MotionPlan, uncertainty: Any) -> Expected:
     whole = loop.whole()
     deviations = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 0.0))
     efforts = np.zeros((len(plan.tau), nv))
-    driven = np.flatnonzero((plan.effort != 0.0).any(axis=0))
     of_law = loop.gains @ whole[:-1] @ np.swapaxes(loop.gains, 1, 2)
-    efforts[:, driven] = np.sqrt(np.maximum(np.diagonal(of_law, axis1=1, axis2=2), 0.0))
+    efforts[:, plan._problem.driven] = np.sqrt(np.maximum(np.diagonal(of_law, axis1=1, axis2=2), 0.0))
     states = np.ascontiguousarray(whole[:, : 2 * nv, : 2 * nv])
     return Expected(plan.cost + loop.excess(), deviations[:, :nv], deviations[:, nv : 2 * nv], efforts, states)
 

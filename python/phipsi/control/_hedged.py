@@ -190,13 +190,12 @@ def _directions(plan: MotionPlan) -> Iterator[tuple[int, int, float, NDArray[np.
     a step belongs to the next one. The state of the start is fixed.
     """
     steps = len(plan.tau)
-    driven = np.flatnonzero((plan.effort != 0.0).any(axis=0))
     efforts = STEP * max(float(np.abs(plan.tau).max(initial=0.0)), 1.0)
     for column in range(plan.scene.nv):
         for first in (1, 2):
             for which in (0, 1):
                 yield which, column, STEP, np.arange(first, steps + 1, 2)
-    for column in driven.tolist():
+    for column in plan._problem.driven.tolist():
         for first in (0, 1):
             yield 2, column, efforts, np.arange(first, steps, 2)
 

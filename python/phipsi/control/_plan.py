@@ -371,6 +371,11 @@ class _Problem:
     friction_speed: float
     smoothing: float
 
+    @property
+    def driven(self) -> NDArray[np.intp]:
+        """Degrees of freedom with a control: those that have a limit of effort other than zero."""
+        return np.flatnonzero((self.effort != 0.0).any(axis=0))
+
     def solve(
         self, state: tuple[_Array, _Array], tau: _Array | None, states: tuple[_Array, _Array] | None, iterations: int
     ) -> MotionPlan:
@@ -378,9 +383,8 @@ class _Problem:
         nv = self.scene.nv
         rate_gains = None
         if gains.shape[2] > 2 * nv:
-            driven = (self.effort != 0.0).any(axis=0)
             rate_gains = np.zeros((len(tau), nv, nv))
-            rate_gains[:, :, driven] = gains[:, :, 2 * nv :]
+            rate_gains[:, :, self.driven] = gains[:, :, 2 * nv :]
         each = [Iteration._make([*row[:-1], int(row[-1])]) for row in history.tolist()]
         plan_gains = np.ascontiguousarray(gains[:, :, : 2 * nv])
         return MotionPlan(self.dt, q, qd, tau, plan_gains, rate_gains, cost, converged, reason, each, self.scene, self.effort, self)
