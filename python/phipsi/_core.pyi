@@ -4869,9 +4869,10 @@ class Scene:
         -----
         The free joint of a floating base is not written: read the file with floating_base=True. The start and the
         keyframes are not written, with a ModelWarning. Armature, stiffness and rest are attributes of <dynamics>, which
-        other programs ignore. Shapes are copied from the URDF of the scene if it still exists; other colliders of links
-        are written as <collision>, without hulls, height fields and colliders of the base, with a ModelWarning. A
-        revolute joint without limits is written as continuous.
+        other programs ignore. Shapes are copied from the URDF of the scene if it still exists; those of a MuJoCo model are
+        written as <visual>, without meshes and ellipsoids, and other colliders of links as <collision>, without hulls,
+        height fields and colliders of the base, with a ModelWarning. A revolute joint without limits is written as
+        continuous.
 
         Examples
         --------
@@ -6266,6 +6267,7 @@ class SceneBuilder:
         """
 
     def _set_file(self, file: str | os.PathLike[str]) -> None: ...
+    def _add_shapes(self, text: str) -> None: ...
     def __copy__(self) -> SceneBuilder: ...
     def __deepcopy__(self, memo: Any, /) -> SceneBuilder: ...
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -10,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from ._mjcf_geoms import Geoms, of_element
 from ._pose import angles
 from ._xacro import expanded_again
 from ._results import Joint
@@ -88,6 +90,8 @@ def _shapes(scene: Scene) -> tuple[dict[str, list[ElementTree.Element]], list[El
             robot = ElementTree.fromstring(text or "<none/>")
         except ElementTree.ParseError:
             continue
+        if robot.tag == "mujoco":
+            _add_geoms(shapes, *of_element(robot, source))
         if robot.tag != "robot":
             continue
         for mesh in robot.iter("mesh"):
@@ -98,6 +102,28 @@ def _shapes(scene: Scene) -> tuple[dict[str, list[ElementTree.Element]], list[El
             shapes.setdefault(link.get("name", ""), []).extend(shape for shape in link if shape.tag in ("visual", "collision"))
         materials += robot.findall("material")
     return shapes, materials
+
+
+def _add_geoms(shapes: dict[str, list[ElementTree.Element]], geoms: Geoms, prefix: str) -> None:
+    """Add a <visual> element for each geom of a MuJoCo model; warn of those that URDF cannot represent."""
+    lost = dict[str, int]()
+    for geom in geoms.shapes:
+        if geom.kind not in SOLIDS:
+            lost[geom.kind] = lost.get(geom.kind, 0) + 1
+            continue
+        element = ElementTree.Element("visual")
+        _child(element, "origin", xyz=_text(geom.origin), rpy=_text(angles(np.array(geom.rotation))))
+        _child(_child(element, "geometry"), geom.kind, **_solid(geom.kind, geom.lengths))
+        _child(_child(element, "material", name=""), "color", rgba=_text(geom.color))
+        shapes.setdefault(prefix + geom.link, []).append(element)
+    if lost:
+        counts = ", ".join(f"{count} of kind {kind!r}" for kind, count in lost.items())
+        warn(f"scene: found shapes of a MuJoCo model ({counts}), which have no URDF element or file; they are not written", ModelWarning)
+
+
+def _solid(kind: str, lengths: Sequence[float]) -> dict[str, str]:
+    """Attributes of a solid."""
+    return {"size": _text(lengths)} if kind == "box" else dict(zip(SOLIDS[kind], map(_text, lengths), strict=True))
 
 
 def _add_colliders(scene: Scene, shapes: dict[str, list[ElementTree.Element]]) -> None:
@@ -111,8 +137,7 @@ def _add_colliders(scene: Scene, shapes: dict[str, list[ElementTree.Element]]) -
             continue
         element = ElementTree.Element("collision")
         _child(element, "origin", xyz=_text(origin), rpy=_text(angles(np.reshape(turn, (3, 3)))))
-        lengths = {"size": _text(numbers)} if kind == "box" else dict(zip(SOLIDS[kind], map(_text, numbers)))
-        _child(_child(element, "geometry"), kind, **lengths)
+        _child(_child(element, "geometry"), kind, **_solid(kind, numbers))
         found = shapes.setdefault(link, [])
         found.append(element)
         if not any(one.tag == "contact" for one in found):

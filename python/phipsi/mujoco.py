@@ -26,6 +26,7 @@ from ._mjcf import BALL, EQUALITY_JOINT, EQUALITY_WELD, FREE, HINGE, SLIDE, WIDT
 from ._mjcf import along_world, compiled, connected, equalities, field, has_constraints, is_disabled, joint_actuators, joint_name, link_name, stops, ties_bodies
 from ._mjcf_actuators import actuator_tuples
 from ._mjcf_contacts import Collisions
+from ._mjcf_geoms import of_model, to_text
 from ._mujoco_gaps import check
 from .errors import SceneError
 
@@ -70,6 +71,8 @@ def read(
     builder._set_actuators(actuator_tuples(model, names))
     if file is not None:
         builder._set_file(file)
+    elif (geoms := of_model(model)).shapes:
+        builder._add_shapes(to_text(geoms))
     if gravity is None:
         gravity = np.zeros(3) if is_disabled(model, "GRAVITY") else model.opt.gravity
     import mujoco

@@ -468,7 +468,7 @@ def has_text(scene: Scene) -> bool:
 
 def prefixed(scene: Scene, prefix: str) -> list[str]:
     """URDF texts with the shapes of a scene, whose links have a prefix and whose mesh files are absolute paths. For an MJCF
-    file, an element with its path and the prefix.
+    model, an element with its path or its shapes (`_mjcf_geoms`), and the prefix.
     """
     given = texts_of(scene)
     file = scene.file
@@ -480,8 +480,10 @@ def prefixed(scene: Scene, prefix: str) -> list[str]:
     for source, text in given:
         robot = ElementTree.fromstring(text)
         if robot.tag == "mujoco":
-            if named := robot.get("file", "" if source is None else str(source.absolute())):
+            named = robot.get("file", "" if source is None else str(source.absolute()))
+            if named or robot.text:
                 part = ElementTree.Element("mujoco", file=named, prefix=prefix + robot.get("prefix", ""))
+                part.text = robot.text if "file" in robot.attrib else None
                 found.append(ElementTree.tostring(part, encoding="unicode"))
             continue
         for part in [part for part in robot if part.tag not in ("link", "material")]:
@@ -498,7 +500,7 @@ def prefixed(scene: Scene, prefix: str) -> list[str]:
     return found
 
 
-#: Begin of the texts of to_urdf, and of those of an attached MJCF file.
+#: Begin of the texts of to_urdf, and of those of an attached MJCF file or of an MJCF model without a file.
 FROM_CODE, FROM_MJCF = '<robot name="">', "<mujoco file="
 COLLIDERS = "expected a Box, Sphere, Cylinder, Capsule, Mesh, Hull, HalfSpace or HeightField of phipsi.shapes"
 EXPECTED = "expected a Box, Sphere, Cylinder, Capsule or Mesh of phipsi.shapes, or a sequence of them"

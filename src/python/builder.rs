@@ -374,6 +374,11 @@ impl PySceneBuilder {
         self.change(|builder| builder.with_file(Some(file)));
     }
 
+    /// Adds a text with shapes that are drawn, for readers in Python.
+    fn _add_shapes(&mut self, text: String) {
+        self.change(|builder| builder.with_shapes([text]));
+    }
+
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
         let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_builder")?;
         Ok((rebuild, (Description::of(&slf.borrow().builder)?,)))

@@ -418,9 +418,10 @@ impl PyScene {
     #[doc = section!(Notes)]
     /// The free joint of a floating base is not written: read the file with floating_base=True. The start and the
     /// keyframes are not written, with a ModelWarning. Armature, stiffness and rest are attributes of <dynamics>, which
-    /// other programs ignore. Shapes are copied from the URDF of the scene if it still exists; other colliders of links
-    /// are written as <collision>, without hulls, height fields and colliders of the base, with a ModelWarning. A
-    /// revolute joint without limits is written as continuous.
+    /// other programs ignore. Shapes are copied from the URDF of the scene if it still exists; those of a MuJoCo model are
+    /// written as <visual>, without meshes and ellipsoids, and other colliders of links as <collision>, without hulls,
+    /// height fields and colliders of the base, with a ModelWarning. A revolute joint without limits is written as
+    /// continuous.
     #[doc = section!(Examples)]
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> copy = phipsi.Scene.from_urdf(scene.to_urdf())

@@ -12,7 +12,7 @@ import phipsi
 import pytest
 from conftest import random_scene
 from phipsi._pose import angles, from_rpy
-from phipsi.errors import ArgumentError
+from phipsi.errors import ArgumentError, ModelWarning
 from tolerances import EPS, assert_near, assert_same_bits, product, size
 
 KINDS = ("revolute", "continuous", "prismatic", "planar", "spherical", "floating", "fixed")
@@ -186,3 +186,19 @@ def test_colliders_come_back() -> None:
     builder.collider("wall", shapes.Box((1, 1, 1), xyz=(3, 0, 0))).collider("hull", shapes.Hull(np.vstack([np.zeros(3), np.eye(3)])), link="arm")
     with pytest.warns(phipsi.errors.ModelWarning, match="found colliders \\('wall', 'hull'\\), which URDF cannot represent; they are not written"):
         builder.build().to_urdf()
+
+
+def test_geoms_of_a_mujoco_model_are_written_or_named(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    geoms = '<geom type="box" size="0.1 0.2 0.3" pos="1 2 3" euler="0 0 90" rgba="0 0 1 1"/><geom type="capsule" size="0.1 0.4"/>'
+    text = f'<mujoco><worldbody><body name="arm"><joint name="j"/>{geoms}<geom type="ellipsoid" size="0.1 0.2 0.3"/></body></worldbody></mujoco>'
+    (file := tmp_path / "arm.xml").write_text(text, encoding="utf-8")
+    for source in (text, file):
+        with pytest.warns(ModelWarning, match=r"shapes of a MuJoCo model \(1 of kind 'ellipsoid'\)"):
+            robot = ElementTree.fromstring(phipsi.load(source).to_urdf())
+        box, capsule = robot.findall("link[@name='arm']/visual")
+        assert box.find("geometry/box").get("size") == "0.2 0.4 0.6"
+        assert box.find("origin").get("xyz") == "1.0 2.0 3.0"
+        assert_near(np.array(box.find("origin").get("rpy").split(), float), np.array([0.0, 0.0, np.pi / 2]), product(1, 2.0))
+        assert box.find("material/color").get("rgba") == "0.0 0.0 1.0 1.0"
+        assert capsule.find("geometry/capsule").attrib == {"radius": "0.1", "length": "0.8"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import re
 import socket
 import subprocess
@@ -88,13 +89,22 @@ MUJOCO = """<mujoco><option><flag contact="disable"/></option><asset><mesh name=
 <geom type="sphere" size="5" group="3"/></body></worldbody></mujoco>"""
 
 
-def test_shapes_of_a_mujoco_model(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
+@pytest.mark.parametrize("given", ["file", "text", "model", "binary file", "attached file", "attached model"])
+def test_shapes_of_a_mujoco_model(tmp_path: Path, given: str) -> None:
+    mujoco = pytest.importorskip("mujoco")
     file = tmp_path / "arm.xml"
     file.write_text(MUJOCO, encoding="utf-8")
-    scene = phipsi.load(file)
+    model = mujoco.MjModel.from_xml_path(str(file))
+    if given == "binary file":
+        mujoco.mj_saveModel(model, str(file := tmp_path / "arm.mjb"))
+    scene = phipsi.load({"text": MUJOCO, "model": model, "attached model": model}.get(given, file))
+    prefix = "a_b_" if "attached" in given else ""
+    if prefix:
+        part = phipsi.scenes.chain(1).to_builder().attach(scene, "link0", prefix="b_").build()
+        scene = phipsi.SceneBuilder().link("world").attach(part, "world", prefix="a_").build()
+    scene = pickle.loads(pickle.dumps(scene))
     shapes = shapes_of(scene, None)
-    assert [shape.link for shape in shapes] == ["arm"] * 6
+    assert [shape.link for shape in shapes] == [f"{prefix}arm"] * 6
     extents = [shape.mesh.extents for shape in shapes]
     for found, expected in zip(extents, [(0.2, 0.4, 0.6), (0.4,) * 3, (0.2, 0.2, 1.0), (0.2, 0.2, 0.8), (0.2, 0.4, 0.6)], strict=False):
         assert np.max(np.abs(found - expected)) < 0.01

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from .._core import Scene
 from .._files import SEARCHED, find
 from .._load import root_of
-from .._mjcf import Names, compiled
+from .._mjcf import compiled
+from .._mjcf_geoms import Geoms, of_element, of_model
 from .._pose import angles
 from .._xacro import COMMENT, expanded_again
 from ..errors import ArgumentError, MeshWarning, warn
@@ -129,9 +130,7 @@ def of_file(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
     found = [] if file is None or not file.is_file() or has_text(scene) else _of_path(scene, file)
     for source, text in texts_of(scene):
         if text.startswith(FROM_MJCF):
-            part = ElementTree.fromstring(text)
-            if (file := Path(part.get("file", ""))).is_file():
-                found += of_mujoco(scene, file, part.get("prefix", ""))
+            found += _of_geoms(scene, *of_element(ElementTree.fromstring(text), None))
             continue
         # Paths in a text without a file are relative to the working directory.
         found += _of_urdf(scene, source or Path("urdf").absolute(), text)
@@ -155,7 +154,7 @@ def _of_path(scene: Scene, file: Path) -> list[Shape]:
         raise ArgumentError(f"urdf: found {str(file)[:100]!r}, which is not a file; expected the path of a URDF or MJCF, or None for the file of the scene")
     text = file.read_text(encoding="utf-8", errors="replace")
     if root_of(text) == "mujoco":
-        return list(of_mujoco(scene, file))
+        return list(_of_geoms(scene, of_model(compiled(file)[0])))
     expanded = expanded_again(file, text)
     return [] if expanded is None else list(_of_urdf(scene, file, expanded))
 
@@ -369,44 +368,21 @@ def translucent(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 # Shapes of a MuJoCo model
 
-#: Groups of geoms that MuJoCo shows; the others are for collisions.
-SHOWN = (0, 1, 2)
-#: Color of a geom that has none. Like MuJoCo, use the color of the material only then.
-UNSET = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
-
-
-def of_mujoco(scene: Scene, file: Path, prefix: str = "") -> Iterator[Shape]:
-    """Shapes of bodies of the scene, except planes and height fields; prefix: of the names of its links."""
-    import mujoco
-
-    kinds = mujoco.mjtGeom
-    model, _ = compiled(file)
-    known, bodies = set(scene.link_names), Names(model).bodies
-    for at in range(model.ngeom):
-        link, (x, y, z) = prefix + bodies[model.geom_bodyid[at]], model.geom_size[at]
-        if model.geom_group[at] not in SHOWN or link not in known:
+def _of_geoms(scene: Scene, geoms: Geoms, prefix: str = "") -> Iterator[Shape]:
+    """Shapes of the links of the scene; prefix: of the names of these links."""
+    known = set(scene.link_names)
+    for geom in geoms.shapes:
+        if prefix + geom.link not in known:
             continue
-        kind = model.geom_type[at]
-        solids = {"SPHERE": [x], "CAPSULE": [x, 2.0 * y], "CYLINDER": [x, 2.0 * y], "BOX": [2.0 * x, 2.0 * y, 2.0 * z]}
-        solid = kinds(kind).name.removeprefix("mjGEOM_")
-        if solid in solids:
-            mesh = _solid_mesh(solid.lower(), solids[solid])
-        elif kind == kinds.mjGEOM_ELLIPSOID:
-            mesh = _solid_mesh("sphere", [1.0]).apply_scale([x, y, z])
-        elif kind == kinds.mjGEOM_MESH:
-            mesh = _mesh(model, model.geom_dataid[at])
+        if geom.kind == "mesh":
+            mesh = trimesh.Trimesh(*geoms.meshes[geom.mesh], process=False)
+        elif geom.kind == "ellipsoid":
+            mesh = _solid_mesh("sphere", [1.0]).apply_scale(geom.lengths)
         else:
-            continue
-        material, color = model.geom_matid[at], model.geom_rgba[at]
+            mesh = _solid_mesh(geom.kind, geom.lengths)
         place = np.eye(4)
-        place[:3, :3], place[:3, 3] = rotation(model.geom_quat[at]), model.geom_pos[at]
-        yield Shape(link, color_mesh(mesh, tuple(color if material < 0 or np.any(color != UNSET) else model.mat_rgba[material])), place)
-
-
-def _mesh(model: Any, mesh: int) -> trimesh.Trimesh:
-    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
-    return trimesh.Trimesh(np.array(vertices), np.array(model.mesh_face[face : face + model.mesh_facenum[mesh]]), process=False)
+        place[:3, :3], place[:3, 3] = geom.rotation, geom.origin
+        yield Shape(prefix + geom.link, color_mesh(mesh, tuple(geom.color)), place)
 
 
 # Shapes of inertias
