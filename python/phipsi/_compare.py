@@ -279,6 +279,8 @@ def _at_states(first: Scene, second: Scene, common: list[str], states: int, seed
         "acceleration, rad/s^2 or m/s^2": lambda scene, q, qd, tau: scene.forward_dynamics(q, qd, tau),
     }
     dynamics = []
+    # The joint of each degree of freedom.
+    owners = [name for name in first.joint_names for _ in range(*first.v_index(name).indices(first.nv))]
     for quantity, call in calls.items():
         one, two = call(first, q, qd, tau), call(second, other, moved(qd), moved(tau))
         two = two[:, order][..., order] if two.ndim == 3 else two[:, order]
@@ -289,7 +291,9 @@ def _at_states(first: Scene, second: Scene, common: list[str], states: int, seed
             if not off.max() <= tolerance * scale:
                 largest = int(np.argmax(off))
                 a, b = (values[:, rows].reshape(-1)[largest] for values in (one, two))
-                dynamics.append(Difference(f'joint "{name}"', quantity, float(a), float(b), float(off.max() / max(abs(a), abs(b)))))
+                other_joint = owners[largest % first.nv] if one.ndim == 3 else name
+                where = f'joint "{name}"' if other_joint == name else f'joints "{name}" and "{other_joint}"'
+                dynamics.append(Difference(where, quantity, float(a), float(b), float(off.max() / max(abs(a), abs(b)))))
     return poses, dynamics
 
 

@@ -48,6 +48,17 @@ def test_the_first_difference_is_named(other: phipsi.Scene, where: str, quantity
     assert str(found.first) in str(found) and found.first.relative > 0.0
 
 
+def test_the_entry_of_the_mass_matrix_is_named() -> None:
+    other = ARM.with_payload("flange", 0.5, (0, 0, 0.1))
+    found = [difference for difference in phipsi.compare(ARM, other).dynamics if difference.quantity.startswith("mass matrix")]
+    assert found
+    for difference in found:
+        row, column = (re.findall(r'"(\w+)"', difference.where) * 2)[:2]
+        # The same states as in compare.
+        entries = [ARM.mass_matrix(q)[ARM.v_index(row), ARM.v_index(column)].item() for q in ARM.random_configuration(np.random.default_rng(0), size=16)]
+        assert difference.first in entries, (row, column)
+
+
 def test_a_moved_frame_changes_all_poses_outboard_of_it() -> None:
     builder = phipsi.SceneBuilder().link("base")
     other = phipsi.SceneBuilder().link("base")

@@ -606,6 +606,7 @@ def test_regulators_solve_their_riccati_equations(arm):
     assert abs(rest).max() <= tolerances.inverse(np.linalg.cond(value), abs(value).max())
     assert abs(gains - (system.B.T @ value) / efforts[:, None]).max() <= tolerances.product(12, abs(gains).max())
     assert (found.poles.real < 0.0).all()
+    assert (control.lqr(system.A, system.B, 2.0, 0.5).gains == control.lqr(system.A, system.B, np.full(12, 2.0), 0.5 * np.eye(6)).gains).all()
     held = control.lqr(system.A, system.B, weights, efforts, dt=0.001)
     assert (abs(held.poles) < 1.0).all()
     assert abs(held.gains / gains - 1.0).max() > 1e-4

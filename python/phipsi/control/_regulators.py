@@ -56,9 +56,9 @@ def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, *, dt: float | N
         System; Scene.linearize returns A and B.
     B : (n, m) array_like
         Effect of the controls.
-    Q : (n, n) or (n,) array_like
+    Q : (n, n), (n,) or scalar array_like
         Weights of the state, positive semidefinite, or their diagonal.
-    R : (m, m) or (m,) array_like
+    R : (m, m), (m,) or scalar array_like
         Weights of the controls, positive definite, or their diagonal.
     dt : float, optional
         Time step, s: the control is constant during each step, and the sum over the steps of the cost at their starts,
@@ -133,9 +133,9 @@ def _system(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> tuple[_Ar
     weights = []
     for name, given, width, least in (("Q", Q, len(a), 0.0), ("R", R, b.shape[1], np.finfo(float).tiny)):
         array = numbers(name, given)
-        array = np.diag(array) if array.ndim == 1 else array
+        array = np.diag(np.full(width, array) if array.ndim == 0 else array) if array.ndim < 2 else array
         if array.shape != (width, width):
-            raise of_argument(ShapeError, name, f"found shape {array.shape}; expected ({width},) or ({width}, {width})")
+            raise of_argument(ShapeError, name, f"found shape {np.shape(given)}; expected ({width},) or ({width}, {width}), or one number")
         array = _symmetric(array)
         smallest = np.linalg.eigvalsh(array).min() if width else np.inf
         rounding = 1e-12 * np.abs(array).max() if least == 0.0 and width else 0.0
