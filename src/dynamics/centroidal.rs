@@ -5,11 +5,10 @@
 //! first moving body, so that the distance of a floating robot from the origin of the base causes no loss of precision.
 //! If no moving body has mass, there is no center of mass, and results are NaN.
 
-use super::energy::{first_moments_tip_to_base, momentum, total_on_base};
 use crate::filter::System;
 use crate::joints::vectors::plus;
 use crate::kinematics::propagation::sum_tip_to_base;
-use crate::kinematics::{accelerations_base_to_tip, placements_base_to_tip, velocities_base_to_tip, write_column};
+use crate::kinematics::{accelerations_base_to_tip, write_column};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::{FirstMoment, RigidShift, cross, cross_force, cross_motion, linear, scaled_add, spatial, sum};
@@ -23,54 +22,21 @@ pub fn total_mass<T: Real>(model: &Model<T>) -> T {
     moving.fold(T::zero(), |sum, (_, body)| sum + body.inertia.mass)
 }
 
-/// The center of mass at `q`, in the base frame, m. O(N): mass and first moment, tip to base.
+/// The force M a + b of each body in `workspace.z` at joint accelerations qdd, without gravity, from velocities: their sum
+/// is the mass times the acceleration of the center of mass.
 #[inline(always)]
-pub fn center_of_mass<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Vector3<T> {
-    placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    first_moments_tip_to_base(model, workspace);
-    let center = center(model, workspace, |k| workspace.first_moment[k]);
-    plus(&center.from, q[0].constant(1.0), &center.to)
-}
-
-/// The velocity of the center of mass in the base frame, m/s: linear momentum divided by mass. O(N).
-#[inline(always)]
-pub fn center_of_mass_velocity<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    q: &[T],
-    qd: &[T],
-) -> Vector3<T> {
-    divided(&linear(&momentum(model, workspace, q, qd)), total_mass(model))
-}
-
-/// The acceleration of the center of mass in the base frame, m/s^2, at joint accelerations `qdd`: the total force
-/// divided by the mass. O(N).
-#[inline(always)]
-pub fn center_of_mass_acceleration<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    q: &[T],
-    qd: &[T],
-    qdd: &[T],
-) -> Vector3<T> {
-    placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    velocities_base_to_tip(model, &workspace.store.shifts, qd, &mut workspace.velocity);
+pub(super) fn forces_of_bodies<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, rates: (&[T], &[T])) {
     let Workspace { store, velocity, z: acceleration, .. } = &mut *workspace;
-    accelerations_base_to_tip(model, (&store.shifts, velocity), (qd, qdd), None, acceleration);
+    accelerations_base_to_tip(model, (&store.shifts, velocity), rates, None, acceleration);
     for ((z, body), velocity) in acceleration.iter_mut().zip(&model.bodies).zip(velocity) {
         *z = body.inertia.bias_force(velocity, z);
     }
-    divided(&linear(&total_on_base(model, workspace)), total_mass(model))
 }
 
-/// The Jacobian of the center of mass at `q` into `out`, (3 x nv) row by row: the velocity in the base frame is J qd.
-/// O(N).
+/// The Jacobian of the center of mass into `out`, (3 x nv) row by row: the velocity in the base frame is J qd. From first
+/// moments and placements from the center.
 #[inline(always)]
-pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
-    placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    first_moments_tip_to_base(model, workspace);
-    let center = center(model, workspace, |k| workspace.first_moment[k]);
-    placements_from(model, workspace, &center);
+pub(super) fn center_of_mass_jacobian<T: Real>(model: &Model<T>, (workspace, center): At<'_, T>, out: &mut [T]) {
     let by_mass = center.mass.recip();
     each_row(model, |k, j, axis| {
         let momentum = workspace.first_moment[k].momentum_of(axis);
@@ -79,42 +45,31 @@ pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Worksp
     });
 }
 
-/// The centroidal momentum matrix at `q` into `out`, (6 x nv) row by row: the momentum (angular about the center of
-/// mass, linear) in the base frame is A qd. O(N).
+/// The centroidal momentum matrix into `out`, (6 x nv) row by row: the momentum (angular about the center of mass,
+/// linear) in the base frame is A qd. From composite inertias and placements from the center.
 ///
 /// Column j is the momentum of all bodies outboard of joint k, moving rigidly at a unit joint velocity: phi(base, k)
 /// r(k) S, with the moment about the center of mass.
 #[inline(always)]
-pub fn centroidal_momentum_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
-    placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    composite_inertias_tip_to_base(model, workspace);
-    let center = center(model, workspace, |k| workspace.composite[k].first());
-    placements_from(model, workspace, &center);
+pub(super) fn centroidal_momentum_matrix<T: Real>(model: &Model<T>, workspace: &Workspace<T>, out: &mut [T]) {
     each_row(model, |k, j, axis| {
         let column = workspace.store.shifts[k].force_to_parent(&workspace.composite[k].mul_motion(axis));
         write_column(out, model.nv(), j, column.as_slice());
     });
 }
 
-/// The time derivative of the centroidal momentum matrix along `qd` into `out`, (6 x nv) row by row. O(N).
+/// The time derivative of the centroidal momentum matrix into `out`, (6 x nv) row by row. From velocities, composite
+/// inertias with their rates, and placements from the center.
 ///
 /// With r' the time derivative of r(k) in fixed axes and S' = v(k) x S, the columns about a fixed point are phi(base,
 /// k) (r' S + r S'). The center of mass moves with c', so c' x the linear half of A is subtracted from the angular
 /// half.
 #[inline(always)]
-pub fn centroidal_momentum_matrix_rate<T: Real>(
+pub(super) fn centroidal_momentum_matrix_rate<T: Real>(
     model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    q: &[T],
-    qd: &[T],
+    (workspace, center): At<'_, T>,
     out: &mut [T],
 ) {
-    placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    velocities_base_to_tip(model, &workspace.store.shifts, qd, &mut workspace.velocity);
-    composite_inertias_tip_to_base(model, workspace);
-    composite_rates_tip_to_base(model, workspace);
-    let center = center(model, workspace, |k| workspace.composite[k].first());
-    placements_from(model, workspace, &center);
     let (one, mut momentum) = (center.mass.constant(1.0), Vector3::from_element(center.mass.constant(0.0)));
     for k in roots(model) {
         momentum = plus(&momentum, one, &workspace.store.shifts[k].rotate(&workspace.composite_rate[k].first_moment));
@@ -131,24 +86,20 @@ pub fn centroidal_momentum_matrix_rate<T: Real>(
     });
 }
 
-/// The derivatives of the centroidal momentum A qd with respect to q and qd into `out`, (2 x 6 x nv) row by row. O(N).
+/// The derivatives of the centroidal momentum A qd with respect to q and qd into `out`, (2 x 6 x nv) row by row. From the
+/// linear momentum `whole`, velocities, momenta of subtrees in `workspace.z`, composite inertias and placements from the
+/// center.
 ///
 /// With h the momentum of all bodies outboard of joint k about the origin of body k and V(p) the velocity inboard of
 /// the joint, that about a fixed point changes by S x* h + r (V(p) x S). The center of mass moves by c' = (r S)/m, so
 /// c' x the whole linear momentum is subtracted from the angular half.
 #[inline(always)]
-pub fn centroidal_momentum_derivatives<T: Real>(
+pub(super) fn centroidal_momentum_derivatives<T: Real>(
     model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    q: &[T],
-    qd: &[T],
+    (workspace, center): At<'_, T>,
+    (qd, whole): (&[T], &Vector3<T>),
     out: &mut [T],
 ) {
-    // Leaves the momenta h in z, phi in the store, and the velocities.
-    let whole = linear(&momentum(model, workspace, q, qd));
-    composite_inertias_tip_to_base(model, workspace);
-    let center = center(model, workspace, |k| workspace.composite[k].first());
-    placements_from(model, workspace, &center);
     let nv = model.nv();
     let (by_q, by_qd) = out.split_at_mut(6 * nv);
     let (none, by_mass) = (Vector3::from_element(center.mass.constant(0.0)), -center.mass.recip());
@@ -163,7 +114,7 @@ pub fn centroidal_momentum_derivatives<T: Real>(
         let change = shift.force_to_parent(&sum(&cross_force(axis, &workspace.z[k]), &turned));
         let column = shift.force_to_parent(&composite.mul_motion(axis));
         // -c' x p
-        let left_behind = spatial(&cross(&linear(&column), &whole), &none);
+        let left_behind = spatial(&cross(&linear(&column), whole), &none);
         write_column(by_q, nv, j, scaled_add(&left_behind, by_mass, &change).as_slice());
         write_column(by_qd, nv, j, column.as_slice());
     });
@@ -171,7 +122,7 @@ pub fn centroidal_momentum_derivatives<T: Real>(
 
 /// x / s.
 #[inline(always)]
-fn divided<T: Real>(x: &Vector3<T>, s: T) -> Vector3<T> {
+pub(super) fn divided<T: Real>(x: &Vector3<T>, s: T) -> Vector3<T> {
     Vector3::new(x[0] / s, x[1] / s, x[2] / s)
 }
 
@@ -207,8 +158,11 @@ fn on_base<T: Real>(model: &Model<T>, workspace: &Workspace<T>, root: usize) -> 
     placement
 }
 
+/// A workspace, and the center of mass.
+type At<'a, T> = (&'a Workspace<T>, &'a Center<T>);
+
 /// The position of the center of mass, in the base frame.
-struct Center<T> {
+pub(super) struct Center<T> {
     mass: T,
     /// From the origin of the base to that of the first root body.
     from: Vector3<T>,
@@ -216,9 +170,21 @@ struct Center<T> {
     to: Vector3<T>,
 }
 
+impl<T: Real> Center<T> {
+    /// The position, m.
+    #[inline(always)]
+    pub fn position(&self) -> Vector3<T> {
+        plus(&self.from, self.mass.constant(1.0), &self.to)
+    }
+}
+
 /// The center of mass, from the mass and the first moment of each root body with all bodies outboard of it.
 #[inline(always)]
-fn center<T: Real>(model: &Model<T>, workspace: &Workspace<T>, of: impl Fn(usize) -> FirstMoment<T>) -> Center<T> {
+pub(super) fn center<T: Real>(
+    model: &Model<T>,
+    workspace: &Workspace<T>,
+    of: impl Fn(usize) -> FirstMoment<T>,
+) -> Center<T> {
     let zero = T::zero();
     let (one, minus_one) = (zero.constant(1.0), zero.constant(-1.0));
     let (mut from, mut mass, mut moment) = (None, zero, Vector3::from_element(zero));
@@ -235,7 +201,7 @@ fn center<T: Real>(model: &Model<T>, workspace: &Workspace<T>, of: impl Fn(usize
 
 /// Tip to base: r(k) = M(k) + sum over children of phi r phi* (3.5); a composite of rigid bodies is a rigid body.
 #[inline(always)]
-fn composite_inertias_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
+pub(super) fn composite_inertias_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
     let Workspace { composite, store, .. } = workspace;
     for (composite, body) in composite.iter_mut().zip(&model.bodies) {
         *composite = body.inertia;
@@ -246,7 +212,7 @@ fn composite_inertias_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Wor
 /// Tip to base: the time derivative of r(k) in fixed axes, from velocities. It has the parameters of an inertia without
 /// mass.
 #[inline(always)]
-fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
+pub(super) fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
     let Workspace { composite_rate, velocity, store, .. } = workspace;
     for (rate, (body, velocity)) in composite_rate.iter_mut().zip(model.bodies.iter().zip(&*velocity)) {
         *rate = body.inertia.rate(velocity);
@@ -256,7 +222,7 @@ fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Worksp
 
 /// Base to tip: phi of every moving body to the base axes at the center of mass, in place of phi to its parent.
 #[inline(always)]
-fn placements_from<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, center: &Center<T>) {
+pub(super) fn placements_from<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, center: &Center<T>) {
     for (k, stage) in model.system.stages.iter().enumerate() {
         workspace.store.shifts[k] = match moving_parent(&model.system, k) {
             Some(parent) => workspace.store.shifts[parent].compose(&workspace.store.shifts[k]),

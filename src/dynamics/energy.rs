@@ -20,21 +20,15 @@ pub struct Energy<T> {
 /// Kinetic and potential energy in O(N).
 #[inline(always)]
 pub fn energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Energy<T> {
-    let kinetic = kinetic_energy(model, workspace, q, qd);
-    Energy { kinetic, potential: potential(model, workspace) }
-}
-
-/// Potential energy of gravity alone in O(N), J: minus gravity times the first moment of mass.
-#[inline(always)]
-pub(super) fn potential_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> T {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    potential(model, workspace)
+    velocities_base_to_tip(model, &workspace.store.shifts, qd, &mut workspace.velocity);
+    first_moments_tip_to_base(model, workspace);
+    Energy { kinetic: kinetic_energy(model, workspace, qd), potential: potential_energy(model, workspace) }
 }
 
-/// Potential energy with phi in the workspace.
+/// Potential energy of gravity, J: minus gravity times the first moment of mass; from first moments and phi.
 #[inline(always)]
-fn potential<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> T {
-    first_moments_tip_to_base(model, workspace);
+pub(super) fn potential_energy<T: Real>(model: &Model<T>, workspace: &Workspace<T>) -> T {
     let mut total = BodyInertia::zero().first();
     for (k, stage) in model.system.stages.iter().enumerate() {
         if stage.parent.is_none() {
@@ -55,12 +49,10 @@ pub(super) fn first_moments_tip_to_base<T: Real>(model: &Model<T>, workspace: &m
     sum_tip_to_base(&model.system.stages, &store.shifts, first_moment);
 }
 
-/// Kinetic energy alone in O(N), J: half of v* M v over all bodies, plus half of armature times the square of the joint
-/// velocity.
+/// Kinetic energy, J: half of v* M v over all bodies, plus half of armature times the square of the joint velocity; from
+/// velocities.
 #[inline(always)]
-pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> T {
-    placements_base_to_tip(model, q, &mut workspace.store.shifts);
-    velocities_base_to_tip(model, &workspace.store.shifts, qd, &mut workspace.velocity);
+pub(super) fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &Workspace<T>, qd: &[T]) -> T {
     let mut twice_kinetic = T::zero();
     for (body, v) in model.bodies.iter().zip(&workspace.velocity) {
         twice_kinetic += dot(v, &body.inertia.mul_motion(v));
@@ -78,10 +70,16 @@ pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q
 pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Vector6<T> {
     placements_base_to_tip(model, q, &mut workspace.store.shifts);
     velocities_base_to_tip(model, &workspace.store.shifts, qd, &mut workspace.velocity);
+    momenta_of_bodies(model, workspace);
+    total_on_base(model, workspace)
+}
+
+/// The momentum of each body in `workspace.z`, from velocities.
+#[inline(always)]
+pub(super) fn momenta_of_bodies<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
     for ((z, body), v) in workspace.z.iter_mut().zip(&model.bodies).zip(&workspace.velocity) {
         *z = body.inertia.mul_motion(v);
     }
-    total_on_base(model, workspace)
 }
 
 /// Tip to base: the sum of the forces (or momenta) `workspace.z` on all bodies, about the base's origin and in its

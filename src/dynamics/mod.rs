@@ -62,7 +62,7 @@ pub(crate) mod workspace;
 #[doc(hidden)]
 pub use auto::{Choice, forward_dynamics_auto};
 pub use constraints::ConstraintScratch;
-pub use energy::{Energy, energy, kinetic_energy, momentum};
+pub use energy::{Energy, energy, momentum};
 pub use estimate::{Estimate, EstimateCovariance, EstimateScratch, Measurements, estimate, estimate_covariance};
 pub use forward::{factorise, forward_dynamics, solve};
 pub use inverse::{bias_torque, inverse_dynamics, mul_mass};
