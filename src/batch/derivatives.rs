@@ -3,7 +3,6 @@
 use super::accelerations::{self, KernelCall};
 use super::connected::{self, ConnectedKernel};
 use super::factor::{multiplied_out, with_factor};
-use super::finite::entries_not_finite;
 use super::instruction_set::{Entry, Target, Vectorized, within_target};
 use crate::algorithm::Derivatives;
 use crate::dynamics::constraints::{RowMatrices, RowSolutions};
@@ -13,7 +12,7 @@ use crate::dynamics::sweeps::{InverseColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
-use crate::scalar::{ColumnsOf, lanes_but};
+use crate::scalar::{ColumnsOf, Real, lanes_but};
 use crate::scene::constraint::Constraints;
 use crate::spatial::RigidShift;
 
@@ -219,4 +218,23 @@ within_target! {
         let margin = product.in_place(scene, (like, accepted), out);
         lanes_but::<T>(|lane| margin.lane(lane) >= 0.0)
     }
+}
+
+/// Zero if all entries of matrices are finite, otherwise NaN; one block at a time.
+#[inline(always)]
+fn entries_not_finite<T: Vectorized>(like: T::Columns, entries: &[Entry<T>]) -> T {
+    let (mut sums, zero, width) = ([like; 4], like.constant(0.0), T::Columns::COLUMNS);
+    let (whole, mut fault) = (entries.chunks_exact(width), T::zero());
+    for &entry in whole.remainder() {
+        fault = T::Columns::taken(entry).mul_add(T::zero(), fault);
+    }
+    for (i, block) in whole.enumerate() {
+        sums[i % 4] = like.load(block).mul_add(zero, sums[i % 4]);
+    }
+    let [a, b, c, d] = sums;
+    let all = (a + b) + (c + d);
+    for column in 0..width {
+        fault += all.column(column);
+    }
+    fault
 }

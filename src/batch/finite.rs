@@ -1,7 +1,6 @@
 //! Checks that values are finite, without a branch for each.
 
-use super::instruction_set::{Entry, Vectorized};
-use crate::scalar::{ColumnsOf, Real};
+use crate::scalar::Real;
 
 /// Zero if `x` is finite, otherwise NaN; without a branch.
 #[inline(always)]
@@ -33,23 +32,4 @@ pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
     }
     let [a, b, c, d] = sums;
     (a + b) + (c + d)
-}
-
-/// The check for the entries of matrices, one block at a time.
-#[inline(always)]
-pub(super) fn entries_not_finite<T: Vectorized>(like: T::Columns, entries: &[Entry<T>]) -> T {
-    let (mut sums, zero, width) = ([like; 4], like.constant(0.0), T::Columns::COLUMNS);
-    let (whole, mut fault) = (entries.chunks_exact(width), T::zero());
-    for &entry in whole.remainder() {
-        fault = T::Columns::taken(entry).mul_add(T::zero(), fault);
-    }
-    for (i, block) in whole.enumerate() {
-        sums[i % 4] = like.load(block).mul_add(zero, sums[i % 4]);
-    }
-    let [a, b, c, d] = sums;
-    let all = (a + b) + (c + d);
-    for column in 0..width {
-        fault += all.column(column);
-    }
-    fault
 }

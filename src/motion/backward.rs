@@ -16,12 +16,11 @@
 //! ([`Motion`](crate::joints::Motion)). A stage costs one factorization of M, one additional solve and one reverse
 //! product, all O(N), with the sweeps of forward dynamics.
 
-use super::drives::{KD, KP};
 use super::events::RowSolution;
 use super::manifold::advance_cotangents;
 use super::method::STAGES;
 use super::modes::STUCK_NOISE;
-use super::scratch::{Scratch, add_scaled, clear};
+use super::scratch::{KD, KP, Scratch, add_scaled, clear};
 use super::solver::{Checked, Solver};
 use super::step::{Part, at_stage, do_part, rounded_speed};
 use super::step_settings::{StepArguments, StepSettings};

@@ -16,10 +16,9 @@
 use super::backward::{ACTING, FRICTION, RATE, TARGET, TORQUE};
 use super::closed_stops::{Displacement, LawSolution, StopRecord};
 use super::constrained::{ConstrainedScratch, solution_of_stuck};
-use super::drives::{KD, KP};
 use super::manifold::advance_cotangents;
 use super::modes::STUCK_NOISE;
-use super::scratch::Scratch;
+use super::scratch::{KD, KP, Scratch};
 use super::step_settings::StepSettings;
 use crate::dynamics::constraints::{ConstraintAdjoint, Pushed, RowFault, project_velocities};
 use crate::dynamics::{factorise, solve};

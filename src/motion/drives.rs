@@ -14,7 +14,7 @@
 //! the start of the step determines the piece. The end of the step tests it, and a step that contradicts the pieces of
 //! some rows is made again with the pieces that they must change to ([`change_drives`]).
 
-use super::scratch::Scratch;
+use super::scratch::{DECLINE, KD, KP, LOWER, STALL, Scratch, UPPER};
 use super::step_settings::{StepArguments, StepSettings};
 use super::stops::{Drive, Line, Piece};
 use crate::scalar::{Real, lanes_but, larger};
@@ -23,14 +23,6 @@ use crate::scalar::{Real, lanes_but, larger};
 const ROUNDING: f64 = 1e-15;
 /// Added to a test of a piece that does not apply.
 const ENDLESS: f64 = 1e200;
-
-/// Indices of the gains and limits of effort of a state.
-pub(super) const KP: usize = 0;
-pub(super) const KD: usize = 1;
-pub(super) const LOWER: usize = 2;
-pub(super) const UPPER: usize = 3;
-pub(super) const STALL: usize = 4;
-const DECLINE: usize = 5;
 
 /// The piece between the limits, 0 and 2, or 3 and 4 where they decline, or 5 and 6 where they are zero.
 pub(super) const LINEAR: Piece = Piece::Between(1);

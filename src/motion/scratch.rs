@@ -1,6 +1,5 @@
 //! The arrays of a step, for one state or for one state per lane.
 
-use super::drives::{LOWER, STALL, UPPER};
 use super::friction_curve::{CurvedRow, curved_rows};
 use super::method::{STAGES, Scheme};
 use super::properties::Gains;
@@ -13,6 +12,14 @@ use crate::batch::own_model::FREE;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::Real;
+
+/// Indices of the gains and limits of effort of a state.
+pub(super) const KP: usize = 0;
+pub(super) const KD: usize = 1;
+pub(super) const LOWER: usize = 2;
+pub(super) const UPPER: usize = 3;
+pub(super) const STALL: usize = 4;
+pub(super) const DECLINE: usize = 5;
 
 /// Constants of one row in the scalar type of the lanes.
 #[derive(Debug, Clone, Copy)]

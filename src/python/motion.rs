@@ -11,7 +11,6 @@ use super::object::{Object, imported};
 use super::output::{Output, from_numbers, property};
 use super::own_models;
 use super::scene::PyScene;
-use super::simulator::without_control;
 use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits, warn_of_start};
 use super::wrenches::LinkWrenches;
 use crate::batch::broadcast_axes;
@@ -368,6 +367,11 @@ fn length_of_run(
         (None, None) => Err(Error::argument("steps", "None", "a number of steps, or duration").into()),
         (Some(_), Some(_)) => Err(Error::argument("duration", "steps and duration", "either steps or duration").into()),
     }
+}
+
+/// The error for activations without controls.
+pub(super) fn without_control() -> Error {
+    Error::argument("activation", "activations without control", "control too")
 }
 
 /// Amount of data to record.

@@ -8,7 +8,7 @@ use super::errors::{fault, of_batch};
 use super::fresh::states_of;
 use super::input::{Input, plain};
 use super::interrupts::detached;
-use super::motion::Room;
+use super::motion::{Room, without_control};
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::own_models;
@@ -166,11 +166,6 @@ impl PyScene {
         let (drive, moving) = (drive.map(Bound::unbind), Mutex::new(moving));
         Ok(PySimulator { scene, batch, dt, method, drive, moving })
     }
-}
-
-/// The error for activations without controls.
-pub(super) fn without_control() -> Error {
-    Error::argument("activation", "activations without control", "control too")
 }
 
 impl PyScene {

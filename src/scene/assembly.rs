@@ -1,6 +1,5 @@
 //! Assembles a scene from a checked tree: order of bodies, body frames, merging of fixed joints.
 
-use super::builder::AT_A_TIME;
 use super::description::{Inertial, JointDescription};
 use super::{Joint, Link, Scene};
 use crate::error::Error;
@@ -9,6 +8,9 @@ use crate::joints::{JointKind, Parts};
 use crate::model::Motion;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
 use nalgebra::Vector6;
+
+/// Number of links or joints processed between two interruption checks.
+pub(crate) const AT_A_TIME: usize = 1 << 12;
 
 /// The checked tree: the (joint, child link) pairs of every link, and the root link.
 pub(super) struct Tree {

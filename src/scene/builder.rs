@@ -2,7 +2,7 @@
 
 use super::Scene;
 use super::actuator::Actuator;
-use super::assembly::{Tree, assemble};
+use super::assembly::{AT_A_TIME, Tree, assemble};
 use super::collider::{Collider, ColliderPair, ColliderRules};
 use super::connection::Connection;
 use super::contact::Contact;
@@ -22,9 +22,6 @@ use std::path::{Path, PathBuf};
 
 /// Name of the free joint of a floating base, unless another joint of the scene has that name.
 pub const ROOT_JOINT: &str = "root_joint";
-
-/// Number of links or joints processed between two interruption checks.
-pub(crate) const AT_A_TIME: usize = 1 << 12;
 
 /// Largest tolerance accepted for linkages.
 const MOST_TOLERANCE: f64 = 0.1;

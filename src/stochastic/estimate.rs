@@ -2,7 +2,8 @@
 
 use super::interval::{Quantiles, students_quantile};
 use super::model::{Block, COST, RandomModel, Wanted};
-use super::points::{BLOCK, Points};
+use super::points::Points;
+use super::sobol::BLOCK;
 use crate::batch::{Batch, Pool};
 use crate::error::Error;
 use crate::memory;

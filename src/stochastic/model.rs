@@ -1,6 +1,7 @@
 //! Sampling of the model: white forces on the bodies, propagated inward and measured at the joints (1.1 to 1.4).
 
-use super::points::{BLOCK, Coordinates, Lane, Points};
+use super::points::{Coordinates, Points};
+use super::sobol::{BLOCK, Lane};
 use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::inverse::forces_base_to_tip;

@@ -1,16 +1,10 @@
 //! Sources of standard normal numbers: counter-based pseudo-random streams, or scrambled Sobol points.
 
-use super::sobol::{Run, Sobol};
+use super::sobol::{BLOCK, Lane, Run, Sobol};
 use crate::error::Error;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
-
-/// Number of samples that are drawn together: one stream of random numbers, one pass of each loop.
-pub const BLOCK: usize = 64;
-
-/// One number for each sample of a block.
-pub type Lane = [f64; BLOCK];
 
 /// A sequence of points with independent standard normal coordinates, with random access to its blocks.
 #[derive(Debug, Clone)]

@@ -5,11 +5,16 @@
 //! vector. This preserves the net and makes every point uniform. The matrix is applied to the direction numbers, so
 //! that it adds no cost per point.
 
-use super::points::{BLOCK, Lane};
 use crate::error::Error;
 use rand_chacha::rand_core::Rng;
 use sobol::params::JoeKuoD6;
 use statrs::function::erf::erfc_inv;
+
+/// Number of samples that are drawn together: one stream of random numbers, one pass of each loop.
+pub const BLOCK: usize = 64;
+
+/// One number for each sample of a block.
+pub type Lane = [f64; BLOCK];
 
 /// The number of dimensions with direction numbers.
 pub const DIMENSIONS: usize = 1000;

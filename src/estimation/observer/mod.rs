@@ -47,7 +47,7 @@ mod stored;
 #[cfg(test)]
 mod tests;
 
-pub use settings::{ExternalWrench, Mount, ObserverSettings, Quantity, Sensor};
+pub use settings::{ExternalWrench, Mount, ObserverSettings, Quantity, Sensor, WINDOW};
 pub use smoother::SmoothedMotion;
 #[cfg(feature = "python")]
 pub(crate) use {filter::Transition, sensor_rows::SensorRows};
@@ -62,9 +62,6 @@ pub(crate) use robot::Belief;
 use robot::{Record, Robot, add_innovations};
 use settings::{Plan, Timing};
 use std::borrow::Borrow;
-
-/// Number of steps of a window of innovations, for tests of divergence.
-pub const WINDOW: usize = 100;
 
 /// Approximate time of a step on one thread, ns: constant, and per cube of the number of error components.
 const COST: [usize; 2] = [10_000, 1];

@@ -1,7 +1,6 @@
 //! The estimate of one robot, its stored steps, and the window of its divergence test.
 
-use super::WINDOW;
-use super::settings::{Plan, Timing};
+use super::settings::{Plan, Timing, WINDOW};
 use crate::error::Error;
 use crate::memory;
 use std::collections::VecDeque;

@@ -1,6 +1,5 @@
 //! Settings of an observer, and the checked form that its steps read.
 
-use super::WINDOW;
 use super::link_motion::LinkPath;
 use crate::error::{Error, check_length};
 use crate::kinematics::Frame;
@@ -10,6 +9,9 @@ use crate::setters::setters;
 use crate::spatial::RigidShift;
 use nalgebra::Matrix6;
 use std::ops::Range;
+
+/// Number of steps of a window of innovations, for tests of divergence.
+pub const WINDOW: usize = 100;
 
 /// Largest delay of a sensor, in steps: each step filters all times again whose readings may be incomplete.
 const LONGEST_DELAY: usize = 10_000;

@@ -1,8 +1,7 @@
 //! The state of an observer as one sequence of numbers, for pickles and copies.
 
-use super::WINDOW;
 use super::robot::{Belief, Record, Robot};
-use super::settings::{Plan, Timing};
+use super::settings::{Plan, Timing, WINDOW};
 use crate::error::Error;
 use std::collections::VecDeque;
 
