@@ -114,14 +114,13 @@ impl DoubleDoubleState {
             return None;
         }
         let widened = |x: T| DoubleDouble::from_f64(x.lane(0));
-        let all = |numbers: &[T]| numbers.iter().map(|&x| widened(x)).collect();
         let model: Model<DoubleDouble> = model.cast();
         Some(Self {
             workspace: Workspace::new(&model).in_form(Form::SquareRoot),
             model,
-            q: all(state.0),
-            qd: all(state.1),
-            tau: all(state.2),
+            q: DoubleDouble::each_of(state.0),
+            qd: DoubleDouble::each_of(state.1),
+            tau: DoubleDouble::each_of(state.2),
             wrenches: wrenches.iter().map(|wrench| wrench.map(widened)).collect(),
         })
     }

@@ -7,19 +7,18 @@
 //! update, a triangularization for the prediction), so that a prior that is wide enough to have no weight costs no
 //! precision.
 
-/// The state.
-const N: usize = 3;
+use nalgebra::{Matrix3, Matrix6x3, Vector3};
+
 /// Innovations that the start decides: without a prior of the first position there are two.
-const FIRST: usize = N - 1;
-type Vector = [f64; N];
-type Matrix = [[f64; N]; N];
+const FIRST: usize = 2;
 
 /// A root of Q(h) for h = 1, lower triangular; for other h row i is multiplied by sqrt(h) h^(2 - i).
-const ROOT: Matrix = [
-    [0.223_606_797_749_978_97, 0.0, 0.0],
-    [0.559_016_994_374_947_4, 0.144_337_567_297_406_45, 0.0],
-    [0.745_355_992_499_929_9, 0.577_350_269_189_625_8, 0.333_333_333_333_333_3],
-];
+#[rustfmt::skip] // a matrix
+const ROOT: Matrix3<f64> = Matrix3::new(
+    0.223_606_797_749_978_97, 0.0, 0.0,
+    0.559_016_994_374_947_4, 0.144_337_567_297_406_45, 0.0,
+    0.745_355_992_499_929_9, 0.577_350_269_189_625_8, 0.333_333_333_333_333_3,
+);
 
 /// One coordinate of a log.
 #[derive(Debug, Clone, Copy)]
@@ -50,8 +49,8 @@ pub struct Likelihood {
 /// An estimate and a root of its covariance.
 #[derive(Clone, Copy)]
 struct State {
-    mean: Vector,
-    root: Matrix,
+    mean: Vector3<f64>,
+    root: Matrix3<f64>,
 }
 
 impl Log<'_> {
@@ -86,17 +85,17 @@ impl Log<'_> {
         let mut states = Vec::with_capacity(self.time.len());
         let mut found = Likelihood::default();
         self.filter(|innovation| found.add(innovation), |predicted, filtered| states.push((predicted, filtered)));
-        let mut next: Option<(Vector, Matrix)> = None;
+        let mut next: Option<(Vector3<f64>, Matrix3<f64>)> = None;
         for k in (0..states.len()).rev() {
             let (_, State { mean, root }) = states[k];
             let (mean, covariance) = match (&next, states.get(k + 1)) {
                 (Some(next), Some((predicted, _))) => {
                     smoothed(&states[k].1, predicted, next, (self.time[k + 1] - self.time[k], self.density))
                 }
-                _ => (mean, times_transposed(&root, &root)),
+                _ => (mean, root * root.transpose()),
             };
             if let Some(to) = out.get_mut(k) {
-                *to = [mean[0], mean[1], mean[2], covariance[0][0], covariance[1][1], covariance[2][2]];
+                *to = [mean[0], mean[1], mean[2], covariance[(0, 0)], covariance[(1, 1)], covariance[(2, 2)]];
             }
             next = Some((mean, covariance));
         }
@@ -106,14 +105,12 @@ impl Log<'_> {
     /// Runs forward; reports each innovation with its variance, and the predicted and the filtered state of each time.
     fn filter(&self, mut innovation: impl FnMut([f64; 2]), mut keep: impl FnMut(State, State)) {
         let first = self.position.iter().copied().find(|position| position.is_finite()).unwrap_or(0.0);
-        let mut state = State { mean: [first, 0.0, 0.0], root: [[0.0; N]; N] };
-        for (i, deviation) in self.prior.into_iter().enumerate() {
-            state.root[i][i] = deviation;
-        }
+        let mean = Vector3::new(first, 0.0, 0.0);
+        let mut state = State { mean, root: Matrix3::from_diagonal(&self.prior.into()) };
         // A first position that was measured is where the motion starts, without any prior.
         let mut is_start = self.position.first().is_some_and(|position| position.is_finite());
         if let (true, Some(variance)) = (is_start, self.variance.first()) {
-            state.root[0][0] = variance.sqrt();
+            state.root[(0, 0)] = variance.sqrt();
         }
         let mut before: Option<f64> = None;
         for ((&time, &position), &variance) in self.time.iter().zip(self.position).zip(self.variance) {
@@ -144,72 +141,32 @@ impl Likelihood {
 impl State {
     /// Potter's update by a measurement of the position.
     fn update(&mut self, position: f64, variance: f64, innovation: &mut impl FnMut([f64; 2])) {
-        let first = self.root[0];
-        let own: f64 = first.iter().map(|x| x * x).sum();
-        let (total, off) = (own + variance, position - self.mean[0]);
+        let first = self.root.row(0).transpose();
+        let (total, off) = (first.norm_squared() + variance, position - self.mean[0]);
         innovation([off, total]);
-        let shrink = 1.0 / (total + (total * variance).sqrt());
-        for (mean, row) in self.mean.iter_mut().zip(&mut self.root) {
-            let with_first: f64 = row.iter().zip(&first).map(|(a, b)| a * b).sum();
-            *mean += with_first / total * off;
-            for (entry, of_first) in row.iter_mut().zip(&first) {
-                *entry -= with_first * shrink * of_first;
-            }
-        }
+        let with_first = self.root * first;
+        self.mean += with_first / total * off;
+        self.root -= with_first * first.transpose() / (total + (total * variance).sqrt());
     }
 }
 
 /// A root of the covariance of the jerk over a step.
-fn noise_root((step, density): (f64, f64)) -> Matrix {
-    let mut root = ROOT;
+fn noise_root((step, density): (f64, f64)) -> Matrix3<f64> {
     let unit = (density * step).sqrt();
-    for (row, scale) in root.iter_mut().zip([unit * step * step, unit * step, unit]) {
-        for entry in row {
-            *entry *= scale;
-        }
-    }
-    root
+    Matrix3::from_diagonal(&Vector3::new(unit * step * step, unit * step, unit)) * ROOT
 }
 
-fn transition(step: f64) -> Matrix {
-    [[1.0, step, 0.5 * step * step], [0.0, 1.0, step], [0.0, 0.0, 1.0]]
+fn transition(step: f64) -> Matrix3<f64> {
+    Matrix3::new(1.0, step, 0.5 * step * step, 0.0, 1.0, step, 0.0, 0.0, 1.0)
 }
 
 /// One step ahead; the root is lower triangular.
 fn predicted(state: &State, (step, density): (f64, f64)) -> State {
     let moved = transition(step);
-    let (root, noise) = (product(&moved, &state.root), noise_root((step, density)));
-    let mut rows = [[0.0; 2 * N]; N];
-    for i in 0..N {
-        rows[i][..N].copy_from_slice(&root[i]);
-        rows[i][N..].copy_from_slice(&noise[i]);
-    }
-    State { mean: times(&moved, &state.mean), root: lower(rows) }
-}
-
-/// Rotates columns until the matrix is lower triangular: its product with its transpose stays.
-fn lower(mut rows: [[f64; 2 * N]; N]) -> Matrix {
-    for i in 0..N {
-        let norm = rows[i][i..].iter().map(|x| x * x).sum::<f64>().sqrt();
-        if norm == 0.0 {
-            continue;
-        }
-        let mut axis = rows[i];
-        axis[..i].fill(0.0);
-        axis[i] += norm.copysign(axis[i]);
-        let squared: f64 = axis.iter().map(|x| x * x).sum();
-        for row in &mut rows[i..] {
-            let along = 2.0 / squared * row.iter().zip(&axis).map(|(a, b)| a * b).sum::<f64>();
-            for (entry, of_axis) in row.iter_mut().zip(&axis) {
-                *entry -= along * of_axis;
-            }
-        }
-    }
-    let mut found = [[0.0; N]; N];
-    for i in 0..N {
-        found[i][..=i].copy_from_slice(&rows[i][..=i]);
-    }
-    found
+    let mut columns = Matrix6x3::zeros();
+    columns.fixed_rows_mut::<3>(0).copy_from(&(moved * state.root).transpose());
+    columns.fixed_rows_mut::<3>(3).copy_from(&noise_root((step, density)).transpose());
+    State { mean: moved * state.mean, root: columns.qr().r().transpose() }
 }
 
 /// The smoothed state from the filtered one, the prediction from it and the smoothed state of the next time: `P = (1 -
@@ -220,51 +177,19 @@ fn lower(mut rows: [[f64; 2 * N]; N]) -> Matrix {
 fn smoothed(
     filtered: &State,
     prediction: &State,
-    (next_mean, next_covariance): &(Vector, Matrix),
+    (next_mean, next_covariance): &(Vector3<f64>, Matrix3<f64>),
     (step, density): (f64, f64),
-) -> (Vector, Matrix) {
-    let contraction = divided(&prediction.root, product(&transition(step), &filtered.root));
-    let back: Matrix =
-        std::array::from_fn(|i| std::array::from_fn(|j| (0..N).map(|k| filtered.root[i][k] * contraction[j][k]).sum()));
-    let off: Matrix = std::array::from_fn(|i| [next_mean[i] - prediction.mean[i], 0.0, 0.0]);
-    let change = product(&back, &divided(&prediction.root, off));
-    let mean = std::array::from_fn(|i| filtered.mean[i] + change[i][0]);
-    let through = product(&back, &contraction);
-    let kept: Matrix = std::array::from_fn(|i| std::array::from_fn(|j| filtered.root[i][j] - through[i][j]));
-    let noise = product(&back, &divided(&prediction.root, noise_root((step, density))));
+) -> (Vector3<f64>, Matrix3<f64>) {
+    let divided = |a: Matrix3<f64>| prediction.root.solve_lower_triangular_unchecked(&a);
+    let contraction = divided(transition(step) * filtered.root);
+    let back = filtered.root * contraction.transpose();
+    let off = next_mean - prediction.mean;
+    let mean = filtered.mean + back * prediction.root.solve_lower_triangular_unchecked(&off);
+    let kept = filtered.root - back * contraction;
+    let noise = back * divided(noise_root((step, density)));
     // `L^-1 P_next L^-*`: `P_next L^-*` is the transpose of `L^-1 P_next`.
-    let scaled = divided(&prediction.root, transposed(&divided(&prediction.root, *next_covariance)));
-    let of_next = times_transposed(&product(&back, &scaled), &back);
-    let (own, jerk) = (times_transposed(&kept, &kept), times_transposed(&noise, &noise));
-    (mean, std::array::from_fn(|i| std::array::from_fn(|j| own[i][j] + jerk[i][j] + of_next[i][j])))
-}
-
-/// L^-1 A for a lower triangular L.
-fn divided(root: &Matrix, mut a: Matrix) -> Matrix {
-    for (i, row) in root.iter().enumerate() {
-        let (before, rest) = a.split_at_mut(i);
-        for (column, entry) in rest[0].iter_mut().enumerate() {
-            let known: f64 = row.iter().zip(before.iter()).map(|(factor, above)| factor * above[column]).sum();
-            *entry = (*entry - known) / row[i];
-        }
-    }
-    a
-}
-
-fn transposed(a: &Matrix) -> Matrix {
-    std::array::from_fn(|i| std::array::from_fn(|j| a[j][i]))
-}
-
-fn times(a: &Matrix, x: &Vector) -> Vector {
-    std::array::from_fn(|i| (0..N).map(|k| a[i][k] * x[k]).sum())
-}
-
-fn product(a: &Matrix, b: &Matrix) -> Matrix {
-    std::array::from_fn(|i| std::array::from_fn(|j| (0..N).map(|k| a[i][k] * b[k][j]).sum()))
-}
-
-fn times_transposed(a: &Matrix, b: &Matrix) -> Matrix {
-    std::array::from_fn(|i| std::array::from_fn(|j| (0..N).map(|k| a[i][k] * b[j][k]).sum()))
+    let scaled = divided(divided(*next_covariance).transpose());
+    (mean, kept * kept.transpose() + noise * noise.transpose() + back * scaled * back.transpose())
 }
 
 #[cfg(test)]

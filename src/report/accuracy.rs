@@ -135,14 +135,13 @@ pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>,
     let (nq, nv, count) = (scene.nq(), scene.nv(), count_of(scene, states)?);
     let model: Model<DoubleDouble> = scene.model().cast();
     let mut workspace = Workspace::new(&model).in_form(Form::Covariance);
-    let wide = |x: &[f64]| -> Vec<DoubleDouble> { x.iter().map(|&v| DoubleDouble::from_f64(v)).collect() };
     let mut all = memory::with_capacity("q", states.qd.len())?;
     let mut qdd = vec![DoubleDouble::from_f64(f64::NAN); nv];
     for i in 0..count {
         interrupt::check()?;
-        let q = wide(&states.q[i * nq..(i + 1) * nq]);
-        let qd = wide(&states.qd[i * nv..(i + 1) * nv]);
-        let tau = wide(&states.tau[i * nv..(i + 1) * nv]);
+        let q = DoubleDouble::each_of(&states.q[i * nq..(i + 1) * nq]);
+        let qd = DoubleDouble::each_of(&states.qd[i * nv..(i + 1) * nv]);
+        let tau = DoubleDouble::each_of(&states.tau[i * nv..(i + 1) * nv]);
         let monitor = dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &tau, &[], &mut qdd);
         if workspace.lost_pivot(&model, &monitor).is_some() {
             return Err(Error::argument("scene", "a singular joint", "a mass matrix of full rank").in_state(i));

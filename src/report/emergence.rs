@@ -88,9 +88,8 @@ pub fn emergence(
     })?;
     outcome?;
     let model: Model<DoubleDouble> = scene.model().cast();
-    let wide: Vec<DoubleDouble> = q.iter().map(|&x| DoubleDouble::from_f64(x)).collect();
     let mut exact = memory::filled("scene", found.len(), DoubleDouble::from_f64(f64::NAN))?;
-    dynamics::mass_matrix(&model, &mut Workspace::new(&model), &wide, &mut exact);
+    dynamics::mass_matrix(&model, &mut Workspace::new(&model), &DoubleDouble::each_of(q), &mut exact);
     let (mut off, mut size) = (0.0, 0.0);
     for (&found, &exact) in found.iter().zip(&exact) {
         off += (DoubleDouble::from_f64(found) - exact).lane(0).powi(2);

@@ -180,8 +180,7 @@ fn operators_against_definitions(
 fn power_residual(model: &Model<f64>, q: &[f64], qd: &[f64], qdd: &[f64], tau: &[f64]) -> f64 {
     let precise: Model<DoubleDouble> = model.cast();
     let mut workspace = Workspace::new(&precise);
-    let wide = |x: &[f64]| -> Vec<DoubleDouble> { x.iter().map(|&v| DoubleDouble::from_f64(v)).collect() };
-    let (q, qd, qdd) = (wide(q), wide(qd), wide(qdd));
+    let (q, qd, qdd) = (DoubleDouble::each_of(q), DoubleDouble::each_of(qd), DoubleDouble::each_of(qdd));
     let mut rates = q.clone();
     coordinate_rates(&precise, &q, &qd, &mut rates);
     // The truncation error is quadratic in the step, 1e-18 here; rounding adds 1e-31 / 1e-9.

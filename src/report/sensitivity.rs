@@ -132,8 +132,8 @@ impl Exact {
         scene.check_rates("qd", state.qd)?;
         scene.check_rates(if quantity == Quantity::InverseDynamics { "qdd" } else { "tau" }, state.u)?;
         let model: Model<DoubleDouble> = scene.model().cast();
-        let wide = |x: &[f64]| -> Vec<DoubleDouble> { x.iter().map(|&v| DoubleDouble::from_f64(v)).collect() };
-        let (q, qd, u) = (wide(state.q), wide(state.qd), wide(state.u));
+        let (q, qd, u) =
+            (DoubleDouble::each_of(state.q), DoubleDouble::each_of(state.qd), DoubleDouble::each_of(state.u));
         let mut workspace = Workspace::new(&model);
         let mut values = memory::filled("scene", quantity.count(scene.nv()), DoubleDouble::from_f64(f64::NAN))?;
         let state = State { q: &q, qd: &qd, u: &u };

@@ -6,7 +6,7 @@ use super::sensitivity::{Difference, Exact, Quantity, State};
 use crate::algorithm::{Algorithm, Arguments, Derivatives};
 use crate::batch::evaluator::Evaluator;
 use crate::filter::Form;
-use crate::scalar::{DoubleDouble, Real};
+use crate::scalar::DoubleDouble;
 use crate::scene::Scene;
 
 /// All methods for the accelerations with their Python names, the default first.
@@ -100,7 +100,7 @@ pub fn recursion_error(
 }
 
 fn finite(found: &[f64], exact: &Exact) -> Result<Difference, Failure> {
-    let found: Vec<DoubleDouble> = found.iter().map(|&x| DoubleDouble::from_f64(x)).collect();
+    let found = DoubleDouble::each_of(found);
     let all = exact.difference(&found);
     if found.iter().all(|x| x.high.is_finite()) { Ok(all) } else { Err(Failure::NotFinite) }
 }

@@ -58,6 +58,11 @@ impl DoubleDouble {
         Self { high: sum, low: low - (sum - high) }
     }
 
+    /// Each value, lane 0 of scalars with several.
+    pub(crate) fn each_of<T: Real>(values: &[T]) -> Vec<Self> {
+        values.iter().map(|x| Self::from_f64(x.lane(0))).collect()
+    }
+
     /// An f64, including infinities, unchanged.
     const fn exact(x: f64) -> Self {
         Self { high: x, low: 0.0 }

@@ -80,44 +80,31 @@ fn is_trivial(x: Traced) -> bool {
 
 /// a b + c.
 pub(super) fn product_sum(a: Traced, b: Traced, c: Traced) -> Traced {
-    if let (Some(a), Some(b), Some(c)) = (a.value(), b.value(), c.value()) {
-        return Traced::constant(Real::mul_add(a, b, c));
-    }
-    if c.is(0.0) {
-        return product(a, b);
-    }
-    if is_trivial(a) || is_trivial(b) || (a.value().is_some() && b.value().is_some()) {
-        return sum(product(a, b), c);
-    }
-    match (a.negated(), b.negated()) {
-        (Some(a), Some(b)) => product_sum(a, b, c),
-        (Some(a), None) => minus_product(c, a, b),
-        (None, Some(b)) => minus_product(c, a, b),
-        (None, None) => {
-            let (a, b) = sorted(a, b);
-            push(O::ProductSum(a, b, c.place()))
-        }
-    }
+    with_product(c, (a, b), false)
 }
 
 /// a - b c.
 pub(super) fn minus_product(a: Traced, b: Traced, c: Traced) -> Traced {
+    with_product(a, (b, c), true)
+}
+
+/// c + a b, or with `subtracts` c - a b.
+fn with_product(c: Traced, (a, b): (Traced, Traced), subtracts: bool) -> Traced {
     if let (Some(a), Some(b), Some(c)) = (a.value(), b.value(), c.value()) {
-        return Traced::constant(Real::minus_product(a, b, c));
+        return Traced::constant(if subtracts { Real::minus_product(c, a, b) } else { Real::mul_add(a, b, c) });
     }
-    if a.is(0.0) {
-        return -product(b, c);
-    }
-    if is_trivial(b) || is_trivial(c) || (b.value().is_some() && c.value().is_some()) {
-        return difference(a, product(b, c));
-    }
-    match (b.negated(), c.negated()) {
-        (Some(b), Some(c)) => minus_product(a, b, c),
-        (Some(b), None) => product_sum(b, c, a),
-        (None, Some(c)) => product_sum(b, c, a),
+    let is_one_factor = is_trivial(a) || is_trivial(b) || (a.value().is_some() && b.value().is_some());
+    match (a.negated(), b.negated()) {
+        _ if c.is(0.0) && subtracts => -product(a, b),
+        _ if c.is(0.0) => product(a, b),
+        _ if is_one_factor && subtracts => difference(c, product(a, b)),
+        _ if is_one_factor => sum(product(a, b), c),
+        (Some(a), Some(b)) => with_product(c, (a, b), subtracts),
+        (Some(a), None) => with_product(c, (a, b), !subtracts),
+        (None, Some(b)) => with_product(c, (a, b), !subtracts),
         (None, None) => {
-            let (b, c) = sorted(b, c);
-            push(O::MinusProduct(b, c, a.place()))
+            let (a, b) = sorted(a, b);
+            push(if subtracts { O::MinusProduct(a, b, c.place()) } else { O::ProductSum(a, b, c.place()) })
         }
     }
 }

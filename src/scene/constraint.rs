@@ -67,6 +67,13 @@ impl Coupled {
         }
     }
 
+    /// The index of y' and P''(y), unless P is linear.
+    #[inline(always)]
+    pub fn curvature<T: Real>(&self, q: &[T]) -> Option<(usize, T)> {
+        let Coordinate { q: at, v, .. } = self.second.filter(|_| !self.polynomial.is_below_degree(2))?;
+        Some((v, self.polynomial.derivative(2, q[at])))
+    }
+
     /// Adds the gradients of r (x'' - P'(y) y'' - P''(y) y'^2) by (q, qd) to `by_q` and `by_qd`.
     #[inline(always)]
     pub fn add_acceleration_gradient<T: Real>(
@@ -75,12 +82,8 @@ impl Coupled {
         r: T,
         [by_q, by_qd]: [&mut [T]; 2],
     ) {
-        let Some(Coordinate { q: at, v, .. }) = self.second else { return };
-        if self.polynomial.is_below_degree(2) {
-            return;
-        }
-        let (y, speed) = (q[at], qd[v]);
-        let (second, third) = (self.polynomial.derivative(2, y), self.polynomial.derivative(3, y));
+        let (Some((v, second)), Some(Coordinate { q: at, .. })) = (self.curvature(q), self.second) else { return };
+        let (third, speed) = (self.polynomial.derivative(3, q[at]), qd[v]);
         by_q[v] = by_q[v].minus_product(r, second.mul_add(qdd[v], third * speed * speed));
         by_qd[v] = by_qd[v].minus_product(r, (second + second) * speed);
     }

@@ -252,7 +252,7 @@ impl RowProducts<f64> for General<'_> {
         by: [&mut [f64]; 2],
     ) -> Result<(), RowFault> {
         let shifts = &self.workspace.store.shifts;
-        rows.add_acceleration_gradient(self.system, shifts, (self.q, qd, qdd), multipliers, by)
+        rows.add_acceleration_gradient(shifts, (self.q, qd, qdd), multipliers, by)
     }
 }
 
@@ -313,7 +313,7 @@ impl ConstraintAdjoint {
         scratch.factorise(system, workspace, state.0, &[])?;
         let (mut of_rows, of_torques) = (vec![0.0; system.1.rows], &mut of_product[..out.len()]);
         let (shifts, directions) = (&workspace.store.shifts, ([along.q, along.qd], &scratch.forces[..]));
-        rows.along(system, shifts, state, directions, [&mut of_rows, of_torques])?;
+        rows.along(shifts, state, directions, [&mut of_rows, of_torques])?;
         for ((out, dtau), of_torque) in out.iter_mut().zip(along.u).zip(of_torques) {
             *out = dtau - *out + *of_torque;
         }
@@ -339,7 +339,7 @@ impl ConstraintAdjoint {
         let along = Directions { q: dq, qd: rest, u: rest, ..Directions::default() };
         inverse_dynamics_jvp(weightless, workspace, products, (q, rest, y), &[], &along, &mut right);
         let (shifts, directions) = (&workspace.store.shifts, ([dq, &rest[..]], &r[..]));
-        rows.along(system, shifts, (q, rest, y), directions, [&mut of_rows, &mut of_torques])?;
+        rows.along(shifts, (q, rest, y), directions, [&mut of_rows, &mut of_torques])?;
         right.iter_mut().zip(&of_torques).for_each(|(right, more)| *right = -(*right + more));
         self.solve(system.0, (workspace, scratch), (&right, &of_rows), &[]);
         Ok((solution, [self.y.clone(), self.r.clone()]))

@@ -42,11 +42,10 @@ pub(crate) fn constrained_hvp(
     let found = hessian.along(system.0, motion, [dq, dqd, &qdd_change], [&minus(&x), &minus(&x_change)]);
     let (by_state, y) = (&mut found.out[..2 * nv], joined(&x, x_change.iter().copied()));
     let (by_q, by_qd) = by_state.split_at_mut(nv);
-    let dual = (found.model, system.1);
-    let rows = &mut RowGradients::new(dual);
-    rows.add_row_gradient(dual, found.shifts, (found.q, &y), &forces, by_q)?;
+    let rows = &mut RowGradients::new((found.model, system.1));
+    rows.add_row_gradient(found.shifts, (found.q, &y), &forces, by_q)?;
     let negative = joined(&minus(&r), r_change.iter().map(|r| -r));
-    rows.add_acceleration_gradient(dual, found.shifts, (found.q, found.qd, found.qdd), &negative, [by_q, by_qd])?;
+    rows.add_acceleration_gradient(found.shifts, (found.q, found.qd, found.qdd), &negative, [by_q, by_qd])?;
     for (to, from) in out.iter_mut().zip(by_state) {
         *to = from.tangent;
     }

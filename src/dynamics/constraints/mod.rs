@@ -31,6 +31,8 @@ mod gram_inverse;
 mod hessian;
 mod inverse;
 mod kernel;
+#[cfg(feature = "derivatives")]
+mod loops;
 mod mobility;
 #[cfg(feature = "derivatives")]
 mod products;

@@ -337,14 +337,16 @@ fn doubled_tangent<T: Real>(
 ) -> bool {
     DoubleDoubleState::recompute(model, state, wrenches, out, |wide, out| {
         let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
+        let widened = |x: T| DoubleDouble::from_f64(x.lane(0));
+        let parameters = DoubleDouble::each_of(along.parameters.as_flattened());
         let along = Directions {
-            q: &all(along.q),
-            qd: &all(along.qd),
-            u: &all(along.u),
+            q: &DoubleDouble::each_of(along.q),
+            qd: &DoubleDouble::each_of(along.qd),
+            u: &DoubleDouble::each_of(along.u),
             wrenches: &along.wrenches.iter().map(|wrench| wrench.map(widened)).collect::<Vec<_>>(),
-            parameters: &along.parameters.iter().map(|ten| ten.map(widened)).collect::<Vec<_>>(),
-            armature: &all(along.armature),
-            gravity: &all(along.gravity),
+            parameters: parameters.as_chunks().0,
+            armature: &DoubleDouble::each_of(along.armature),
+            gravity: &DoubleDouble::each_of(along.gravity),
         };
         let scratch = &mut ProductScratch::new(model);
         forward_dynamics_jvp(model, workspace, scratch, (q, qd, tau), wrenches, &along, out).is_ok()
@@ -377,45 +379,25 @@ fn doubled_gradients<T: Real>(
         armature: &mut armature,
         gravity: &mut gravity,
     };
-    let (state, cotangent) = ((&q[..], &qd[..], &tau[..]), all(cotangent));
+    let (state, cotangent) = ((&q[..], &qd[..], &tau[..]), DoubleDouble::each_of(cotangent));
     let results = (&mut wide, &mut found[..]);
     let done = forward_dynamics_vjp(model, workspace, &mut scratch, state, wrenches, &cotangent, results);
-    if done.is_err() || !rounded(&found, out) {
+    if done.is_err() || !found.iter().all(|x| x.high.is_finite()) {
         return false;
     }
+    narrow(&found, out);
     for (to, from) in constants.wrenches.iter_mut().zip(&of_wrenches) {
-        *to = from.map(narrowed);
+        narrow(from.as_slice(), to.as_mut_slice());
     }
-    for (to, from) in constants.parameters.iter_mut().zip(&parameters) {
-        *to = from.map(narrowed);
-    }
-    for (to, from) in [(&mut *constants.armature, &armature), (&mut *constants.gravity, &gravity)] {
-        for (to, &from) in to.iter_mut().zip(from) {
-            *to = narrowed(from);
-        }
+    let of_parameters = (constants.parameters.as_flattened_mut(), parameters.as_flattened());
+    for (to, from) in [of_parameters, (constants.armature, &armature), (constants.gravity, &gravity)] {
+        narrow(from, to);
     }
     true
 }
 
-fn widened<T: Real>(x: T) -> DoubleDouble {
-    DoubleDouble::from_f64(x.lane(0))
-}
-
-fn narrowed<T: Real>(x: DoubleDouble) -> T {
-    T::from_f64(x.lane(0))
-}
-
-fn all<T: Real>(numbers: &[T]) -> Vec<DoubleDouble> {
-    numbers.iter().map(|&x| widened(x)).collect()
-}
-
-/// Rounds all values into `out` if they are finite.
-fn rounded<T: Real>(found: &[DoubleDouble], out: &mut [T]) -> bool {
-    if !found.iter().all(|x| x.lane(0).is_finite()) {
-        return false;
+fn narrow<T: Real>(from: &[DoubleDouble], to: &mut [T]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = T::from_f64(from.high);
     }
-    for (to, &from) in out.iter_mut().zip(found) {
-        *to = narrowed(from);
-    }
-    true
 }

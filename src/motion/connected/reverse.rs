@@ -26,7 +26,6 @@ use crate::filter::Form;
 use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
 use crate::scene::Scene;
-use crate::scene::constraint::Constraints;
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 
@@ -65,7 +64,6 @@ struct NewtonStep<T: Vectorized> {
 
 /// Scratch memory of the products with derivatives.
 struct Products<T: Vectorized> {
-    constraints: Constraints,
     /// The model without gravity, in which a right-hand side at rest has no bias, and velocities of zero.
     weightless: Model<T>,
     rest: Vec<T>,
@@ -100,7 +98,6 @@ impl<T: Vectorized> ConnectedReverse<T> {
             newton: (0..=STEPS).map(|_| newton()).collect(),
             gradients: SolutionGradients::new(&s.model, constraints, parameters),
             products: Products {
-                constraints: constraints.clone(),
                 weightless,
                 rest: rates(),
                 co_states: CoStates::new(&s.constants),
@@ -332,14 +329,13 @@ impl<T: Vectorized, I: Target> RowProducts<T> for At<'_, T, I> {
         multipliers: &[T],
         by: [&mut [T]; 2],
     ) -> Result<(), RowFault> {
-        let Products { constraints, shifts, .. } = &*self.products;
-        let system = (self.scene.0, constraints);
-        add_row_gradients(self.kernels.0, rows, (system, shifts, (self.q, qd, qdd)), multipliers, by)
+        let at = (&self.products.shifts[..], (self.q, qd, qdd));
+        add_row_gradients(self.kernels.0, rows, at, multipliers, by)
     }
 }
 
-/// A system, phi of every body, and (q, qd, qdd).
-type AtMotion<'a, T> = ((&'a Model<T>, &'a Constraints), &'a [RigidShift<T>], (&'a [T], &'a [T], &'a [T]));
+/// phi of every body, and (q, qd, qdd).
+type AtMotion<'a, T> = (&'a [RigidShift<T>], (&'a [T], &'a [T], &'a [T]));
 
 within_target! {
     /// Compiled once for all callers.
@@ -350,7 +346,7 @@ within_target! {
         multipliers: &'a [T],
         by: [&'a mut [T]; 2],
     ) -> Result<(), RowFault> {
-        let (system, shifts, motion) = at;
-        rows.add_acceleration_gradient(system, shifts, motion, multipliers, by)
+        let (shifts, motion) = at;
+        rows.add_acceleration_gradient(shifts, motion, multipliers, by)
     }
 }

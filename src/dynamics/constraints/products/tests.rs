@@ -49,9 +49,9 @@ fn gradients_of_rows_are_differences() {
         let mut gradients = RowGradients::new(system);
         if is_moving {
             let out = [&mut by_q[..], &mut by_qd[..]];
-            gradients.add_acceleration_gradient(system, &shifts, (&q, &qd, &qdd), &r, out).expect("gradients");
+            gradients.add_acceleration_gradient(&shifts, (&q, &qd, &qdd), &r, out).expect("gradients");
         } else {
-            gradients.add_row_gradient(system, &shifts, (&q, &qdd), &r, &mut by_q).expect("gradients");
+            gradients.add_row_gradient(&shifts, (&q, &qdd), &r, &mut by_q).expect("gradients");
         }
         let widened = |x: &[f64]| -> Vec<DoubleDouble> { x.iter().map(|&x| DoubleDouble::from_f64(x)).collect() };
         let (at, rates, accelerations) = (widened(&q), widened(&qd), widened(&qdd));
