@@ -521,15 +521,6 @@ impl Algorithm {
         }
     }
 
-    /// True if it is a product with derivatives.
-    pub(crate) fn is_product(self) -> bool {
-        match self {
-            #[cfg(feature = "derivatives")]
-            Self::Products(_) => true,
-            _ => false,
-        }
-    }
-
     /// True if the direction in its seed includes changes of constants (armature, gravity, wrenches, inertial
     /// parameters).
     pub(crate) fn takes_constants(self) -> bool {

@@ -36,6 +36,8 @@ pub(crate) mod own_model;
 #[cfg(feature = "derivatives")]
 pub(crate) mod products;
 mod quantities;
+#[cfg(feature = "derivatives")]
+pub(crate) mod row_products;
 #[cfg(feature = "parallel")]
 mod threads;
 #[cfg(feature = "parallel")]

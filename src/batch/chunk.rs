@@ -405,7 +405,7 @@ impl<T: Vectorized, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         }
         #[cfg(feature = "derivatives")]
         if let (Algorithm::Products(which), true) = (algorithm, GROUP == PRODUCTS) {
-            let kernel = &mut **products.get_or_insert_with(|| Box::new(ProductKernel::new(model, sweeps)));
+            let kernel = &mut **products.get_or_insert_with(|| Box::new(ProductKernel::new(scene, constraints)));
             let fault = gather_seeds(&mut kernel.seeds, &given);
             for lane in 0..states.len() {
                 doubt |= u64::from(fault.lane(lane) != 0.0) << lane;

@@ -4,6 +4,7 @@ use super::accelerations::{self, KernelCall};
 use super::factor::with_factor;
 use super::finite::any_not_finite;
 use super::instruction_set::{Target, Vectorized, within_target};
+use super::row_products::ConnectedProducts;
 use crate::algorithm::{Products, constants_width};
 use crate::dynamics::derivatives::{
     Changes, CoStates, ConstantParts, Constants, Directions, GradientParts, gradients_in_sweeps, tangent_in_sweeps,
@@ -13,6 +14,7 @@ use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
 use crate::scalar::lanes_but;
+use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
 
 /// Scratch beyond that of the dynamics, allocated by the first call.
@@ -28,12 +30,15 @@ pub(super) struct ProductKernel<T: Vectorized> {
     results: Vec<T>,
     /// Changes of the wrenches on the bodies, or gradients with respect to the wrenches; empty without wrenches.
     of_wrenches: Vec<Vector6<T>>,
+    /// For accelerations through connections.
+    connected: Option<Box<ConnectedProducts<T>>>,
 }
 
 impl<T: Vectorized> ProductKernel<T> {
     #[cold]
-    pub fn new(model: &Model<T>, sweeps: &SweepModel<T>) -> Self {
+    pub fn new(scene @ (model, sweeps): (&Model<T>, &SweepModel<T>), constraints: &Constraints) -> Self {
         let (nv, nan) = (model.nv(), T::from_f64(f64::NAN));
+        let connected = (!constraints.is_empty()).then(|| Box::new(ConnectedProducts::new(scene, constraints)));
         Self {
             co_states: CoStates::new(sweeps),
             changes: Changes::new(sweeps),
@@ -42,6 +47,7 @@ impl<T: Vectorized> ProductKernel<T> {
             x: vec![nan; nv],
             results: vec![nan; 3 * nv],
             of_wrenches: Vec::new(),
+            connected,
         }
     }
 }
@@ -55,7 +61,8 @@ pub(super) fn run<T: Vectorized, I: Target>(
 ) -> u64 {
     let KernelCall { scene, scratch, kernel, state, wrenches, out } = call;
     let ((q, qd, u), mut doubt) = (state, 0);
-    let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, of_wrenches } = kernel;
+    let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, of_wrenches, connected } =
+        kernel;
     let (nv, bodies, zero) =
         (first.len(), scene.0.bodies.len(), first.first().map_or_else(T::zero, |x| x.constant(0.0)));
     let constants = if which.gives_constants() { constants_width(nv, bodies) } else { 0 };
@@ -65,26 +72,46 @@ pub(super) fn run<T: Vectorized, I: Target>(
             return u64::MAX;
         }
         let call = accelerations::KernelArguments { scene, scratch: &mut *scratch, state, wrenches, qdd: &mut *qdd };
-        doubt = with_factor(target, form, call);
+        doubt = match connected {
+            Some(connected) => connected.accelerations((target, form), call),
+            None => with_factor(target, form, call),
+        };
     }
+    let mut through = connected.as_mut().zip(which.form());
     let qdd = if which.form().is_some() { &qdd[..] } else { u };
     let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
     if !which.is_gradient() {
         let direction = Directions::of_seed([first, second, third], bodies, of_wrenches);
-        let lost = along(target, scene, (scratch, changes), (motion, direction), which.form(), (x, results));
-        doubt |= lanes_but::<T>(|lane| lost.lane(lane) <= 0.0);
-    } else if constants == 0 {
-        let (state, constants) = ((motion, &first[..]), &mut Constants::default());
-        doubt |= gradients(target, which.form(), (scene, (scratch, co_states)), state, (constants, x, results));
+        if let Some((connected, form)) = through {
+            let at_constant = Directions { u: connected.rest(), ..direction };
+            along(target, scene, (&mut *scratch, changes), (motion, at_constant), None, (x, &mut *results));
+            doubt |= connected.along((target, form), (scene, scratch), (motion, &direction, !doubt), results);
+        } else {
+            let lost = along(target, scene, (scratch, changes), (motion, direction), which.form(), (x, &mut *results));
+            doubt |= lanes_but::<T>(|lane| lost.lane(lane) <= 0.0);
+        }
     } else {
-        of_wrenches.resize(bodies, Vector6::from_element(zero));
-        let parts = GradientParts::of(results, nv, bodies);
-        let GradientParts { state: by_state, constants } = parts;
-        let ConstantParts { armature, gravity, wrenches: forces, parameters } = constants;
-        let constants = &mut Constants { wrenches: of_wrenches, parameters, armature, gravity };
-        let room = (scene, (scratch, co_states));
-        doubt |= gradients(target, which.form(), room, (motion, first), (constants, x, by_state));
-        for (to, wrench) in forces.iter_mut().zip(&*of_wrenches) {
+        let (by_state, constants) = if constants == 0 {
+            (&mut results[..], None)
+        } else {
+            of_wrenches.resize(bodies, Vector6::from_element(zero));
+            let parts = GradientParts::of(results, nv, bodies);
+            (parts.state, Some(parts.constants))
+        };
+        let mut asked = Constants::default();
+        let mut forces = None;
+        if let Some(ConstantParts { armature, gravity, wrenches, parameters }) = constants {
+            asked = Constants { wrenches: of_wrenches, parameters, armature, gravity };
+            forces = Some(wrenches);
+        }
+        doubt |= if let Some((connected, form)) = &mut through {
+            let state = (motion, &first[..], !doubt);
+            connected.gradients((target, *form), (scene, scratch), state, (&mut asked, by_state))
+        } else {
+            let room = (scene, (scratch, co_states));
+            gradients(target, which.form(), room, (motion, &first[..]), (&mut asked, x, by_state))
+        };
+        for (to, wrench) in forces.into_iter().flatten().zip(&*of_wrenches) {
             *to = (*wrench).into();
         }
     }

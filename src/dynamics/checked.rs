@@ -221,13 +221,7 @@ impl Scene {
         }
     }
 
-    /// True if the kernels would compute a wrong result: they support connections in forward dynamics and its
-    /// derivatives.
-    fn goes_through_connections(&self, algorithm: Algorithm) -> bool {
-        algorithm.is_product() && algorithm.goes_through_connections() && !self.constraints().is_empty()
-    }
-
-    /// The lengths of the arguments of one state of an algorithm, and whether the kernels support it.
+    /// The lengths of the arguments of one state of an algorithm.
     #[inline]
     pub(crate) fn requirements(&self, algorithm: Algorithm) -> Requirements {
         let (rates, third) = algorithm.reads();
@@ -241,7 +235,6 @@ impl Scene {
             bodies: self.model().bodies.len(),
             parameters: 10 * self.tree().joints().len(),
             nv: self.nv(),
-            supported: !self.goes_through_connections(algorithm),
         }
     }
 
@@ -284,7 +277,7 @@ impl Scene {
     }
 }
 
-/// The lengths of the arguments of one state, and whether the kernels support the algorithm.
+/// The lengths of the arguments of one state.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Requirements {
     /// Of q, qd and u.
@@ -294,7 +287,6 @@ pub(crate) struct Requirements {
     bodies: usize,
     parameters: usize,
     nv: usize,
-    supported: bool,
 }
 
 impl Requirements {
@@ -303,15 +295,13 @@ impl Requirements {
         [0, self.parameters].contains(&model.inertias.len()) && [0, self.nv].contains(&model.armature.len())
     }
 
-    /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads, and it has no
-    /// connections that they do not support.
+    /// True if the kernels can compute a state: its arguments have the lengths that the algorithm reads.
     #[inline]
     pub(crate) fn met_by(&self, state: &Arguments<'_>) -> bool {
         let forces = state.wrenches.len();
         let unseeded = self.may_lack_seed && state.seed[0].is_empty();
         [state.q.len(), state.qd.len(), state.u.len()] == self.widths
             && (unseeded || state.seed.map(<[f64]>::len) == self.seeds)
-            && self.supported
             && (forces == 0 || forces == self.bodies)
             && (state.model.is_of_scene() || self.fits(&state.model))
     }

@@ -194,7 +194,13 @@ impl PyScene {
         let names = which.entry().arguments.iter().chain(direction).map(|&(name, _)| name);
         let mut inputs = self.inputs(names.zip(given.iter().copied()))?;
         inputs.extend(others);
-        let cost = Cost { arithmetic: body * self.size(), results: which.entry().results.len() * self.scene.nv() };
+        let through = if which.form().is_some() && !self.scene.connections().is_empty() {
+            self.cost_through_connections()
+        } else {
+            0
+        };
+        let cost =
+            Cost { arithmetic: (body + through) * self.size(), results: which.entry().results.len() * self.scene.nv() };
         let models = keywords.models(&self.scene)?;
         let call = BatchCall::of_models(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, models, cost)?;
         Ok(call.with(errors).accepting(keywords.tolerance))

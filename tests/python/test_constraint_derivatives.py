@@ -8,7 +8,7 @@ from operator import attrgetter
 import numpy as np
 import pytest
 from conftest import random_scene
-from tolerances import STEP, assert_near, central_difference, inverse, size
+from tolerances import STEP, assert_near, assert_same_bits, central_difference, inverse, size
 
 import phipsi
 from phipsi.errors import ArgumentError, ConstraintError
@@ -116,6 +116,39 @@ def test_products_are_those_of_the_matrices(case: tuple[phipsi.Scene, np.ndarray
     assert_near(scene.forward_dynamics_jvp(q, qd, tau, dq, dqd, dtau), along, bound)
     for one, matrix in zip(scene.forward_dynamics_vjp(q, qd, tau, cotangent)[:3], matrices, strict=True):
         assert_near(one, cotangent @ matrix, bound)
+
+
+def test_products_of_a_batch_are_those_of_its_states(case: tuple[phipsi.Scene, np.ndarray, np.ndarray, np.ndarray]) -> None:
+    """With the same bits, in lanes and in batches that do not fill them."""
+    scene, q, qd, tau = case
+    random = np.random.default_rng(8)
+    states = [on_it(scene, scene.integrate(q, 0.05 * random.uniform(-1.0, 1.0, scene.nv)), qd) for _ in range(7)]
+    many_q, many_qd = (np.array(of) for of in zip(*states, strict=True))
+    dq, dqd, dtau, cotangent = random.uniform(-1.0, 1.0, (4, 7, scene.nv))
+    wrench = random.uniform(-1.0, 1.0, (7, 6))
+    link = scene.link_names[-1]
+    along = scene.forward_dynamics_jvp(many_q, many_qd, tau, dq, dqd, dtau, wrenches={link: wrench})
+    found = scene.forward_dynamics_vjp(many_q, many_qd, tau, cotangent, wrenches={link: wrench}, parameters=True)
+    for i in range(7):
+        state = many_q[i], many_qd[i], tau
+        assert_same_bits(along[i], scene.forward_dynamics_jvp(*state, dq[i], dqd[i], dtau[i], wrenches={link: wrench[i]}))
+        one = scene.forward_dynamics_vjp(*state, cotangent[i], wrenches={link: wrench[i]}, parameters=True)
+        for name in ("q", "qd", "tau", "armature", "gravity", "parameters"):
+            assert_same_bits(getattr(found, name)[i], getattr(one, name))
+        assert_same_bits(found.wrenches[link][i], one.wrenches[link])
+
+
+def test_products_through_a_row_given_twice() -> None:
+    """The kernels leave dependent rows to the checked method."""
+    (scene, start), random = four_bar("point"), np.random.default_rng(9)
+    builder = scene.to_builder()
+    builder.connect("again", "point", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3))
+    twice = builder.build()
+    q, qd = on_it(scene, start, random.uniform(-0.5, 0.5, 3))
+    tau, cotangent = random.uniform(-1.0, 1.0, (2, 3))
+    for one, other in zip(scene.forward_dynamics_vjp(q, qd, tau, cotangent)[:3], twice.forward_dynamics_vjp(q, qd, tau, cotangent)[:3], strict=True):
+        assert_near(one, other, 1e-10 * size(one))
+        assert np.any(one)
 
 
 def test_a_batch_is_its_states() -> None:

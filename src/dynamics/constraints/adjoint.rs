@@ -31,6 +31,7 @@ use crate::dynamics::forces::Motion;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::constraint::Constraints;
+use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 use std::ops::{Deref, DerefMut};
@@ -131,6 +132,24 @@ impl<T: Real> SolutionGradients<T> {
         by_tau.copy_from_slice(y);
         at.add_row_gradients(rows, [rest, y], forces, [by_q, unused])?;
         at.add_row_gradients(rows, [motion.qd, motion.qdd.unwrap_or(rest)], minus_r, [by_q, by_qd])
+    }
+
+    /// Of accelerations along a direction: the change of J qdd + J' qd, and from the change dID of inverse dynamics at
+    /// constant accelerations to dtau - dID + dJ* p, in place.
+    #[inline(always)]
+    pub fn change_along(
+        &mut self,
+        (shifts, motion): (&[RigidShift<T>], Motion<'_, T>),
+        (direction, forces): (&Directions<'_, T>, &[T]),
+        [of_rows, of_torques]: [&mut [T]; 2],
+    ) -> Result<(), RowFault> {
+        let Self { rows, rest, of_product, .. } = self;
+        let (state, added) = ((motion.q, motion.qd, motion.qdd.unwrap_or(rest)), &mut of_product[..of_torques.len()]);
+        rows.along(shifts, state, ([direction.q, direction.qd], forces), [of_rows, &mut *added])?;
+        for ((of_torque, &dtau), &more) in of_torques.iter_mut().zip(direction.u).zip(&*added) {
+            *of_torque = dtau - *of_torque + more;
+        }
+        Ok(())
     }
 
     /// Adds the gradients of -y* M(q) x + p* J(q) y - r* J(q) along.
@@ -306,17 +325,14 @@ impl ConstraintAdjoint {
         (wrenches, along): (&[Vector6<f64>], &Directions<'_, f64>),
         out: &mut [f64],
     ) -> Result<(), RowFault> {
-        let Self { gradients: SolutionGradients { rows, rest, of_product, .. }, products, .. } = self;
-        let unaccelerated = Directions { u: rest, ..*along };
+        let Self { gradients, products, .. } = self;
+        let unaccelerated = Directions { u: &gradients.rest, ..*along };
         inverse_dynamics_jvp(system.0, workspace, products, state, wrenches, &unaccelerated, out);
         dynamics::factorise(system.0, workspace, state.0);
         scratch.factorise(system, workspace, state.0, &[])?;
-        let (mut of_rows, of_torques) = (vec![0.0; system.1.rows], &mut of_product[..out.len()]);
-        let (shifts, directions) = (&workspace.store.shifts, ([along.q, along.qd], &scratch.forces[..]));
-        rows.along(shifts, state, directions, [&mut of_rows, of_torques])?;
-        for ((out, dtau), of_torque) in out.iter_mut().zip(along.u).zip(of_torques) {
-            *out = dtau - *out + *of_torque;
-        }
+        let (mut of_rows, (q, qd, qdd)) = (vec![0.0; system.1.rows], state);
+        let at = (&workspace.store.shifts[..], Motion { q, qd, qdd: Some(qdd), wrenches });
+        gradients.change_along(at, (along, &scratch.forces), [&mut of_rows, &mut *out])?;
         self.solve(system.0, (workspace, scratch), (out, &of_rows), &[]);
         out.copy_from_slice(&self.y);
         Ok(())

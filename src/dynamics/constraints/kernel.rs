@@ -136,11 +136,11 @@ impl<T: Real> ConstraintKernel<T> {
         self.solve();
     }
 
-    /// The next accelerations meet J qdd = 0, as at rest.
+    /// The next accelerations meet J qdd = -`biases`, which are zero if they are empty, as at rest.
     #[inline(always)]
-    pub fn rest(&mut self) {
-        for row in &mut self.rows.all {
-            row.gamma = row.gamma.constant(0.0);
+    pub fn set_biases(&mut self, biases: &[T]) {
+        for (i, row) in self.rows.all.iter_mut().enumerate() {
+            row.gamma = biases.get(i).copied().unwrap_or(row.gamma.constant(0.0));
         }
     }
 

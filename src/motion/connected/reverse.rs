@@ -13,21 +13,16 @@ use super::super::step::step;
 use super::super::step_settings::StepSettings;
 use super::{Connected, STEPS, beyond_limits, factors, keep, kernel_of_rows, open_lanes, replace, slow, step_back};
 use crate::batch::accelerations::KernelArguments;
-use crate::batch::instruction_set::{Target, Vectorized, within_target};
-use crate::batch::{connected, factor, products};
-use crate::dynamics::constraints::{
-    ConstraintKernel, Pushed, Residuals, Results, RowFault, RowGradients, RowProducts, SolutionGradients,
-};
+use crate::batch::instruction_set::{Target, Vectorized};
+use crate::batch::row_products::{AtRows, RowProductScratch, failed};
+use crate::dynamics::constraints::{ConstraintKernel, Pushed, Residuals, SolutionGradients};
 use crate::dynamics::contacts::LimitRow;
-use crate::dynamics::derivatives::{CoStates, Constants};
+use crate::dynamics::derivatives::Constants;
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
-use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
 use crate::scene::Scene;
-use crate::spatial::RigidShift;
-use nalgebra::Vector3;
 
 /// Scratch memory of one state per lane.
 pub(in crate::motion) struct ConnectedReverse<T: Vectorized> {
@@ -37,7 +32,7 @@ pub(in crate::motion) struct ConnectedReverse<T: Vectorized> {
     /// The Newton steps of the projection; the last factors are those of its end.
     newton: Vec<NewtonStep<T>>,
     gradients: SolutionGradients<T>,
-    products: Products<T>,
+    products: RowProductScratch<T>,
     /// The velocities before their projection, then its change; its forces, and those of one of its steps.
     change: Vec<T>,
     forces: [Vec<T>; 2],
@@ -53,6 +48,12 @@ struct Factors<T: Vectorized> {
     rows: ConstraintKernel<T>,
 }
 
+impl<T: Vectorized> Factors<T> {
+    fn parts(&mut self) -> (&mut SweepScratch<T>, &mut ConstraintKernel<T>) {
+        (&mut self.sweeps, &mut self.rows)
+    }
+}
+
 /// x = M^-1 J* p from q, in the lanes given as bits, with the factors at q.
 struct NewtonStep<T: Vectorized> {
     at: Factors<T>,
@@ -60,18 +61,6 @@ struct NewtonStep<T: Vectorized> {
     x: Vec<T>,
     p: Vec<T>,
     lanes: u64,
-}
-
-/// Scratch memory of the products with derivatives.
-struct Products<T: Vectorized> {
-    /// The model without gravity, in which a right-hand side at rest has no bias, and velocities of zero.
-    weightless: Model<T>,
-    rest: Vec<T>,
-    co_states: CoStates<T>,
-    /// phi of every body.
-    shifts: Vec<RigidShift<T>>,
-    innovations: Vec<T>,
-    x: Vec<T>,
 }
 
 impl<T: Vectorized> ConnectedReverse<T> {
@@ -91,20 +80,11 @@ impl<T: Vectorized> ConnectedReverse<T> {
         let rates = || vec![T::zero(); s.model.nv()];
         let of_rows = || vec![T::zero(); constraints.rows];
         let newton = || NewtonStep { at: factors(of_end), q: s.q.clone(), x: rates(), p: of_rows(), lanes: 0 };
-        let mut weightless = s.model.clone();
-        weightless.gravity = Vector3::from_element(T::zero());
         Self {
             stages: (0..settings.scheme.tableau.stages).map(|_| factors(of_step)).collect(),
             newton: (0..=STEPS).map(|_| newton()).collect(),
             gradients: SolutionGradients::new(&s.model, constraints, parameters),
-            products: Products {
-                weightless,
-                rest: rates(),
-                co_states: CoStates::new(&s.constants),
-                shifts: vec![RigidShift::identity(); s.model.bodies.len()],
-                innovations: rates(),
-                x: rates(),
-            },
+            products: RowProductScratch::new(of_step),
             change: rates(),
             forces: [of_rows(), of_rows()],
             end: [rates(), rates()],
@@ -197,29 +177,24 @@ impl<T: Vectorized> ConnectedReverse<T> {
         }
 
         gradients.begin();
-        let mut at = At::new(kernels, scene, (end, products), q_next);
-        doubt |= at.solve(gradients, of_v, active & !doubt);
+        let mut at = AtRows::new(kernels, scene, (end.parts(), products), q_next);
+        doubt |= at.solve(gradients, (of_v, &[]), active & !doubt);
         let velocities = (&v_next[..], Pushed { x: change, p: forces });
         doubt |= failed(gradients.of_projection(&mut at, velocities, of_v, of_q));
         // The steps end where the next one would be rounding. Perturbed configurations are moved by this step too.
-        doubt |= at.solve(gradients, of_q, active & !doubt);
+        doubt |= at.solve(gradients, (of_q, &[]), active & !doubt);
         gradients.of_last_step(&mut at, of_q);
         for NewtonStep { at, q, x, p, lanes } in before_end.iter_mut().rev() {
             clear(of_start);
             clear(of_x);
             advance_cotangents(scene.0, x, of_q, (&mut *of_start, &mut *of_x));
-            let mut at = At::new(kernels, scene, (at, products), q);
-            doubt |= at.solve(gradients, of_x, active & !doubt);
+            let mut at = AtRows::new(kernels, scene, (at.parts(), products), q);
+            doubt |= at.solve(gradients, (of_x, &[]), active & !doubt);
             doubt |= failed(gradients.of_position_step(&mut at, Pushed { x, p }, of_x, of_start));
             replace(of_q, of_start, *lanes);
         }
         doubt
     }
-}
-
-/// All lanes of a result that failed.
-fn failed(outcome: Result<(), RowFault>) -> u64 {
-    if outcome.is_err() { u64::MAX } else { 0 }
 }
 
 /// The accelerations of the stages with their factors: forward, where `at` is the next stage, and backward, where it is
@@ -255,98 +230,10 @@ impl<T: Vectorized, I: Target> BackwardSolver<T> for Recorded<'_, T, I> {
         self.at -= 1;
         let factors = &mut stages[self.at];
         forces.copy_from_slice(&factors.rows.forces_of_rows);
-        let mut at = At::new(self.kernels, scene, (factors, products), q);
-        let doubt = at.solve(gradients, cotangent, connected.active);
+        let mut at = AtRows::new(self.kernels, scene, (factors.parts(), products), q);
+        let doubt = at.solve(gradients, (cotangent, &[]), connected.active);
         let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
         let constants = &mut Constants { parameters, ..Constants::default() };
         doubt | failed(gradients.of_accelerations(&mut at, (motion, forces), (constants, out)))
-    }
-}
-
-/// Solutions and products at one configuration, with its factors.
-struct At<'a, T: Vectorized, I> {
-    kernels: (I, Form),
-    scene: (&'a Model<T>, &'a SweepModel<T>),
-    factors: &'a mut Factors<T>,
-    products: &'a mut Products<T>,
-    q: &'a [T],
-}
-
-impl<'a, T: Vectorized, I: Target> At<'a, T, I> {
-    #[inline(always)]
-    fn new(
-        kernels: (I, Form),
-        scene: (&'a Model<T>, &'a SweepModel<T>),
-        (factors, products): (&'a mut Factors<T>, &'a mut Products<T>),
-        q: &'a [T],
-    ) -> Self {
-        products.weightless.system.noise.copy_from_slice(&scene.0.system.noise);
-        placements_base_to_tip(scene.0, q, &mut products.shifts);
-        Self { kernels, scene, factors, products, q }
-    }
-
-    /// y and r for the cotangent of x: M y + J* r = `of_x`, J y = 0. `lanes` are needed. Returns the lanes that need the
-    /// fallback.
-    #[inline(always)]
-    fn solve(&mut self, to: &mut SolutionGradients<T>, of_x: &[T], lanes: u64) -> u64 {
-        let Self { kernels: (target, _), scene, factors: Factors { sweeps, rows }, products, q } = self;
-        let Products { weightless, rest, innovations, .. } = &mut **products;
-        let at_rest = (weightless as &Model<T>, scene.1);
-        factor::innovations(*target, at_rest, sweeps, (q, rest, of_x), (&[], innovations));
-        rows.rest();
-        let vectors = (of_x, &mut innovations[..], &mut to.y[..]);
-        let (_, open) = connected::accelerations(*target, *scene, sweeps, rows, vectors, (lanes, u64::MAX));
-        for (r, &p) in to.r.iter_mut().zip(&rows.forces_of_rows) {
-            *r = -p;
-        }
-        open
-    }
-}
-
-impl<T: Vectorized, I: Target> RowProducts<T> for At<'_, T, I> {
-    #[inline(always)]
-    fn gradients_of_torques(&mut self, motion: Motion<'_, T>, cotangent: &[T], results: Results<'_, '_, T>) {
-        let (constants, out) = results;
-        let Products { co_states, x, .. } = &mut *self.products;
-        let room = (self.scene, (&mut self.factors.sweeps, co_states));
-        products::gradients(self.kernels.0, None, room, (motion, cotangent), (constants, x, out));
-    }
-
-    #[inline(always)]
-    fn gradients_of_inertia(&mut self, [rest, qdd]: [&[T]; 2], cotangent: &[T], results: Results<'_, '_, T>) {
-        let (constants, out) = results;
-        let Products { weightless, co_states, x, .. } = &mut *self.products;
-        let room = ((&*weightless, self.scene.1), (&mut self.factors.sweeps, co_states));
-        let motion = Motion { q: self.q, qd: rest, qdd: Some(qdd), wrenches: &[] };
-        products::gradients(self.kernels.0, None, room, (motion, cotangent), (constants, x, out));
-    }
-
-    #[inline(always)]
-    fn add_row_gradients(
-        &mut self,
-        rows: &mut RowGradients<T>,
-        [qd, qdd]: [&[T]; 2],
-        multipliers: &[T],
-        by: [&mut [T]; 2],
-    ) -> Result<(), RowFault> {
-        let at = (&self.products.shifts[..], (self.q, qd, qdd));
-        add_row_gradients(self.kernels.0, rows, at, multipliers, by)
-    }
-}
-
-/// phi of every body, and (q, qd, qdd).
-type AtMotion<'a, T> = (&'a [RigidShift<T>], (&'a [T], &'a [T], &'a [T]));
-
-within_target! {
-    /// Compiled once for all callers.
-    #[inline(never)]
-    fn add_row_gradients<'a, T>(
-        rows: &'a mut RowGradients<T>,
-        at: AtMotion<'a, T>,
-        multipliers: &'a [T],
-        by: [&'a mut [T]; 2],
-    ) -> Result<(), RowFault> {
-        let (shifts, motion) = at;
-        rows.add_acceleration_gradient(shifts, motion, multipliers, by)
     }
 }
