@@ -81,7 +81,7 @@ pub enum Error {
         "task of {}{}: found an inverse inertia of rank {rank} in {directions} directions, which has no inverse; use \
          operational_inverse_inertia, which is defined there, or remove directions until at most {rank} independent \
          ones remain",
-        quoted(links),
+        counted("link", links),
         in_state(*state)
     )]
     SingularTask {
@@ -97,7 +97,7 @@ pub enum Error {
     /// Connections that cannot be satisfied: they contradict each other, or the state violates them.
     #[error(
         "{}{}: found {}; expected {}",
-        of_connections(&violation.connections),
+        counted("connection", &violation.connections),
         in_state(*state),
         shortened(&violation.found),
         shortened(&violation.expected)
@@ -185,16 +185,10 @@ fn in_units(bytes: u128) -> String {
     if size < 1.0 { String::new() } else { format!(" ({size:.3} {})", UNITS[unit]) }
 }
 
-/// "link" or "links", followed by the quoted names.
-fn quoted(links: &[String]) -> String {
-    let names: Vec<String> = links.iter().map(|name| format!("{name:?}")).collect();
-    format!("{} {}", if names.len() == 1 { "link" } else { "links" }, names.join(", "))
-}
-
-/// "connection" or "connections", followed by the quoted names.
-fn of_connections(connections: &[String]) -> String {
-    let names: Vec<String> = connections.iter().map(|name| format!("{name:?}")).collect();
-    format!("{} {}", if names.len() == 1 { "connection" } else { "connections" }, names.join(", "))
+/// A noun, in the plural for several names, and the names.
+fn counted(noun: &str, names: &[String]) -> String {
+    let quoted: Vec<String> = names.iter().map(|name| format!("{name:?}")).collect();
+    format!("{noun}{} {}", if names.len() == 1 { "" } else { "s" }, quoted.join(", "))
 }
 
 /// Text for a pivot without significant digits.

@@ -205,7 +205,7 @@ impl Scene {
         self.check_scratch_of_rows(workspace, scratch)?;
         self.check_form(workspace)?;
         let system = (self.model(), self.constraints());
-        let positions = constraints::project_positions(system, workspace, scratch, q, compliance)
+        let positions = constraints::project_positions(system, workspace, scratch, (q, compliance), None)
             .map_err(|at| self.row_fault(at))?;
         self.check_pivots(workspace, positions.pivots)?;
         if let Some(row) = positions.stays {

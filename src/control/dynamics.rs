@@ -10,11 +10,12 @@ use crate::algorithm::{Algorithm, Arguments, Derivatives};
 use crate::batch::Evaluator;
 use crate::error::{Error, Fault, in_language};
 use crate::filter::Form;
-use crate::joints::{JointKind, Motion};
+use crate::kinematics::manifold::step_jacobians;
 use crate::model::StateModel;
 use crate::motion::properties::{check_coulomb, joint_of_row};
 use crate::scene::Scene;
 use nalgebra::Matrix6;
+use std::ops::Range;
 
 /// Knots that are differentiated, and step lengths that are tried, at once.
 pub const AT_ONCE: usize = 8;
@@ -38,8 +39,8 @@ pub struct Dynamics {
     armature: Vec<f64>,
     /// The degrees of freedom with a control.
     pub driven: Vec<usize>,
-    /// First degree of freedom and motion of the joints with a rotation.
-    turning: Vec<(usize, Motion<f64>)>,
+    /// Degrees of freedom of the joints with a rotation.
+    turning: Vec<Range<usize>>,
     torque: Vec<f64>,
     noise: Vec<f64>,
     three: Vec<f64>,
@@ -96,11 +97,7 @@ impl Dynamics {
             }
         }
         let stepping = stepping.with_open_connections();
-        let turning = scene.joints().iter().filter_map(|joint| match joint.kind {
-            JointKind::Spherical => Some((joint.v.start, Motion::Spherical)),
-            JointKind::Floating => Some((joint.v.start, Motion::Free)),
-            _ => None,
-        });
+        let turning = scene.joints().iter().filter(|joint| joint.quaternion().is_some());
         Ok(Self {
             evaluator: stepping.evaluator(),
             contacts,
@@ -111,7 +108,7 @@ impl Dynamics {
             friction_speed,
             armature,
             driven,
-            turning: turning.collect(),
+            turning: turning.map(|joint| joint.v.clone()).collect(),
             torque: vec![f64::NAN; AT_ONCE * nv],
             noise: vec![f64::NAN; AT_ONCE * nv],
             three: vec![f64::NAN; AT_ONCE * 3 * nv * nv],
@@ -290,14 +287,13 @@ impl Dynamics {
 
     /// The Jacobians of q' = q exp(h v') of all joints with a rotation.
     pub fn turns(&self, v_next: &[f64], turns: &mut [Turn]) {
-        for ((first, motion), turn) in self.turning.iter().zip(turns) {
-            let count = if matches!(motion, Motion::Free) { 6 } else { 3 };
+        for (own, turn) in self.turning.iter().zip(turns) {
             let mut x = [0.0; 6];
-            for (x, v) in x.iter_mut().zip(&v_next[*first..first + count]) {
+            for (x, v) in x.iter_mut().zip(&v_next[own.clone()]) {
                 *x = self.h * v;
             }
-            *turn = Turn { first: *first, count, ..Turn::default() };
-            jacobians(motion, count, &x, (&mut turn.transport, &mut turn.jacobian));
+            let [transport, jacobian] = step_jacobians(&x[..own.len()]);
+            *turn = Turn { first: own.start, count: own.len(), transport, jacobian };
         }
     }
 
@@ -309,11 +305,9 @@ impl Dynamics {
     /// The derivative of `difference(from, q)` = `apart` by q, (nv x nv) blocks of the joints with a rotation, written
     /// as the Jacobian of [`Turn`]; all others are one.
     pub fn difference_turns(&self, apart: &[f64], turns: &mut [Turn]) -> Result<(), Error> {
-        for ((first, motion), turn) in self.turning.iter().zip(turns) {
-            let count = if matches!(motion, Motion::Free) { 6 } else { 3 };
-            let (mut x, mut jacobian, mut aside) = ([0.0; 6], [0.0; 36], [0.0; 36]);
-            x[..count].copy_from_slice(&apart[*first..first + count]);
-            jacobians(motion, count, &x, (&mut aside, &mut jacobian));
+        for (own, turn) in self.turning.iter().zip(turns) {
+            let count = own.len();
+            let [_, jacobian] = step_jacobians(&apart[own.clone()]);
             // One beyond the block.
             let entry = |i: usize, j: usize| {
                 if i.max(j) < count { jacobian[i * count + j] } else { f64::from(u8::from(i == j)) }
@@ -321,7 +315,7 @@ impl Dynamics {
             let Some(inverse) = Matrix6::from_fn(entry).try_inverse() else {
                 return Err(Error::argument("costs", "a rotation by a whole turn", "configurations that are nearer"));
             };
-            *turn = Turn { first: *first, count, ..Turn::default() };
+            *turn = Turn { first: own.start, count, ..Turn::default() };
             for i in 0..count {
                 for j in 0..count {
                     turn.jacobian[i * count + j] = inverse[(i, j)];
@@ -329,22 +323,5 @@ impl Dynamics {
             }
         }
         Ok(())
-    }
-}
-
-/// d q'/d q and d q'/d x of q' = q exp(x), row by row.
-fn jacobians(
-    motion: &Motion<f64>,
-    count: usize,
-    x: &[f64; 6],
-    (transport, jacobian): (&mut [f64; 36], &mut [f64; 36]),
-) {
-    for i in 0..count {
-        let mut next = [0.0; 6];
-        next[i] = 1.0;
-        let (mut of_q, mut of_x) = ([0.0; 6], [0.0; 6]);
-        motion.advance_cotangents(x, &next, &mut of_q, &mut of_x);
-        transport[i * count..][..count].copy_from_slice(&of_q[..count]);
-        jacobian[i * count..][..count].copy_from_slice(&of_x[..count]);
     }
 }

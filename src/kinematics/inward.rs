@@ -5,7 +5,7 @@ use super::frame::{AccelerationKind, Frame, ReferenceFrame};
 use super::outward::{joint_motion, joint_shift, placements_on_base};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, angular, cross_add, cross_motion, linear, spatial, sum, zero};
+use crate::spatial::{RigidShift, angular, cross_add, cross_motion, less, linear, spatial, sum, zero};
 use nalgebra::{Vector3, Vector6};
 
 /// The path from a frame to the base.
@@ -53,12 +53,6 @@ impl<'a, T: Real> PathToBase<'a, T> {
         }
         placement
     }
-}
-
-/// a - b, entry by entry.
-#[inline(always)]
-pub(super) fn less<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
-    Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 }
 
 /// The pose of a frame on the base at `q`. O(depth).

@@ -28,6 +28,7 @@ pub(crate) mod derivatives;
 pub(crate) mod frame;
 pub(crate) mod inward;
 pub(crate) mod jacobian;
+pub(crate) mod manifold;
 pub(crate) mod outward;
 pub(crate) mod pair;
 pub(crate) mod propagation;

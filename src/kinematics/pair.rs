@@ -13,9 +13,9 @@
 //! Each rate is a row `E_i` times V, exactly and in every configuration, so that the force of row i on C is `E_i`. The
 //! time derivative of the rate is `E_i` V' + `E_i`' V, with V' = A - X `A_D` + V x X `V_D`.
 
-use super::inward::{FrameMotion, less};
+use super::inward::FrameMotion;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, angular, cross, cross_motion, linear, scaled, scaled_add, spatial, sum};
+use crate::spatial::{RigidShift, angular, cross, cross_motion, less, linear, scaled, scaled_add, spatial, sum};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// A constraint between two frames.

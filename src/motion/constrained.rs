@@ -8,8 +8,8 @@ use super::step_settings::StepSettings;
 use crate::batch::accelerations::KernelArguments;
 use crate::dynamics;
 use crate::dynamics::constraints::{
-    ConstraintScratch, Outcome, Projected, ProjectionStep, RowFault, constrained_dynamics, project_with_factors,
-    record_projection,
+    ConstraintScratch, Outcome, Projected, ProjectionStep, RowFault, constrained_dynamics, project_positions,
+    project_with_factors,
 };
 use crate::error::Error;
 use crate::filter::Form;
@@ -105,7 +105,7 @@ impl Solver<f64> for Constrained<'_> {
 
 impl Constrained<'_> {
     /// Ends a step: projects `q_next` and `v_next` onto the connections. Returns the fault of the step; adds the steps of
-    /// the projection of positions to `steps`, as [`record_projection`].
+    /// the projection of positions to `steps`, as [`project_positions`].
     pub fn finish(
         &mut self,
         settings: &StepSettings,
@@ -136,7 +136,7 @@ impl Constrained<'_> {
     ) -> Result<(), Failure> {
         let (scene, ConstrainedScratch { workspace, rows, .. }) = (self.scene, &mut *self.scratch);
         let system = (model, scene.constraints());
-        let positions = record_projection(system, workspace, rows, (q, self.compliance), steps);
+        let positions = project_positions(system, workspace, rows, (q, self.compliance), steps);
         check_projection(scene, (model, workspace), positions, "m or rad")
     }
 

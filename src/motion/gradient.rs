@@ -224,14 +224,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let starts = |all: &[f64], width: usize| -> Vec<f64> {
             all.chunks_exact((count * width).max(1)).flat_map(|state| &state[..width]).copied().collect()
         };
-        let room =
-            |width: usize| memory::filled("record_every", states.saturating_mul(whole).saturating_mul(width), 0.0);
-        let [mut q, mut qd, mut by_q, mut by_qd] = [
-            room(nq).map_err(refuse)?,
-            room(nv).map_err(refuse)?,
-            room(nv).map_err(refuse)?,
-            room(nv).map_err(refuse)?,
-        ];
+        let numbers = states.saturating_mul(whole);
+        let room = |width: usize| memory::filled("record_every", numbers.saturating_mul(width), 0.0).map_err(refuse);
+        let [mut q, mut qd, mut by_q, mut by_qd] = [room(nq)?, room(nv)?, room(nv)?, room(nv)?];
         let (q0, qd0) = (starts(rows.q, nq), starts(rows.qd, nv));
         let mut rollout = Rollout::new(self.scene.borrow(), self.settings(), &q0, &qd0).map_err(refuse)?;
         rollout.advance(steps, torque, Some(&mut Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 }))?;

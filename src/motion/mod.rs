@@ -70,7 +70,6 @@ mod gradient;
 mod gradient_layout;
 mod job;
 mod limit_rows;
-pub(crate) mod manifold;
 pub(crate) mod method;
 mod modes;
 mod population;
@@ -107,3 +106,5 @@ pub use torque::{StepFault, Torque};
 pub use totals::Totals;
 pub use touches::ShapeContact;
 pub use wrenches::{WRENCH_FRAMES, WrenchFrame, Wrenches};
+
+use crate::kinematics::manifold;

@@ -67,7 +67,7 @@ impl<'py> Keywords<'_, 'py> {
     }
 
     pub fn none() -> Self {
-        Self { errors: "raise", form: "auto", ..Self::default() }
+        Self { errors: "raise", form: "auto", kind: "spatial", ..Self::default() }
     }
 }
 

@@ -8,7 +8,7 @@ use super::scene::PyScene;
 use crate::algorithm::KinematicQuantity;
 use crate::error::{Error, check_finite};
 use crate::kinematics::frame::{ACCELERATION_KINDS, REFERENCE_FRAMES};
-use crate::kinematics::{Frame, ReferenceFrame};
+use crate::kinematics::{AccelerationKind, Frame, ReferenceFrame};
 use crate::memory;
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
@@ -88,10 +88,8 @@ methods! {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.velocity(q, qd, "link2"), scene.jacobian(q, "link2") @ qd)
     /// True
-    fn velocity(q, qd, link; frame, at, errors) |scene, py, keywords| {
-        let (reference, frame) = scene.on_link(keywords)?;
-        scene.kinematic_quantity(py, &KinematicQuantity::Velocity(&frame, reference), [q, qd], keywords)
-    }
+    fn velocity(q, qd, link; frame, at, errors)
+    => on_link(|frame, reference, _| KinematicQuantity::Velocity(frame, reference));
 
     /// Spatial acceleration of a link relative to the base, (angular, linear): J qdd + J' qd, without gravity.
     #[doc = parameters!(q qd qdd link frame at)]
@@ -111,12 +109,8 @@ methods! {
     /// >>> expected = scene.jacobian(q, "link2") @ qdd + scene.jacobian_rate_product(q, qd, "link2")
     /// >>> np.allclose(scene.acceleration(q, qd, qdd, "link2"), expected)
     /// True
-    fn acceleration(q, qd, qdd, link; frame, at, kind, errors) |scene, py, keywords| {
-        let (reference, frame) = scene.on_link(keywords)?;
-        let kind = choose("kind", keywords.kind, ACCELERATION_KINDS)?;
-        let what = KinematicQuantity::Acceleration(&frame, reference, kind);
-        scene.kinematic_quantity(py, &what, [q, qd, qdd], keywords)
-    }
+    fn acceleration(q, qd, qdd, link; frame, at, kind, errors)
+    => on_link(|frame, reference, kind| KinematicQuantity::Acceleration(frame, reference, kind));
 
     /// Geometric Jacobian J of a link: its spatial velocity (angular, linear) is J qd.
     #[doc = parameters!(q link frame at errors)]
@@ -131,10 +125,8 @@ methods! {
     /// >>> J = scene.jacobian([0.3, 0.2, 0.1], "link2", frame="world")
     /// >>> np.allclose(J[:, 0], [0, 0, 1, 0, 0, 0])     # the first joint rotates about z of the base
     /// True
-    fn jacobian(q, link; frame, at, errors) |scene, py, keywords| {
-        let (reference, frame) = scene.on_link(keywords)?;
-        scene.kinematic_quantity(py, &KinematicQuantity::Jacobian(&frame, reference), [q], keywords)
-    }
+    fn jacobian(q, link; frame, at, errors)
+    => on_link(|frame, reference, _| KinematicQuantity::Jacobian(frame, reference));
 
     /// Time derivative J' of the Jacobian of a link along qd, entry by entry in the given frame.
     #[doc = parameters!(q qd link frame at errors)]
@@ -151,10 +143,8 @@ methods! {
     /// >>> ahead, behind = (scene.jacobian(q + h * qd, "link2") for h in (1e-6, -1e-6))
     /// >>> np.allclose(scene.jacobian_rate(q, qd, "link2"), (ahead - behind) / 2e-6)
     /// True
-    fn jacobian_rate(q, qd, link; frame, at, errors) |scene, py, keywords| {
-        let (reference, frame) = scene.on_link(keywords)?;
-        scene.kinematic_quantity(py, &KinematicQuantity::JacobianRate(&frame, reference), [q, qd], keywords)
-    }
+    fn jacobian_rate(q, qd, link; frame, at, errors)
+    => on_link(|frame, reference, _| KinematicQuantity::JacobianRate(frame, reference));
 
     /// Acceleration J' qd of a link for zero joint accelerations, without forming J', in O(depth).
     #[doc = parameters!(q qd link frame at errors)]
@@ -168,11 +158,8 @@ methods! {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.jacobian_rate_product(q, qd, "link2"), scene.jacobian_rate(q, qd, "link2") @ qd)
     /// True
-    fn jacobian_rate_product(q, qd, link; frame, at, errors) |scene, py, keywords| {
-        let (reference, frame) = scene.on_link(keywords)?;
-        let what = KinematicQuantity::JacobianRateProduct(&frame, reference);
-        scene.kinematic_quantity(py, &what, [q, qd], keywords)
-    }
+    fn jacobian_rate_product(q, qd, link; frame, at, errors)
+    => on_link(|frame, reference, _| KinematicQuantity::JacobianRateProduct(frame, reference));
 
     /// Derivatives of the velocity of a link with respect to q and qd; the second is its Jacobian.
     #[doc = parameters!(q qd link frame at errors)]
@@ -196,11 +183,8 @@ methods! {
     /// >>> ahead, behind = (scene.velocity(q + h, qd, "link2", frame="world") for h in (step, -step))
     /// >>> np.allclose(by_q[:, 1], (ahead - behind) / 2e-6)
     /// True
-    fn velocity_derivatives(q, qd, link; frame, at, errors) |scene, py, keywords| {
-        let (reference, frame) = scene.on_link(keywords)?;
-        let what = KinematicQuantity::VelocityDerivatives(&frame, reference);
-        scene.kinematic_quantity(py, &what, [q, qd], keywords)
-    }
+    fn velocity_derivatives(q, qd, link; frame, at, errors)
+    => on_link(|frame, reference, _| KinematicQuantity::VelocityDerivatives(frame, reference));
 
     /// Derivatives of the acceleration of a link with respect to q, qd and qdd; the third is its Jacobian.
     #[doc = parameters!(q qd qdd link frame at)]
@@ -223,12 +207,8 @@ methods! {
     /// >>> expected = scene.jacobian_rate(q, qd, "link2") + scene.velocity_derivatives(q, qd, "link2")[0]
     /// >>> np.allclose(by_qd, expected)
     /// True
-    fn acceleration_derivatives(q, qd, qdd, link; frame, at, kind, errors) |scene, py, keywords| {
-        let (reference, frame) = scene.on_link(keywords)?;
-        let kind = choose("kind", keywords.kind, ACCELERATION_KINDS)?;
-        let what = KinematicQuantity::AccelerationDerivatives(&frame, reference, kind);
-        scene.kinematic_quantity(py, &what, [q, qd, qdd], keywords)
-    }
+    fn acceleration_derivatives(q, qd, qdd, link; frame, at, kind, errors)
+    => on_link(|frame, reference, kind| KinematicQuantity::AccelerationDerivatives(frame, reference, kind));
 
     /// Derivatives of the Jacobian of a link with respect to q: its Hessian.
     #[doc = parameters!(q link frame at errors)]
@@ -247,16 +227,20 @@ methods! {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.jacobian_derivatives(q, "link2") @ qd, scene.jacobian_rate(q, qd, "link2"))
     /// True
-    fn jacobian_derivatives(q, link; frame, at, errors) |scene, py, keywords| {
-        let (reference, frame) = scene.on_link(keywords)?;
-        let what = KinematicQuantity::JacobianDerivatives(&frame, reference);
-        scene.kinematic_quantity(py, &what, [q], keywords)
-    }
+    fn jacobian_derivatives(q, link; frame, at, errors)
+    => on_link(|frame, reference, _| KinematicQuantity::JacobianDerivatives(frame, reference));
 }
 
 impl PyScene {
-    /// The reference frame, and the frame of a link, translated to the point `at`; an unknown link is an error, even if the batch is empty.
-    fn on_link(&self, keywords: &Keywords<'_, '_>) -> PyResult<(ReferenceFrame, Frame<f64>)> {
+    /// A kinematic quantity of a link, of its frame translated to the point `at`; an unknown link is an error, even if
+    /// the batch is empty.
+    fn on_link<'py, const N: usize>(
+        &self,
+        py: Python<'py>,
+        what: impl for<'a> Fn(&'a Frame<f64>, ReferenceFrame, AccelerationKind) -> KinematicQuantity<'a>,
+        values: [&Object<'py>; N],
+        keywords: &Keywords<'_, 'py>,
+    ) -> PyResult<Object<'py>> {
         let reference = read_frame(keywords.frame)?;
         let mut frame = Frame::from(self.scene.link(keywords.link)?);
         if let Some(at) = keywords.at {
@@ -264,7 +248,8 @@ impl PyScene {
             check_finite("at", &point)?;
             frame.placement.lever += frame.placement.rotate(&Vector3::from(point));
         }
-        Ok((reference, frame))
+        let kind = choose("kind", keywords.kind, ACCELERATION_KINDS)?;
+        self.kinematic_quantity(py, &what(&frame, reference, kind), values, keywords)
     }
 
     /// Number of bodies between the base and a frame, at least one, for the estimate of the time of a call.

@@ -5,6 +5,7 @@ use super::collider::{ColliderRules, check_values};
 use super::connection::frame_fault;
 use super::contact_point::{ContactPoint, OtherSurface, Shape, plane_axes, probing_rates};
 use crate::error::{Error, number};
+use crate::kinematics::manifold::advance;
 use crate::setters::setters;
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
@@ -257,9 +258,7 @@ impl Scene {
         let (model, rates) = (self.model(), probing_rates(self.nv()));
         let neutral = self.neutral();
         let mut other = neutral.clone();
-        for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
-            body.motion.advance(&neutral[body.q..], &rates[stage.first_row..], &mut other[body.q..]);
-        }
+        advance(model, &neutral, &rates, &mut other);
         [neutral, other].iter().any(|q| {
             let (velocity, terms) = point.velocity(model, q, &rates);
             velocity.norm() > 1e-12 * terms

@@ -36,6 +36,6 @@ pub(crate) use rigid_shift::rotate_block;
 pub use root::{Dropped, Root6, RootColumns, root_row};
 pub use symmetric::{Symmetric3, Symmetric6};
 pub use vector::{SpatialVector, angular, cross_force, cross_motion, linear, skew, spatial};
-pub(crate) use vector::{absolute, cross_add, from_rows, minus, product, row, sum3, times_each};
+pub(crate) use vector::{absolute, column, cross_add, from_rows, less, minus, product, row, square, sum3, times_each};
 #[doc(hidden)]
 pub use vector::{cross, dot, scaled, scaled_add, sum, zero};

@@ -40,6 +40,18 @@ pub(crate) fn sum3<T: Real>(a: [T; 3], b: [T; 3]) -> T {
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }
 
+/// a - b.
+#[inline(always)]
+pub(crate) fn less<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
+    Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2])
+}
+
+/// The square of the length.
+#[inline(always)]
+pub(crate) fn square<T: Real>(a: &Vector3<T>) -> T {
+    sum3([a[0], a[1], a[2]], [a[0], a[1], a[2]])
+}
+
 /// Row `i` of a matrix.
 #[inline(always)]
 pub(crate) fn row<T: Real>(m: &Matrix3<T>, i: usize) -> [T; 3] {

@@ -28,6 +28,7 @@ use crate::dynamics::derivatives::{
     Constants, Directions, Parameters, ProductScratch, inverse_dynamics_jvp, inverse_dynamics_vjp,
 };
 use crate::dynamics::forces::Motion;
+use crate::kinematics::manifold::advance_cotangents;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::constraint::Constraints;
@@ -361,7 +362,7 @@ impl ConstraintAdjoint {
         Ok((solution, [self.y.clone(), self.r.clone()]))
     }
 
-    /// One Newton step with its displacement, as [`record_projection`](super::record_projection) makes it: from the
+    /// One Newton step with its displacement, as [`project_positions`](super::project_positions) makes it: from the
     /// cotangents of its end and of the sum of forces after it (empty for zero) to those before it, in place.
     pub fn of_displacement(
         &mut self,
@@ -374,10 +375,7 @@ impl ConstraintAdjoint {
         let (share, step) = (share(x), Pushed { x, p });
         let moved: Vec<f64> = x.iter().map(|x| share * x).collect();
         let (mut of_start, mut of_x) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-        for (body, stage) in system.0.bodies.iter().zip(&system.0.system.stages) {
-            let row = stage.first_row;
-            body.motion.advance_cotangents(&moved[row..], &of_q[row..], &mut of_start[row..], &mut of_x[row..]);
-        }
+        advance_cotangents(system.0, &moved, of_q, (&mut of_start, &mut of_x));
         let of_share: f64 = of_x.iter().zip(x).chain(of_sum.iter().zip(p)).map(|(bar, x)| bar * x).sum();
         for bar in &mut of_x {
             *bar *= share;

@@ -11,7 +11,7 @@
 
 use super::RowFault;
 use super::gram_inverse::NOTHING;
-use super::projection::{Projected, ProjectionStep, project_velocities, record_projection};
+use super::projection::{Projected, ProjectionStep, project_positions, project_velocities};
 use super::scratch::ConstraintScratch;
 use crate::decompositions::column_basis;
 use crate::model::Model;
@@ -50,7 +50,7 @@ impl Elimination {
         Ok(projected)
     }
 
-    /// Projects `q` onto the connections; adds the steps to `steps`, as [`record_projection`].
+    /// Projects `q` onto the connections; adds the steps to `steps`, as [`project_positions`].
     pub fn positions(
         &mut self,
         model: &Model<f64>,
@@ -58,7 +58,7 @@ impl Elimination {
         q: &mut [f64],
         steps: Option<&mut Vec<ProjectionStep>>,
     ) -> Result<Projected, RowFault> {
-        record_projection((model, &self.constraints), workspace, &mut self.scratch, (q, &[]), steps)
+        project_positions((model, &self.constraints), workspace, &mut self.scratch, (q, &[]), steps)
     }
 
     /// The forces of the last projection.

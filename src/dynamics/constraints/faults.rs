@@ -1,6 +1,7 @@
 //! Error messages for connections.
 
 use super::geometry::relaxed_at;
+use super::projection::worst;
 use super::rows::ConnectionRows;
 use super::{Outcome, RowFault};
 use crate::error::{ConstraintViolation, Error, in_language};
@@ -82,8 +83,6 @@ impl Scene {
             in_language(", for instance that of Scene::project", ": q, qd, rank = scene.loops.project(q, qd)")
         );
         let mut rest = vec![0.0; self.constraints().rows];
-        let worst =
-            |rows: &[f64]| (0..rows.len()).max_by(|&i, &j| rows[i].abs().total_cmp(&rows[j].abs())).unwrap_or(0);
         let fastest = qd.iter().fold(1.0, |most: f64, v| most.max(v.abs()));
         let mut relaxed = None;
         for (argument, unit, speed) in [("q", "m or rad", 1.0), ("qd", "m/s or rad/s", fastest)] {

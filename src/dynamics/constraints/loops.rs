@@ -76,7 +76,7 @@ struct LoopBody<T: Real> {
 }
 
 impl<T: Real> Loop<T> {
-    /// Those of all connections.
+    /// The loops of all connections.
     pub fn all((model, constraints): (&Model<T>, &Constraints)) -> Vec<Self> {
         constraints.all.iter().enumerate().map(|(index, of)| Self::new(model, index, of)).collect()
     }

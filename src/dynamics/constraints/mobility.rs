@@ -11,6 +11,7 @@ use super::rows::ConnectionRows;
 use crate::accuracy::largest;
 use crate::decompositions::singular_values;
 use crate::filter::HingeMap;
+use crate::kinematics::manifold::advance;
 use crate::kinematics::propagation::{Accumulates, tip_to_base};
 use crate::model::Model;
 use crate::scene::constraint::{Constraints, Mobility, Near};
@@ -83,9 +84,7 @@ pub(super) fn scattered(nv: usize, start: usize, size: f64) -> Vec<f64> {
 /// The configuration that velocities reach in unit time.
 pub(super) fn moved(model: &Model<f64>, q: &[f64], velocity: &[f64]) -> Vec<f64> {
     let mut next = q.to_vec();
-    for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
-        body.motion.advance(&q[body.q..], &velocity[stage.first_row..], &mut next[body.q..]);
-    }
+    advance(model, q, velocity, &mut next);
     next
 }
 

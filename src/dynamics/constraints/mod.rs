@@ -60,10 +60,9 @@ pub(crate) use mobility::jacobian_of_rows;
 #[cfg(feature = "motion")]
 pub(crate) use products::RowGradients;
 pub(crate) use projection::{
-    CLOSED, FARTHEST, Projected, ROUNDED, extent, project_positions, project_velocities, project_with_factors,
+    CLOSED, FARTHEST, Projected, ProjectionStep, ROUNDED, extent, project_positions, project_velocities,
+    project_with_factors,
 };
-#[cfg(feature = "motion")]
-pub(crate) use projection::{ProjectionStep, record_projection};
 #[cfg(feature = "derivatives")]
 pub(crate) use row_matrices::{RowMatrices, RowSolutions};
 pub(crate) use rows::errors_of_rows;

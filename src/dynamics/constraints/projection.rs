@@ -6,8 +6,9 @@ use super::rows::errors_of_rows;
 use super::scratch::ConstraintScratch;
 use crate::dynamics::forward::factorise;
 use crate::filter::pivots::PivotMonitor;
-use crate::joints::Motion;
+use crate::kinematics::manifold::advance;
 use crate::model::Model;
+use crate::scalar::largest_of;
 use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
 
@@ -35,22 +36,6 @@ pub(crate) struct Projected {
     pub stays: Option<usize>,
 }
 
-/// The configuration that meets the connections, by Newton steps -M^-1 J* (G + compliance)^+ error from `q`, each of
-/// least kinetic energy. Rows with compliance end at error = -compliance lambda, where lambda is the sum of the forces
-/// of the steps.
-///
-/// On return, the factors of the tree and of the rows are those of the last configuration from which a step was made.
-/// O(N + m^2 depth + m^3) per step.
-pub(crate) fn project_positions(
-    system: (&Model<f64>, &Constraints),
-    workspace: &mut Workspace<f64>,
-    scratch: &mut ConstraintScratch,
-    q: &mut [f64],
-    compliance: &[f64],
-) -> Result<Projected, RowFault> {
-    record_projection(system, workspace, scratch, (q, compliance), None)
-}
-
 /// A Newton step of a projection of positions from q: x = M^-1 J* p, of which the [`share`] is added.
 #[derive(Debug, Clone)]
 #[cfg_attr(not(feature = "motion"), allow(dead_code))]
@@ -60,8 +45,14 @@ pub(crate) struct ProjectionStep {
     pub p: Vec<f64>,
 }
 
-/// As [`project_positions`]; adds the steps that lead to the result to `steps`.
-pub(crate) fn record_projection(
+/// The configuration that meets the connections, by Newton steps -M^-1 J* (G + compliance)^+ error from `q`, each of
+/// least kinetic energy. Rows with compliance end at error = -compliance lambda, where lambda is the sum of the forces
+/// of the steps.
+///
+/// On return, the factors of the tree and of the rows are those of the last configuration from which a step was made.
+/// O(N + m^2 depth + m^3) per step.
+/// Adds the steps that lead to the result to `steps`.
+pub(crate) fn project_positions(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
     scratch: &mut ConstraintScratch,
@@ -110,10 +101,7 @@ pub(crate) fn record_projection(
             *v *= share;
         }
         scratch.push(share);
-        for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
-            let motion: &Motion<f64> = &body.motion;
-            motion.advance(&q[body.q..], &scratch.estimates[stage.first_row..], &mut next[body.q..]);
-        }
+        advance(model, q, &scratch.estimates, &mut next);
         q.copy_from_slice(&next);
     }
     q.copy_from_slice(&best.1);
@@ -124,7 +112,7 @@ pub(crate) fn record_projection(
         steps.truncate(recorded + end);
     }
     errors_of_rows(model, constraints, q, &mut scratch.errors)?;
-    let left = largest(&scratch.errors);
+    let left = largest_of(&scratch.errors, 0.0);
     let ConstraintScratch { errors, relaxed, dropped, .. } = scratch;
     let mut stays = (!(best.0 <= CLOSED * size)).then(|| worst(errors));
     if stays.is_none() && compliance.is_empty() {
@@ -136,7 +124,7 @@ pub(crate) fn record_projection(
 
 /// The share of a Newton step that changes no coordinate by more than [`FARTHEST`].
 pub(crate) fn share(x: &[f64]) -> f64 {
-    let longest = largest(x);
+    let longest = largest_of(x, 0.0);
     if longest > FARTHEST { FARTHEST / longest } else { 1.0 }
 }
 
@@ -165,7 +153,7 @@ pub(crate) fn project_with_factors(
     qd: &mut [f64],
     compliance: &[f64],
 ) -> Projected {
-    let speed = 1.0 + largest(qd) * (1.0 + extent(model));
+    let speed = 1.0 + largest_of(qd, 0.0) * (1.0 + extent(model));
     let mut before = f64::INFINITY;
     scratch.forces.fill(0.0);
     loop {
@@ -175,7 +163,7 @@ pub(crate) fn project_with_factors(
             let stays = (!(left <= CLOSED * speed)).then(|| worst(&scratch.rates));
             let beyond = || scratch.relaxed.beyond(&scratch.dropped, speed);
             let stays = stays.or_else(|| if compliance.is_empty() { beyond() } else { None });
-            return Projected { pivots, rank: scratch.inverse.rank, left: largest(&scratch.rates), stays };
+            return Projected { pivots, rank: scratch.inverse.rank, left: largest_of(&scratch.rates, 0.0), stays };
         }
         before = left;
         scratch.step_against(model, workspace);
@@ -196,7 +184,7 @@ impl ConstraintScratch {
         for (i, compliance) in compliance.iter().enumerate() {
             residual[i] += compliance * forces[i];
         }
-        largest(residual)
+        largest_of(residual, 0.0)
     }
 
     /// J v into `rates`, with the rows and phi of one configuration.
@@ -229,13 +217,8 @@ impl ConstraintScratch {
     }
 }
 
-/// The largest absolute value; NaN if any is NaN.
-fn largest(x: &[f64]) -> f64 {
-    x.iter().fold(0.0, |largest: f64, x| if x.is_nan() { f64::NAN } else { largest.max(x.abs()) })
-}
-
 /// The index of the largest absolute value.
-fn worst(x: &[f64]) -> usize {
+pub(super) fn worst(x: &[f64]) -> usize {
     (0..x.len()).max_by(|&i, &j| x[i].abs().total_cmp(&x[j].abs())).unwrap_or_default()
 }
 

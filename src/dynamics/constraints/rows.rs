@@ -18,10 +18,10 @@ use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::constraint::{Constraint, Constraints, Coupled, Tie};
-use crate::spatial::{RigidShift, angular, cross, dot, linear, scaled};
+use crate::spatial::{RigidShift, angular, column, cross, dot, less, linear, scaled, square};
 use crate::workspace::Workspace;
-use ends::{axis_of, less, relative_motion, set_anchored};
-use nalgebra::{Vector3, Vector6};
+use ends::{relative_motion, set_anchored};
+use nalgebra::Vector6;
 
 /// The geometry of a connection, in the scalar of the rows.
 #[derive(Debug, Clone)]
@@ -168,10 +168,10 @@ impl<T: Real> ConnectionRows<T> {
                 let point = point_along(scene, scratch, path, *anchor);
                 motions_along(scene, scratch, (path, qd), motions);
                 set_anchored((frame, &point), &motions[ends[0].unwrap_or_default()], own);
-                let apart = less(&frame.lever, &point);
+                let apart = less(&frame.lever, &point.into());
                 let reach = square(&frame.lever) + square(&apart);
                 for (i, to) in own.iter_mut().enumerate() {
-                    let force = axis_of(frame, i);
+                    let force = column(&frame.rotation, i).into();
                     let [x, y, z] = cross(&point.into(), &force).into();
                     to.forces[0] = [x, y, z, force[0], force[1], force[2]];
                     to.sizes[0] = halves(&to.forces[0]);
@@ -399,11 +399,6 @@ impl<T: Real> Row<T> {
         self.rate = dot(force, &motion.velocity);
         self.gamma = dot(force, &motion.acceleration) + of_pair.turning[i];
     }
-}
-
-#[inline(always)]
-fn square<T: Real>(v: &Vector3<T>) -> T {
-    v[0].mul_add(v[0], v[1].mul_add(v[1], v[2] * v[2]))
 }
 
 /// The sums of the absolute values of the angular and the linear part.

@@ -12,12 +12,12 @@
 //! changes continuously has its mean effect.
 
 use super::closure::Closure;
-use super::manifold::step_jacobians;
 use super::rotate::combine;
 use super::settings::{LANES, Plan, Timing};
 use crate::batch::instruction_set::within_widest;
 use crate::error::Error;
 use crate::kinematics::local_jacobian;
+use crate::kinematics::manifold::step_jacobians;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
@@ -155,7 +155,7 @@ impl Acceleration {
             let [back, right] = step_jacobians(&self.step[first..first + size]);
             for (j, row) in (0..size).flat_map(|j| (0..nv).map(move |row| (j, row))) {
                 let along = |matrix: &[f64; 36]| -> f64 {
-                    (0..size).map(|i| by_q[(first + i) * stride + row] * matrix[6 * i + j]).sum()
+                    (0..size).map(|i| by_q[(first + i) * stride + row] * matrix[size * i + j]).sum()
                 };
                 flow[(plan.q() + first + j) * stride + row] = along(&back);
                 flow[(plan.qd() + first + j) * stride + row] =

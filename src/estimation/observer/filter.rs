@@ -2,14 +2,13 @@
 
 use super::acceleration::Acceleration;
 use super::closure::Closure;
-use super::link_motion::LinkMotion;
-use super::manifold::step_jacobians;
 use super::robot::{Belief, Record};
 use super::rotate::{Readings, RotationScratch, combine, measure, project, triangularize};
 use super::sensor_rows::SensorRows;
 use super::settings::{LANES, Plan, Source};
 use crate::batch::instruction_set::within_widest;
 use crate::error::Error;
+use crate::kinematics::manifold::step_jacobians;
 use crate::scene::Scene;
 
 /// Scratch of a step; one per thread.
@@ -17,7 +16,6 @@ use crate::scene::Scene;
 pub(crate) struct Scratch {
     pub(super) acceleration: Acceleration,
     closure: Option<Closure>,
-    motion: LinkMotion<f64>,
     rows: SensorRows,
     torque: Vec<f64>,
     /// Derivatives of the accelerations at the prior estimate, then at the start of the step.
@@ -39,7 +37,7 @@ pub(crate) struct Scratch {
     predicted: Vec<f64>,
     /// A reflection, one entry per column.
     axis: Vec<f64>,
-    /// Adjoint of the inverse of a step of each group, and right Jacobian of the step, 6 x 6 each.
+    /// Jacobians of a step of each group: see [`step_jacobians`].
     jacobians: Vec<[[f64; 36]; 2]>,
 }
 
@@ -51,7 +49,6 @@ impl Scratch {
         Self {
             acceleration: Acceleration::new(plan, scene),
             closure: Closure::new(scene),
-            motion: LinkMotion::new(scene.model().nv()),
             rows: SensorRows::new(largest, scene),
             torque: vec![f64::NAN; nv],
             flow: vec![0.0; width * plan.flow_stride()],
@@ -197,7 +194,7 @@ impl Scratch {
                 has_flow = true;
             }
             let state = (&*prior.q, &*prior.qd, &*self.acceleration.value);
-            self.rows.evaluate(scene, &mut self.motion, sensor, state, &record.tau);
+            self.rows.evaluate(scene, sensor, state, &record.tau);
             if let Source::Pose(_, inverse) = &sensor.source {
                 self.rows.whiten_pose(readings, inverse);
             }
@@ -521,13 +518,13 @@ pub(crate) struct Transition {
     pub by_error: Vec<f64>,
 }
 
-/// A vector times a matrix (size x size) in 6 x 6 room, in place.
+/// A vector times a matrix (size x size), in place.
 #[inline(always)]
 pub(super) fn multiply(matrix: &[f64; 36], size: usize, x: &mut [f64]) {
     let mut product = [0.0; 6];
     for (i, sum) in product[..size].iter_mut().enumerate() {
         for (j, entry) in x.iter().enumerate() {
-            *sum += matrix[6 * i + j] * entry;
+            *sum += matrix[size * i + j] * entry;
         }
     }
     x.copy_from_slice(&product[..size]);

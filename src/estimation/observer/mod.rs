@@ -35,8 +35,6 @@
 mod acceleration;
 mod closure;
 mod filter;
-mod link_motion;
-mod manifold;
 mod robot;
 mod rotate;
 mod sensor_rows;

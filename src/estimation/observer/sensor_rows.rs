@@ -1,11 +1,12 @@
 //! Predicted reading of a sensor, and its derivatives.
 
-use super::link_motion::{LinkMotion, LinkPath};
 use super::settings::{Plan, Reader, Source};
-use crate::kinematics::{Frame, local_jacobian};
+use crate::kinematics::derivatives::{acceleration_derivatives, velocity_derivatives};
+use crate::kinematics::{AccelerationKind, ReferenceFrame, frame_motion, local_jacobian};
+use crate::model::Model;
 use crate::scene::Scene;
+use crate::spatial::linear;
 use nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
-use std::borrow::Cow;
 #[cfg(feature = "python")]
 use {super::settings::Sensor, crate::error::Error};
 
@@ -26,8 +27,8 @@ pub(crate) struct SensorRows {
     pub has_noise: bool,
     /// A matrix of the tree, for scenes with joints that follow others.
     of_tree: Vec<f64>,
-    /// Jacobian of a frame, (6 x nv) of the tree.
-    jacobian: Vec<f64>,
+    /// Derivatives of the motion of a frame by q, qd and qdd, (3 x 6 x nv) of the tree.
+    of_frame: Vec<f64>,
 }
 
 impl SensorRows {
@@ -47,7 +48,7 @@ impl SensorRows {
             has_qdd: false,
             has_noise: false,
             of_tree: zeros(),
-            jacobian: vec![0.0; 6 * scene.model().nv()],
+            of_frame: vec![0.0; 18 * scene.model().nv()],
         }
     }
 
@@ -65,13 +66,13 @@ impl SensorRows {
     ) -> Result<(), Error> {
         let reader = Reader::unplaced(scene, sensor)?;
         let nv = scene.nv();
-        let (mut rows, mut motion) = (Self::new(reader.range.len(), scene), LinkMotion::new(scene.model().nv()));
+        let mut rows = Self::new(reader.range.len(), scene);
         for [q, qd, qdd, tau] in states {
             scene.check_coordinates("q", &q)?;
             for (name, values) in [("qd", &qd), ("qdd", &qdd), ("tau", &tau)] {
                 crate::error::check_length(name, values.len(), nv)?;
             }
-            rows.evaluate(scene, &mut motion, &reader, (&q, &qd, &qdd), &tau);
+            rows.evaluate(scene, &reader, (&q, &qd, &qdd), &tau);
             each(&rows);
         }
         Ok(())
@@ -81,7 +82,6 @@ impl SensorRows {
     pub(super) fn evaluate(
         &mut self,
         scene: &Scene,
-        motion: &mut LinkMotion<f64>,
         sensor: &Reader,
         (q, qd, qdd): (&[f64], &[f64], &[f64]),
         tau: &[f64],
@@ -92,14 +92,6 @@ impl SensorRows {
         for matrix in [&mut self.by_q, &mut self.by_qd, &mut self.by_qdd, &mut self.by_noise] {
             matrix.fill(0.0);
         }
-        let coupling = scene.coupling();
-        let mut moving = |frame: &Frame<f64>, path: &LinkPath, qdd: Option<&[f64]>| match coupling {
-            None => motion.evaluate(scene.model(), (frame, path), (q, qd, qdd)),
-            Some(coupling) => {
-                let (q, qd, qdd) = (coupling.configuration(q), coupling.rates(qd), qdd.map(|x| coupling.rates(x)));
-                motion.evaluate(scene.model(), (frame, path), (&q, &qd, qdd.as_deref()));
-            }
-        };
         match &sensor.source {
             Source::Encoder(joints) => {
                 for (i, &(coordinate, row)) in joints.iter().enumerate() {
@@ -114,45 +106,64 @@ impl SensorRows {
                     self.by_noise[row * size + i] = 1.0;
                 }
             }
-            Source::Gyro(frame, path) => {
-                moving(frame, path, None);
-                self.velocity(motion, path, 0);
-            }
-            Source::Contact(frame, path) => {
-                moving(frame, path, None);
-                self.velocity(motion, path, 3);
-            }
-            Source::Pose(frame, _) => {
-                let q = coupling.map_or(Cow::Borrowed(q), |coupling| Cow::Owned(coupling.configuration(q)));
-                let nv = scene.model().nv();
-                let placement = local_jacobian(scene.model(), &q, frame, &mut self.jacobian);
-                let turned = Rotation3::from_matrix_unchecked(placement.rotation).scaled_axis();
-                self.value[..3].copy_from_slice(turned.as_slice());
-                self.value[3..6].copy_from_slice(placement.lever.as_slice());
-                for (i, row) in self.jacobian.chunks_exact(nv.max(1)).enumerate() {
-                    for (k, entry) in row.iter().enumerate() {
-                        self.by_q[6 * k + i] = *entry;
-                    }
-                }
-            }
-            Source::Accelerometer(frame, path) => {
-                moving(frame, path, Some(qdd));
-                self.has_qdd = true;
-                self.value[..3].copy_from_slice(motion.acceleration.as_slice());
-                for (p, &row) in path.rows.iter().enumerate() {
-                    let at = 3 * row..3 * row + 3;
-                    self.by_q[at.clone()].copy_from_slice(motion.acceleration_by_q[p].as_slice());
-                    self.by_qd[at.clone()].copy_from_slice(motion.acceleration_by_qd[p].as_slice());
-                    self.by_qdd[at].copy_from_slice(&motion.columns[p].as_slice()[3..]);
+            source => {
+                // Links move with all joints of the tree.
+                let Some(coupling) = scene.coupling() else {
+                    return self.on_link(scene.model(), source, (q, qd, qdd));
+                };
+                let (q, qd, qdd) = (coupling.configuration(q), coupling.rates(qd), coupling.rates(qdd));
+                self.on_link(scene.model(), source, (&q, &qd, &qdd));
+                for matrix in [&mut self.by_q, &mut self.by_qd, &mut self.by_qdd] {
+                    std::mem::swap(matrix, &mut self.of_tree);
+                    coupling.reduce_rows(&self.of_tree[..size * scene.model().nv()], size, matrix);
                 }
             }
         }
-        // Encoders and joint torques are those of the joints of the scene, and links move with all joints of the tree.
-        let on_link = !matches!(sensor.source, Source::Encoder(..) | Source::JointTorque(..));
-        if let Some(coupling) = coupling.filter(|_| on_link) {
-            for matrix in [&mut self.by_q, &mut self.by_qd, &mut self.by_qdd] {
-                std::mem::swap(matrix, &mut self.of_tree);
-                coupling.reduce_rows(&self.of_tree[..size * scene.model().nv()], size, matrix);
+    }
+
+    /// A sensor on a link, at a state of the tree.
+    fn on_link(&mut self, model: &Model<f64>, source: &Source, (q, qd, qdd): (&[f64], &[f64], &[f64])) {
+        let (nv, local) = (model.nv(), ReferenceFrame::Local);
+        match source {
+            Source::Encoder(_) | Source::JointTorque(_) => {}
+            Source::Gyro(frame) | Source::Contact(frame) => {
+                let first = if matches!(source, Source::Gyro(_)) { 0 } else { 3 };
+                let velocity = frame_motion(model, q, qd, None, frame).velocity;
+                self.value[..3].copy_from_slice(&velocity.as_slice()[first..first + 3]);
+                velocity_derivatives(model, (q, qd), frame, local, &mut self.of_frame[..12 * nv]);
+                self.take(2, first, nv);
+            }
+            Source::Pose(frame, _) => {
+                let placement = local_jacobian(model, q, frame, &mut self.of_frame[..6 * nv]);
+                let turned = Rotation3::from_matrix_unchecked(placement.rotation).scaled_axis();
+                self.value[..3].copy_from_slice(turned.as_slice());
+                self.value[3..6].copy_from_slice(placement.lever.as_slice());
+                self.take(1, 0, nv);
+            }
+            Source::Accelerometer(frame) => {
+                self.has_qdd = true;
+                let (kind, motion) = (AccelerationKind::Classical, frame_motion(model, q, qd, Some(qdd), frame));
+                let g = motion.placement.rotate_back(&model.gravity);
+                let proper = linear(&motion.acceleration_in(local, kind)) - g;
+                self.value[..3].copy_from_slice(proper.as_slice());
+                acceleration_derivatives(model, (q, qd, qdd), frame, (local, kind), &mut self.of_frame);
+                self.take(3, 3, nv);
+                for (k, by_q) in self.by_q.chunks_exact_mut(3).enumerate().take(nv) {
+                    let turn = Vector3::from_fn(|i, _| self.of_frame[(12 + i) * nv + k]);
+                    by_q.iter_mut().zip(&turn.cross(&g)).for_each(|(by_q, change)| *by_q += change);
+                }
+            }
+        }
+    }
+
+    /// The components from `first` of the first `count` derivatives of the motion of a frame.
+    fn take(&mut self, count: usize, first: usize, nv: usize) {
+        let matrices = [&mut self.by_q, &mut self.by_qd, &mut self.by_qdd];
+        for (m, matrix) in matrices.into_iter().enumerate().take(count) {
+            for (k, column) in matrix.chunks_exact_mut(self.size).enumerate().take(nv) {
+                for (i, entry) in column.iter_mut().enumerate() {
+                    *entry = self.of_frame[(6 * m + first + i) * nv + k];
+                }
             }
         }
     }
@@ -171,17 +182,6 @@ impl SensorRows {
         for column in self.by_q.chunks_exact_mut(6) {
             let white = inverse * Vector6::from_column_slice(column);
             column.copy_from_slice(white.as_slice());
-        }
-    }
-
-    /// The angular (first = 0) or linear (3) half of the velocity.
-    fn velocity(&mut self, motion: &LinkMotion<f64>, path: &LinkPath, first: usize) {
-        let half = first..first + 3;
-        self.value[..3].copy_from_slice(&motion.velocity.as_slice()[half.clone()]);
-        for (p, &row) in path.rows.iter().enumerate() {
-            let at = 3 * row..3 * row + 3;
-            self.by_q[at.clone()].copy_from_slice(&motion.velocity_by_q[p].as_slice()[half.clone()]);
-            self.by_qd[at].copy_from_slice(&motion.columns[p].as_slice()[half.clone()]);
         }
     }
 

@@ -1,6 +1,5 @@
 //! Settings of an observer, and the checked form that its steps read.
 
-use super::link_motion::LinkPath;
 use crate::error::{Error, check_length};
 use crate::kinematics::Frame;
 use crate::memory::{bytes_of, room};
@@ -177,9 +176,9 @@ pub(super) enum Source {
     Encoder(Vec<(usize, usize)>),
     /// Indices in tau.
     JointTorque(Vec<usize>),
-    Gyro(Frame<f64>, LinkPath),
-    Accelerometer(Frame<f64>, LinkPath),
-    Contact(Frame<f64>, LinkPath),
+    Gyro(Frame<f64>),
+    Accelerometer(Frame<f64>),
+    Contact(Frame<f64>),
     /// With the inverse of a root of the covariance.
     Pose(Frame<f64>, Box<Matrix6<f64>>),
 }
@@ -214,10 +213,7 @@ impl Reader {
     /// The sensor without its noise and its place among others.
     pub(crate) fn unplaced(scene: &Scene, sensor: &Sensor) -> Result<Self, Error> {
         let one_axis = |names: &Option<Vec<String>>| one_axis(scene, sensor, names.as_deref());
-        let mount = |mount: &Mount| -> Result<_, Error> {
-            let frame = scene.frame(&mount.into())?;
-            Ok((frame, LinkPath::new(scene.model(), &frame)))
-        };
+        let frame = |mount: &Mount| scene.frame(&mount.into());
         let (source, size) = match &sensor.quantity {
             Quantity::Encoder(names) => {
                 let joints = one_axis(names)?;
@@ -229,9 +225,9 @@ impl Reader {
                 let size = joints.len();
                 (Source::JointTorque(joints.iter().map(|joint| joint.v.start).collect()), size)
             }
-            Quantity::Gyro(at) => mount(at).map(|(frame, path)| (Source::Gyro(frame, path), 3))?,
-            Quantity::Accelerometer(at) => mount(at).map(|(frame, path)| (Source::Accelerometer(frame, path), 3))?,
-            Quantity::Contact(at) => mount(at).map(|(frame, path)| (Source::Contact(frame, path), 3))?,
+            Quantity::Gyro(at) => (Source::Gyro(frame(at)?), 3),
+            Quantity::Accelerometer(at) => (Source::Accelerometer(frame(at)?), 3),
+            Quantity::Contact(at) => (Source::Contact(frame(at)?), 3),
             Quantity::Pose(at, covariance) => {
                 let given = Matrix6::from_fn(|i, j| covariance[i][j]);
                 let root = Some(given).filter(|given| (given - given.transpose()).amax() <= 1e-9 * given.amax());
@@ -240,7 +236,7 @@ impl Reader {
                 let expected = "a symmetric, positive definite matrix (6 x 6), rad^2 and m^2";
                 let refused =
                     || Error::argument(format!("covariance of '{}'", sensor.name), "another matrix", expected);
-                (Source::Pose(scene.frame(&at.into())?, Box::new(inverse.ok_or_else(refused)?)), 6)
+                (Source::Pose(frame(at)?, Box::new(inverse.ok_or_else(refused)?)), 6)
             }
         };
         let name = sensor.name.clone();

@@ -5,10 +5,10 @@
 //! G times the growth of the random walks, and of G times the smoothed root.
 
 use super::filter::{Scratch, multiply};
-use super::manifold::step_jacobians;
 use super::robot::Record;
 use super::settings::Plan;
 use crate::error::Error;
+use crate::kinematics::manifold::step_jacobians;
 use crate::memory;
 use crate::scene::Scene;
 use nalgebra::{DMatrix, DVector};

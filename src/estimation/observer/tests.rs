@@ -1,11 +1,11 @@
 //! The observer against a textbook extended Kalman filter and smoother: dense covariances with subtractions, and
 //! derivatives by central differences of the methods of `Scene`.
 
-use super::link_motion::{LinkMotion, LinkPath};
 use super::{ExternalWrench, Mount, Observer, ObserverSettings, Quantity, Sensor};
 use crate::error::Error;
 use crate::joints::JointKind;
-use crate::kinematics::{AccelerationKind, Frame, ReferenceFrame};
+use crate::kinematics::derivatives::{acceleration_derivatives, velocity_derivatives};
+use crate::kinematics::{AccelerationKind, Frame, ReferenceFrame, frame_motion};
 use crate::model::Model;
 use crate::scalar::Dual;
 use crate::scene::{Inertial, JointDescription, LinkDescription, Scene, SceneBuilder};
@@ -389,12 +389,15 @@ fn derivatives_of_link_motions_are_those_of_dual_numbers() {
         let (scene, model) = (&case.scene, case.scene.model());
         let nv = scene.nv();
         let frame = case.frame();
-        let (path, mut exact) = (LinkPath::new(model, &frame), LinkMotion::new(nv));
         let qdd: Vec<f64> = case.qd.iter().map(|x| 2.0 * x + 0.3).collect();
-        exact.evaluate(model, (&frame, &path), (&case.q, &case.qd, Some(&qdd)));
+        let (mut of_velocity, mut of_acceleration) = (vec![f64::NAN; 12 * nv], vec![f64::NAN; 18 * nv]);
+        let (local, kind) = (ReferenceFrame::Local, AccelerationKind::Classical);
+        velocity_derivatives(model, (&case.q, &case.qd), &frame, local, &mut of_velocity);
+        let state = (&*case.q, &*case.qd, &*qdd);
+        acceleration_derivatives(model, state, &frame, (local, kind), &mut of_acceleration);
         let dual: Model<Dual<f64>> = model.cast();
         let constant = |x: &[f64]| x.iter().map(|&value| Dual { value, tangent: 0.0 }).collect::<Vec<_>>();
-        for (p, &row) in path.rows.iter().enumerate() {
+        for row in 0..nv {
             for by_rate in [false, true] {
                 let (mut q, mut qd) = (constant(&case.q), constant(&case.qd));
                 if by_rate {
@@ -409,18 +412,12 @@ fn derivatives_of_link_motions_are_those_of_dual_numbers() {
                     }
                     q.iter_mut().zip(&rates).for_each(|(q, &rate)| q.tangent = rate);
                 }
-                let mut found = LinkMotion::new(nv);
-                found.evaluate(&dual, (&frame.cast(), &path), (&q, &qd, Some(&constant(&qdd))));
-                let (velocity, acceleration) = if by_rate {
-                    (exact.columns[p], exact.acceleration_by_qd[p])
-                } else {
-                    (exact.velocity_by_q[p], exact.acceleration_by_q[p])
-                };
+                let found = frame_motion(&dual, &q, &qd, Some(&constant(&qdd)), &frame.cast());
+                let acceleration = found.acceleration_in(local, kind);
                 for i in 0..6 {
-                    assert!((found.velocity[i].tangent - velocity[i]).abs() <= ROUNDING, "velocity by {row}");
-                }
-                for i in 0..3 {
-                    let off = (found.acceleration[i].tangent - acceleration[i]).abs();
+                    let at = (6 * usize::from(by_rate) + i) * nv + row;
+                    assert!((found.velocity[i].tangent - of_velocity[at]).abs() <= ROUNDING, "velocity by {row}");
+                    let off = (acceleration[i].tangent - of_acceleration[at]).abs();
                     assert!(off <= 100.0 * ROUNDING, "acceleration by {row}");
                 }
             }

@@ -6,8 +6,8 @@ use crate::kinematics::FrameMotion;
 use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, cross_add};
-use nalgebra::{Vector3, Vector6};
+use crate::spatial::{RigidShift, column, cross_add, less, sum3};
+use nalgebra::Vector6;
 
 /// The motion of the first frame of a connection relative to the second, and the rows of the pair. None for joint
 /// coordinates, and for a rod without direction.
@@ -96,27 +96,10 @@ pub(super) fn set_anchored<T: Real>(
     ];
     let (w, dw, here) = (w.into(), dw.into(), (*point).into());
     let moving = cross_add(&w, &here, &v.into());
-    let turning = cross_add(&moving, &w, &cross_add(&dw, &here, &a.into()));
-    let apart = less(&frame.lever, point);
+    let turning: [T; 3] = cross_add(&moving, &w, &cross_add(&dw, &here, &a.into())).into();
+    let (apart, moving): ([T; 3], [T; 3]) = (less(&frame.lever, &here).into(), moving.into());
     for (i, to) in rows.iter_mut().enumerate() {
-        let axis = axis_of(frame, i);
-        (to.error, to.rate, to.gamma) = (product(&axis, &apart), product(&axis, &moving), product(&axis, &turning));
+        let axis = column(&frame.rotation, i);
+        (to.error, to.rate, to.gamma) = (sum3(axis, apart), sum3(axis, moving), sum3(axis, turning));
     }
-}
-
-/// An axis of a frame, in the frame of the body.
-#[inline(always)]
-pub(super) fn axis_of<T: Real>(frame: &RigidShift<T>, i: usize) -> Vector3<T> {
-    let r = &frame.rotation;
-    Vector3::new(r[(0, i)], r[(1, i)], r[(2, i)])
-}
-
-#[inline(always)]
-pub(super) fn less<T: Real>(a: &Vector3<T>, b: &[T; 3]) -> Vector3<T> {
-    Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2])
-}
-
-#[inline(always)]
-pub(super) fn product<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> T {
-    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }

@@ -1,11 +1,12 @@
 //! Errors and rates of the rows at other configurations and velocities, for projections onto the connections.
 
-use super::ends::{axis_of, less, poses_of_ends, product};
+use super::ends::poses_of_ends;
 use super::{ConnectionRows, JointRow, RowTie};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch, point_along};
 use crate::kinematics::pair::{pair_rows, place_between};
 use crate::model::Model;
 use crate::scalar::Real;
+use crate::spatial::{column, less, sum3};
 use nalgebra::Vector6;
 
 impl<T: Real> ConnectionRows<T> {
@@ -19,9 +20,10 @@ impl<T: Real> ConnectionRows<T> {
             match &connection.tie {
                 RowTie::Joints(coupled, _) => all[of.rows.start].error = coupled.error(q),
                 RowTie::Anchored(frame, anchor) => {
-                    let apart = less(&frame.lever, &point_along(scene, scratch, &of.path, *anchor));
+                    let point = point_along(scene, scratch, &of.path, *anchor);
+                    let apart = less(&frame.lever, &point.into());
                     for (i, row) in all[of.rows.clone()].iter_mut().enumerate() {
-                        row.error = product(&axis_of(frame, i), &apart);
+                        row.error = sum3(column(&frame.rotation, i), apart.into());
                     }
                 }
                 RowTie::Frames(pair, frames) => {
