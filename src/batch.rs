@@ -31,6 +31,8 @@ pub(crate) mod derivatives;
 pub(crate) mod evaluator;
 pub(crate) mod factor;
 mod finite;
+#[cfg(feature = "derivatives")]
+pub(crate) mod gradients;
 pub(crate) mod instruction_set;
 pub(crate) mod own_model;
 #[cfg(feature = "derivatives")]

@@ -3,8 +3,8 @@
 use super::accelerations::KernelArguments;
 use super::connected::{self, ConnectedKernel};
 use super::factor;
+use super::gradients::gradients;
 use super::instruction_set::{Target, Vectorized, within_target};
-use super::products::gradients;
 use crate::dynamics::constraints::{ConstraintKernel, Results, RowFault, RowGradients, RowProducts, SolutionGradients};
 use crate::dynamics::derivatives::{CoStates, Directions};
 use crate::dynamics::forces::Motion;

@@ -20,7 +20,7 @@ pub(crate) fn of_frame<T: Real>(
     match *what {
         KinematicQuantity::Placement(frame) => kinematics::placement(model, q, &frame.cast()).homogeneous(out),
         KinematicQuantity::Velocity(frame, reference) => {
-            // On its own, so that the compiler removes what it does not read.
+            // Not with the accelerations: the compiler removes what only they need.
             let motion = kinematics::frame_motion(model, q, qd, None, &frame.cast());
             out.copy_from_slice(motion.velocity_in(reference).as_slice());
         }

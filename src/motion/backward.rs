@@ -27,7 +27,7 @@ use super::step_settings::{StepArguments, StepSettings};
 use super::wrenches::LinkWrenches;
 use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::{Target, Vectorized, Work};
-use crate::batch::{factor::with_factor, products};
+use crate::batch::{factor::with_factor, gradients::gradients};
 use crate::dynamics;
 use crate::dynamics::derivatives::{self, CoStates, Constants, Parameters, ProductScratch};
 use crate::dynamics::forces::Motion;
@@ -172,7 +172,7 @@ impl<T: Vectorized, I: Target> BackwardSolver<T> for VectorizedBackward<T, I> {
         let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
         let constants = &mut Constants { parameters, ..Constants::default() };
         let room = (scene, (scratch, &mut self.co_states));
-        products::gradients(self.target, Some(self.form), room, (motion, cotangent), (constants, &mut self.x, out))
+        gradients(self.target, Some(self.form), room, (motion, cotangent), (constants, &mut self.x, out))
     }
 }
 
