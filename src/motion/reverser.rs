@@ -7,7 +7,7 @@ use super::closed_reverse::ClosedReverse;
 use super::connected::ConnectedReverse;
 use super::contact::{ContactReverse, ModeChange, ShapeGradients};
 use super::drives::give;
-use super::events::{EventSolution, Rebound};
+use super::events::{EventSolution, Rebound, Reversal};
 use super::faults::pivot_fault;
 use super::gradient_layout::{CONTACTS, INPUT, Layout, PARAMETERS, ROWS, RecordedRows};
 use super::job::{self, Rows};
@@ -292,7 +292,7 @@ fn through_event(
     s: &mut Scratch<f64>,
     gradients: &mut StepGradients<f64>,
     solver: &mut CheckedBackward,
-    (RecordedEvent { solutions, reached, rebound }, after): (&RecordedEvent, Option<&[f64]>),
+    (RecordedEvent { solutions, reached, rebound, reversals }, after): (&RecordedEvent, Option<&[f64]>),
 ) {
     // A joint that ends the step at a stop also ends there for all perturbed initial states, but not with a rebound.
     let rebounds = |row: &usize| rebound.as_ref().is_some_and(|rebound| rebound.rows.contains(row));
@@ -306,6 +306,7 @@ fn through_event(
         for solutions in solutions {
             through(gradients, solutions);
         }
+        Reversal::add(reversals, &gradients.end[1], &mut gradients.start[1]);
         return;
     };
     let [of_q, of_v] = gradients.end.clone();
