@@ -7,6 +7,7 @@
 use super::backward::{
     ARMATURE, BackwardSolver, FRICTION, RATE, StageGradients, StepGradients, TARGET, TORQUE, backward,
 };
+use super::checked::CheckedState;
 use super::closed_steps::ClosedScratch;
 use super::closed_stop_reverse::StopReverse;
 use super::closed_stops::{StopRecord, is_past};
@@ -17,7 +18,6 @@ use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
-use super::stepper::CheckedState;
 use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::Baseline;
 use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowFault, subtract_products};
