@@ -63,6 +63,7 @@ impl<T: Real> RowGradients<T> {
     ///
     /// J* multipliers is linear in J, and multipliers* J'(q, v) v is a quadratic form in v: its gradient by v is the
     /// derivative of J* multipliers along v plus the gradient of multipliers* J v by q.
+    #[inline(always)]
     pub fn along(
         &mut self,
         shifts: &[RigidShift<T>],
@@ -88,7 +89,9 @@ impl<T: Real> RowGradients<T> {
         of_torques.fill(T::zero());
         self.add_acceleration_gradient(shifts, (state.0, dq, &zeros), multipliers, [&mut by_qd, of_torques])?;
         self.add_row_gradient(shifts, (state.0, dq), multipliers, &mut by_q)?;
-        of_torques.iter_mut().zip(&by_q).for_each(|(sum, more)| *sum -= *more);
+        for (sum, &more) in of_torques.iter_mut().zip(&by_q) {
+            *sum -= more;
+        }
         Ok(())
     }
 }
