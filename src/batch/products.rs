@@ -81,17 +81,7 @@ pub(super) fn run<T: Vectorized, I: Target>(
     let mut through = connected.as_mut().zip(which.form());
     let qdd = if which.form().is_some() { &qdd[..] } else { u };
     let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
-    if !which.is_gradient() {
-        let direction = Directions::of_seed([first, second, third], bodies, of_wrenches);
-        if let Some((connected, form)) = through {
-            let at_constant = Directions { u: connected.rest(), ..direction };
-            along(target, scene, (&mut *scratch, changes), (motion, at_constant), None, (x, &mut *results));
-            doubt |= connected.along((target, form), (scene, scratch), (motion, &direction, !doubt), results);
-        } else {
-            let lost = along(target, scene, (scratch, changes), (motion, direction), which.form(), (x, &mut *results));
-            doubt |= lanes_but::<T>(|lane| lost.lane(lane) <= 0.0);
-        }
-    } else {
+    if which.is_gradient() {
         let (by_state, constants) = if constants == 0 {
             (&mut results[..], None)
         } else {
@@ -114,6 +104,16 @@ pub(super) fn run<T: Vectorized, I: Target>(
         };
         for (to, wrench) in forces.into_iter().flatten().zip(&*of_wrenches) {
             *to = (*wrench).into();
+        }
+    } else {
+        let direction = Directions::of_seed([first, second, third], bodies, of_wrenches);
+        if let Some((connected, form)) = through {
+            let at_constant = Directions { u: connected.rest(), ..direction };
+            along(target, scene, (&mut *scratch, changes), (motion, at_constant), None, (x, &mut *results));
+            doubt |= connected.along((target, form), (scene, scratch), (motion, &direction, !doubt), results);
+        } else {
+            let lost = along(target, scene, (scratch, changes), (motion, direction), which.form(), (x, &mut *results));
+            doubt |= lanes_but::<T>(|lane| lost.lane(lane) <= 0.0);
         }
     }
     let fault = any_not_finite(results);
