@@ -52,7 +52,6 @@
 //! ```
 
 mod backward;
-mod checked;
 mod choice;
 mod closed_reverse;
 mod closed_steps;
