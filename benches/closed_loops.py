@@ -87,7 +87,7 @@ def theirs(scene: phipsi.Scene, file: str, links: list[str], kind: str, at: tupl
 
 def products() -> list[str]:
     """Times of the products through one rod from the tip of a chain to the world, and of the tree alone."""
-    lines = ["| joints | vjp, us | tree, us | ratio | jvp, us | tree, us | ratio | hvp, us | tree, us | ratio |", "| --- | " * 9 + "--- |"]
+    lines = ["| joints | vjp, us | tree, us | ratio | jvp, us | tree, us | ratio | hvp, us | tree, us | ratio |", "| --- " * 10 + "|"]
     for joints in (10, 40, 160):
         tree = phipsi.scenes.chain(joints)
         builder = tree.to_builder()
