@@ -583,8 +583,7 @@ fn friction_of_three_to_a_thousand_ends_no_run_and_raises_no_energy() {
             for n in 0..600 {
                 go(&mut simulator, 1);
                 let now = energy(&scene, simulator.state(0));
-                // The parts of a step that an impact divides have errors of second order.
-                assert!(now <= before + 3e-6, "mu {mu}, step {n}: {before} to {now}");
+                assert!(now <= before + 1e-8, "mu {mu}, step {n}: {before} to {now}");
                 before = now;
             }
             let told = simulator.contact_report(0).unwrap();

@@ -7,16 +7,17 @@
 use super::backward::{
     ARMATURE, BackwardSolver, FRICTION, RATE, StageGradients, StepGradients, TARGET, TORQUE, backward,
 };
+use super::checked::CheckedState;
 use super::closed_steps::ClosedScratch;
 use super::closed_stop_reverse::StopReverse;
 use super::closed_stops::{StopRecord, is_past};
 use super::constrained::{Constrained, ConstrainedScratch, named};
+use super::events::Reversal;
 use super::method::Scheme;
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::Solver;
 use super::step::step;
 use super::step_settings::StepSettings;
-use super::stepper::CheckedState;
 use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::Baseline;
 use crate::dynamics::constraints::{ConstraintAdjoint, ProjectionStep, Pushed, RowFault, subtract_products};
@@ -180,9 +181,10 @@ impl ClosedReverse {
             by_mean: vec![0.0; nv],
             acting: std::array::from_fn(|_| vec![0.0; nv]),
         };
-        let mut through = Ok(());
+        let (mut through, mut of_reversals) = (Ok(()), vec![0.0; nv]);
         gradients.end_increment.clear();
         if let Some(record) = &record {
+            Reversal::add(&record.reversals, &gradients.end[1], &mut of_reversals);
             through = stopped.through(s, record, &mut gradients.end);
             clear(&mut gradients.end[0]);
             gradients.end[1].copy_from_slice(&stopped.by_free);
@@ -208,8 +210,8 @@ impl ClosedReverse {
         for which in [FRICTION, TARGET, RATE, TORQUE] {
             add_scaled(&mut gradients.acting[which], 1.0, &acting[which]);
         }
-        for (start, more) in gradients.start.iter_mut().zip([by_q, by_v]) {
-            add_scaled(start, 1.0, &more);
+        for (which, more) in [(0, by_q), (1, by_v), (1, of_reversals)] {
+            add_scaled(&mut gradients.start[which], 1.0, &more);
         }
         gradients.check(scene).map(|()| true)
     }

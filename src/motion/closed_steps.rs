@@ -100,7 +100,7 @@ impl Steps for ClosedSteps<'_> {
     }
 
     fn solution(&self) -> Event<'_> {
-        Event { solutions: &[], reached: &[], rebound: self.rebound.as_ref() }
+        Event { solutions: &[], reached: &[], rebound: self.rebound.as_ref(), reversals: &[] }
     }
 
     fn has_failed(&self) -> bool {

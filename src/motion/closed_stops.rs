@@ -16,7 +16,7 @@
 //! step.
 
 use super::constrained::{Constrained, Failure, solution_of_stuck};
-use super::events::{Ending, Rebound, StopImpact, largest};
+use super::events::{Ending, Rebound, Reversal, StopImpact, largest, sliding};
 use super::limit_rows::{is_violent, rebounds, settle_at};
 use super::manifold::advance;
 use super::modes::STUCK_NOISE;
@@ -141,6 +141,7 @@ pub(super) struct StopRecord {
     pub kept: f64,
     /// The rows of v that rebound.
     bounced: Vec<usize>,
+    pub reversals: Vec<Reversal>,
 }
 
 impl StopRecord {
@@ -242,6 +243,9 @@ impl Constrained<'_> {
             () => ([0.0; 2], 0.0),
         });
         s.v_next.copy_from_slice(&last.velocities);
+        if !elastic {
+            record.reversals = acting.reversals(rows, &last, s);
+        }
         // The curvature of the connections, which changes the velocities below, does no work on the stops.
         let impulses = acting.add_works(rows, (&reached, &last), h, s);
         if !is_still {
@@ -564,6 +568,18 @@ impl Acting {
             solution.stuck.push(StuckRow { row, compliance, slopes, by_bent });
         }
         solution
+    }
+
+    /// The reversals of sliding friction in a step.
+    fn reversals(&self, rows: &[SetValued], last: &Solution, s: &Scratch<f64>) -> Vec<Reversal> {
+        let each = self.near.iter().enumerate().filter(|(_, i)| rows[**i].rubs());
+        each.filter_map(|(at, &i)| {
+            let (of, torque) = (&rows[i], last.torques[at] - last.driven[at]);
+            let change = torque - sliding(of.friction, s.v[of.row]);
+            let change: Vec<f64> = self.columns[at].iter().map(|column| change * column).collect();
+            Reversal::new((of.row, of.friction, last.holds[at]), torque, (&s.v, &last.velocities), &change)
+        })
+        .collect()
     }
 
     /// Adds the works of the rows in a step to the velocities in the scratch. Returns the impulses of the stops.

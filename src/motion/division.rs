@@ -201,7 +201,7 @@ impl Substeps {
                 // The time of a rebound, and the work of the other forces until then, need the shortest substep. Compliant
                 // connections store energy.
                 let returns = steps.rows(settings).iter().any(|of| of.is_outside(&s.q));
-                let is_exact = steps.solution().rebound.is_none()
+                let is_exact = (settings.given.restitution == 0.0 || steps.solution().rebound.is_none())
                     && (!settings.is_rigid() || conserves(settings, s, (&totals, returns), steps.workspace()));
                 if settings.divides && size > 1 && (!is_exact || is_held && turns_far((settings, &scheme), &s.v_next)) {
                     s.totals = totals;

@@ -56,6 +56,7 @@ pub(super) struct Events {
     solutions: Vec<EventSolution>,
     reached: Vec<(usize, f64)>,
     rebound: Option<Rebound>,
+    reversals: Vec<Reversal>,
 }
 
 impl Events {
@@ -70,12 +71,14 @@ impl Events {
             solutions: Vec::new(),
             reached: Vec::new(),
             rebound: None,
+            reversals: Vec::new(),
         }
     }
 
     /// The solution of the last event.
     pub fn solution(&self) -> Event<'_> {
-        Event { solutions: &self.solutions, reached: &self.reached, rebound: self.rebound.as_ref() }
+        let Self { solutions, reached, rebound, reversals, .. } = self;
+        Event { solutions, reached, rebound: rebound.as_ref(), reversals }
     }
 
     /// The forces of an implicit Euler step from `q`, `v`, and the graphs and initial pieces of the rows.
@@ -103,7 +106,7 @@ impl Events {
         }
     }
 
-    /// Accelerations of all joints after an event of length h with a rebound, for its adjoint. Leaves `q` and `v` of
+    /// Accelerations of all joints after an event of length h with an impact, for its adjoint. Leaves `q` and `v` of
     /// the scratch, and overwrites the solution.
     pub fn accelerations_after(
         &mut self,
@@ -112,10 +115,13 @@ impl Events {
         s: &mut Scratch<f64>,
         solver: &mut Checked,
     ) -> Vec<f64> {
-        let before = std::mem::replace(&mut s.v, rebound.velocities.clone());
+        let before = (s.q.clone(), std::mem::replace(&mut s.v, rebound.velocities.clone()));
+        for of in settings.set_valued.iter().filter(|of| rebound.rows.contains(&of.row)) {
+            s.q[of.coordinate] = if before.1[of.row] > 0.0 { of.upper } else { of.lower };
+        }
         self.begin(settings, h, s);
         self.solve(settings, h, s, solver);
-        s.v = before;
+        (s.q, s.v) = before;
         s.v_next.iter().zip(&rebound.velocities).map(|(next, v)| (next - v) / h).collect()
     }
 
@@ -174,7 +180,15 @@ impl Events {
                 hits.push((i, k, if rests { 0.0 } else { settings.given.restitution }));
             }
         }
-        if !hits.is_empty() {
+        self.reversals.clear();
+        if hits.is_empty() {
+            let change: Vec<f64> = s.m[0].iter().zip(&free).map(|(after, before)| h * (after - before)).collect();
+            let each = settings.set_valued.iter().zip(self.graphs.iter().zip(&self.pieces));
+            self.reversals.extend(each.filter(|(of, _)| of.rubs()).filter_map(|(of, (graph, &piece))| {
+                let hold = graph.velocity(piece).map(|(_, hold)| hold);
+                Reversal::new((of.row, graph.friction, hold), self.torque[of.row], (&s.v, &s.v_next), &change)
+            }));
+        } else {
             self.rebound(settings, h, s, solver, &hits);
         }
         advance(&s.model, &s.q, &s.x, &mut s.q_next);
@@ -199,9 +213,11 @@ impl Events {
             (s.v[row] * self.torque[row] < 0.0).then_some(row)
         };
         let rows: Vec<usize> = hits.iter().filter_map(hitting).collect();
-        let rebounds = settings.given.restitution > 0.0 && !rows.is_empty();
-        self.rebound =
-            rebounds.then(|| Rebound { rows, velocities: s.v_next.clone(), accelerations_before: free.clone() });
+        self.rebound = (!rows.is_empty()).then(|| Rebound {
+            rows,
+            velocities: s.v_next.clone(),
+            accelerations_before: free.clone(),
+        });
         let jump = s.v_next.iter().zip(&s.v).fold(0.0_f64, |most, (next, v)| most.max((next - v).abs()));
         let returns = hits.is_empty() && settings.set_valued.iter().any(|of| of.is_outside(&s.q));
         let late = if returns { 0.0 } else { largest(&free, 0.0) / fastest };
@@ -387,10 +403,56 @@ pub(super) struct Event<'a> {
     /// Rows that end at a stop, as indices in that list, and their final coordinates.
     pub reached: &'a [(usize, f64)],
     pub rebound: Option<&'a Rebound>,
+    pub reversals: &'a [Reversal],
 }
 
-/// An event in which joints hit their stops and rebound, seen as an instant: with other initial states the impact is
-/// at another time.
+/// The end of the sliding of a joint within a step, whose velocity `v_i` crosses zero with accelerations a before and
+/// a+ after. A change dv of `v_i` makes this later by -dv/`a_i`, and changes the velocities after it by (a+ - a)
+/// dv/`a_i` (as for [`Rebound`]), `v_i` itself to (`a+_i`/`a_i`) dv. In the step, in which the friction at the end acts from
+/// the start on, it changes by dv if it slides back, or by zero if it ends at rest, from where it may slide back later.
+#[derive(Debug, Clone)]
+pub(super) struct Reversal {
+    row: usize,
+    /// The derivatives of all velocities at the end by `v_i`, besides those of the step.
+    by_rate: Vec<f64>,
+}
+
+/// The torque of sliding friction at velocity v.
+pub(super) fn sliding([back, ahead]: [f64; 2], v: f64) -> f64 {
+    if v > 0.0 { -ahead } else { back }
+}
+
+impl Reversal {
+    /// For a row with the torque of friction at the end of the step, the velocities at its start and end, and their
+    /// `change` by the change of the torque since the start. `None` if the velocity does not cross zero.
+    pub fn new(
+        (row, friction, hold): (usize, [f64; 2], Option<Hold>),
+        torque: f64,
+        (v, next): (&[f64], &[f64]),
+        change: &[f64],
+    ) -> Option<Self> {
+        let (before, after) = (sliding(friction, v[row]), sliding(friction, -v[row]));
+        let (own, slowing) = (change[row], next[row] - v[row] - change[row]);
+        let crosses = v[row] * next[row] <= 0.0 && v[row] * slowing < 0.0 && own != 0.0;
+        (crosses && matches!(hold, None | Some(Hold::Friction))).then(|| {
+            let kept = (1.0 + own * (after - before) / ((torque - before) * slowing)).clamp(0.0, 1.0);
+            let more = (kept - f64::from(u8::from(hold.is_none()))) / own;
+            Self { row, by_rate: change.iter().map(|x| more * x).collect() }
+        })
+    }
+
+    /// Adds the gradients by the velocities at the start, from those by the velocities at the end. Of several joints
+    /// that reverse in one step, each changes its own motion only.
+    pub fn add(reversals: &[Self], of_v: &[f64], start: &mut [f64]) {
+        for Self { row, by_rate } in reversals {
+            let each = by_rate.iter().zip(of_v).enumerate().filter(|(i, _)| reversals.len() == 1 || i == row);
+            start[*row] += each.map(|(_, (by_rate, of_v))| by_rate * of_v).sum::<f64>();
+        }
+    }
+}
+
+/// An event in which joints hit their stops, and rebound or stay there, seen as an instant: with other initial states
+/// the impact is at another time.
 #[derive(Debug, Clone)]
 pub(super) struct Rebound {
     /// The rows that hit a stop.

@@ -52,6 +52,7 @@
 //! ```
 
 mod backward;
+mod checked;
 mod choice;
 mod closed_reverse;
 mod closed_steps;

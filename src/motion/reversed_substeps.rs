@@ -2,7 +2,7 @@
 
 use super::backward::StepGradients;
 use super::drives::pieces;
-use super::events::{Event, EventSolution, Rebound};
+use super::events::{Event, EventSolution, Rebound, Reversal};
 use super::method::Scheme;
 use super::scratch::{Scratch, add_scaled};
 use super::step_settings::StepSettings;
@@ -61,6 +61,7 @@ pub(super) struct RecordedEvent {
     pub solutions: Vec<EventSolution>,
     pub reached: Vec<usize>,
     pub rebound: Option<Rebound>,
+    pub reversals: Vec<Reversal>,
 }
 
 impl Substep {
@@ -69,6 +70,7 @@ impl Substep {
             solutions: event.solutions.to_vec(),
             reached: event.reached.iter().map(|&(i, _)| settings.set_valued[i].row).collect(),
             rebound: event.rebound.cloned(),
+            reversals: event.reversals.to_vec(),
         });
         let pieces = if settings.given.accuracy.is_none() { pieces(settings, s) } else { Vec::new() };
         Self { q: s.q.clone(), v: s.v.clone(), scheme: *scheme, pieces, event }

@@ -3,11 +3,12 @@
 mod step;
 
 use super::backward::{ACTING, CheckedBackward, INPUTS, StepGradients, VectorizedBackward, backward};
+use super::checked::CheckedState;
 use super::closed_reverse::ClosedReverse;
 use super::connected::ConnectedReverse;
 use super::contact::{ContactReverse, ModeChange, ShapeGradients};
 use super::drives::give;
-use super::events::{EventSolution, Rebound};
+use super::events::{EventSolution, Rebound, Reversal};
 use super::faults::pivot_fault;
 use super::gradient_layout::{CONTACTS, INPUT, Layout, PARAMETERS, ROWS, RecordedRows};
 use super::job::{self, Rows};
@@ -16,7 +17,7 @@ use super::method::{Method, Scheme};
 use super::reversed_substeps::{Parts, RecordedEvent, Substep, through_substeps};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::step_settings::{StepArguments, StepSettings};
-use super::stepper::{CheckedState, Stepper, fill, scatter, take_lane};
+use super::stepper::{Stepper, fill, scatter, take_lane};
 use super::torque::{StepFault, Torque};
 use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, lanes_of, on_instruction_set};
 use crate::error::Error;
@@ -292,10 +293,10 @@ fn through_event(
     s: &mut Scratch<f64>,
     gradients: &mut StepGradients<f64>,
     solver: &mut CheckedBackward,
-    (RecordedEvent { solutions, reached, rebound }, after): (&RecordedEvent, Option<&[f64]>),
+    (RecordedEvent { solutions, reached, rebound, reversals }, after): (&RecordedEvent, Option<&[f64]>),
 ) {
     // A joint that ends the step at a stop also ends there for all perturbed initial states, but not with a rebound.
-    let rebounds = |row: &usize| rebound.as_ref().is_some_and(|rebound| rebound.rows.contains(row));
+    let rebounds = |row: &usize| rebound.as_ref().is_some_and(|of| of.rows.contains(row) && of.velocities[*row] != 0.0);
     for &row in reached.iter().filter(|row| !rebounds(row)) {
         gradients.end[0][row] = 0.0;
     }
@@ -306,6 +307,7 @@ fn through_event(
         for solutions in solutions {
             through(gradients, solutions);
         }
+        Reversal::add(reversals, &gradients.end[1], &mut gradients.start[1]);
         return;
     };
     let [of_q, of_v] = gradients.end.clone();
@@ -460,7 +462,7 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
 impl<T: Vectorized, I: Target> Compiled<T, I> {
     /// The step of one state of a scene with contacts.
     fn through_contacts(&mut self, job: &Job<'_>, n: usize) -> Result<(), StepFault> {
-        let Self { scratch: s, gradients, form, touching, .. } = self;
+        let Self { scratch: s, gradients, form, checked, closed, touching, .. } = self;
         let parameters = job.layout.count(PARAMETERS) > 0;
         let touching =
             touching.get_or_insert_with(|| Box::new(ContactReverse::new(job.scene, job.settings, *form, parameters)));
@@ -481,17 +483,11 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
             let mut changes = job.changes.lock().unwrap_or_else(PoisonError::into_inner);
             changes.push(ModeChange { state, step: n + 1, contact, before, after });
         };
-        if let Some(free) = &job.settings.free {
-            let mut current = vec![0.0; job.settings.width(job.scene)];
-            let start = touching.scratch.q.iter().chain(&touching.scratch.v);
-            current.iter_mut().zip(start).for_each(|(to, x)| *to = *x);
-            let own = (n..n + 1, job::States::Adjacent(state..state + 1));
-            let mut step = job::Job::of((job.scene, job.settings), own, (&mut current, job.torque));
-            if touching.is_free(&mut step, n, recorded, changed)? {
-                return self.recompute(&Job { settings: free, states: job.states.clone(), ..*job }, n, 1);
-            }
-        }
-        let through = touching.through((job.scene, job.settings), n, recorded, row_before, changed);
+        let mut flight = |free: &StepSettings, s: &Scratch<f64>, gradients: &mut StepGradients<f64>| {
+            let job = Job { settings: free, states: job.states.clone(), ..*job };
+            through_lane(one_state((checked, closed), &job, *form), &job, (s, 0), gradients)
+        };
+        let through = touching.through((job.scene, job.settings), n, recorded, row_before, (&mut flight, changed));
         through.map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
         for (numbers, own) in gradients.results().zip(touching.gradients.results()) {
             fill(numbers, 0, own);
@@ -504,24 +500,49 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
     #[inline(never)]
     fn recompute(&mut self, job: &Job<'_>, n: usize, fallback: u64) -> Result<(), StepFault> {
         let Self { scratch: s, gradients, form, checked, closed, .. } = self;
-        let (form, parameters) = (*form, job.layout.count(PARAMETERS) > 0);
-        let one: &mut dyn OneState = if job.settings.connected {
-            &mut **closed.get_or_insert_with(|| Box::new(ClosedReverse::new(job.scene, job.settings, form, parameters)))
-        } else {
-            &mut **checked.get_or_insert_with(|| Box::new(Checked::new(job, form)))
-        };
+        let one = one_state((checked, closed), job, *form);
         for lane in lanes_of(fallback) {
-            let (scratch, own) = one.parts();
-            take_lane(scratch, s, lane);
-            for (to, from) in own.end.iter_mut().zip(&gradients.end) {
-                scatter(from, lane, to);
-            }
             let state = job.states.start + lane;
-            one.step(job).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
-            for (numbers, own) in gradients.results().zip(one.parts().1.results()) {
-                fill(numbers, lane, own);
-            }
+            through_lane(one, job, (s, lane), gradients).map_err(|(joint, error)| StepFault {
+                step: n,
+                state,
+                joint,
+                error,
+            })?;
         }
         Ok(())
     }
+}
+
+/// The state for steps with all checks, allocated at first use.
+fn one_state<'a>(
+    (checked, closed): (&'a mut Option<Box<Checked>>, &'a mut Option<Box<ClosedReverse>>),
+    job: &Job<'_>,
+    form: Form,
+) -> &'a mut dyn OneState {
+    let parameters = job.layout.count(PARAMETERS) > 0;
+    if job.settings.connected {
+        &mut **closed.get_or_insert_with(|| Box::new(ClosedReverse::new(job.scene, job.settings, form, parameters)))
+    } else {
+        &mut **checked.get_or_insert_with(|| Box::new(Checked::new(job, form)))
+    }
+}
+
+/// Propagates the gradients of one lane through the step of its state.
+fn through_lane<T: Vectorized>(
+    one: &mut dyn OneState,
+    job: &Job<'_>,
+    (s, lane): (&Scratch<T>, usize),
+    gradients: &mut StepGradients<T>,
+) -> Result<(), (String, Error)> {
+    let (scratch, own) = one.parts();
+    take_lane(scratch, s, lane);
+    for (to, from) in own.end.iter_mut().zip(&gradients.end) {
+        scatter(from, lane, to);
+    }
+    one.step(job)?;
+    for (numbers, own) in gradients.results().zip(one.parts().1.results()) {
+        fill(numbers, lane, own);
+    }
+    Ok(())
 }

@@ -1,17 +1,15 @@
 //! Time integration of a few states, one per lane, by many steps, compiled for one instruction set.
 
-use super::closed_steps::{ClosedScratch, ClosedSteps};
+use super::checked::CheckedState;
 use super::connected::Connected;
 use super::contact::{ContactStepper, Shapes, Switching, Touching, finish_contacts};
-use super::division::{Substeps, TreeSteps, Visitor};
-use super::events::Events;
-use super::faults::{fault_of, strays};
+use super::faults::strays;
 use super::job::{Divisions, Impacts, Job, Models, States};
 use super::limit_rows::limit_rows;
 use super::method::Method;
 use super::scratch::Scratch;
 pub(super) use super::scratch::{fill, scatter, take_lane};
-use super::solver::{Checked, Kernels};
+use super::solver::Kernels;
 use super::step::step;
 use super::step_settings::StepSettings;
 use super::torque::{StepFault, Torque};
@@ -22,7 +20,6 @@ use crate::batch::instruction_set::{
     InstructionSet, Target, Vectorized, lanes_of, on_instruction_set, take_states, within_target,
 };
 use crate::batch::own_model::OwnInertias;
-use crate::error::Error;
 use crate::filter::Form;
 use crate::scalar::lanes_but;
 use crate::scene::Scene;
@@ -108,16 +105,6 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
     }
 }
 
-/// One state, for steps that the vectorized step rejected.
-pub(super) struct CheckedState {
-    pub scratch: Scratch<f64>,
-    pub solver: Checked,
-    pub events: Events,
-    substeps: Substeps,
-    /// For a scene with connections.
-    pub closed: Option<ClosedScratch>,
-}
-
 /// The scratch of the states of a job: one for all, or one for each lane whose state has its own model.
 #[derive(Default)]
 struct CheckedStates {
@@ -138,46 +125,6 @@ impl CheckedStates {
         self.of_lanes.resize_with(self.of_lanes.len().max(lane + 1), || None);
         let kept = self.of_lanes[lane].take().filter(|(of, _)| *of == state);
         &mut self.of_lanes[lane].insert(kept.unwrap_or_else(|| (state, Box::new(make())))).1
-    }
-}
-
-impl CheckedState {
-    #[cold]
-    pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
-        let model = scene.model();
-        let closed = settings.connected.then(|| ClosedScratch::new(scene, settings, form));
-        let scratch = Scratch::new(model, settings);
-        let (events, substeps) = (Events::new(settings, &scratch), Substeps::new(&scratch));
-        let solver =
-            Checked::new(model, settings.coupling.clone(), form).accepting(settings.given.tolerance).with_kernels();
-        Self { scratch, solver, events, substeps, closed }
-    }
-
-    /// One step of one state, as [`Substeps::advance`]. Returns the joint and the error if it fails.
-    #[inline(never)]
-    pub fn step(
-        &mut self,
-        scene: &Scene,
-        settings: &StepSettings,
-        visit: &mut Visitor<'_>,
-    ) -> Result<(), (String, Error)> {
-        let Self { scratch, solver, events, substeps, closed } = self;
-        let lost = if let Some(closed) = closed {
-            let mut steps = ClosedSteps::new(scene, closed);
-            substeps.advance(settings, scratch, &mut steps, visit);
-            let (lost, error) = steps.failure.unwrap_or_default();
-            if let Some(error) = error {
-                return Err((String::new(), error));
-            }
-            lost
-        } else {
-            substeps.advance(settings, scratch, &mut TreeSteps { solver, events }, visit);
-            solver.lost.take()
-        };
-        if let Some(coupling) = &settings.coupling {
-            coupling.restore(&mut self.scratch.q_next, &mut self.scratch.v_next);
-        }
-        fault_of(scene, settings, &self.scratch, lost).map_or(Ok(()), Err)
     }
 }
 

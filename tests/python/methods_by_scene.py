@@ -192,6 +192,9 @@ def scene_of(kind: str) -> tuple[phipsi.Scene, phipsi.Scene, State]:
         tree = scene.without_contacts()
         q[2] = np.pi / 2
     qd = np.linspace(0.3, -0.2, scene.nv)
+    if kind == "contacts":
+        # The foot lands.
+        qd[2] = 0.2
     if kind == "connections":
         qd = scene.loops.project(q, qd)[1]
     return scene, tree, State(q, qd, np.linspace(-2.0, 1.0, scene.nv), np.linspace(0.5, 1.0, scene.nv))

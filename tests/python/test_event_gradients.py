@@ -1,5 +1,5 @@
-"""Gradients through sliding, sticking, impacts, rebounds, substeps, returns to limits and control laws, compared with
-central differences of the same steps.
+"""Gradients through sliding, sticking, substeps, returns to limits and control laws, compared with central differences
+of the same steps; through impacts, rebounds and reversals of friction, with those of the motion.
 """
 
 from __future__ import annotations
@@ -21,18 +21,16 @@ CASES: dict[str, tuple[dict[str, float], float, dict[str, object]]] = {
     "sliding": ({}, 1.0, {"steps": 20}),
     "sticking": ({"friction": 1.0}, 1.0, {}),
     "stuck": ({"friction": 30.0}, 1.0, {"steps": 40}),
-    "impact": ({"friction": 0.0, "range_of_motion": 0.35}, 1.0, {}),
-    "impact and friction": ({"range_of_motion": 0.35}, 1.0, {}),
     "divided steps": ({"friction": 0.0}, 60.0, {"steps": 5, "limits": "report"}),
-    "return to a limit": ({"range_of_motion": 0.2}, 0.1, {"steps": 40}),
-    "control law": ({}, 1.0, {"pd": phipsi.PD(100.0, 10.0, np.array([0.2, -0.1, 0.1]), np.array([0.1, 0.0, -0.2]))}),
-    "implicit Euler": ({}, 1.0, {"method": "implicit-euler"}),
-    "order three": ({"range_of_motion": 0.35}, 1.0, {"method": "rosenbrock-3"}),
+    "return to a limit": ({"friction": 0.0, "range_of_motion": 0.2}, 0.1, {"steps": 40}),
+    "control law": ({"friction": 0.0}, 1.0, {"pd": phipsi.PD(100.0, 10.0, np.array([0.2, -0.1, 0.1]), np.array([0.1, 0.0, -0.2]))}),
+    "implicit Euler": ({"friction": 1.0}, 1.0, {"method": "implicit-euler"}),
+    "order three": ({"friction": 1.0}, 1.0, {"method": "rosenbrock-3"}),
 }
 """For each case: the robot, its initial speed, and arguments of simulate."""
 
 #: Events that must occur in at least one robot of a case, by field of the trajectory.
-HAPPENS = {"sticking": "events", "stuck": "events", "impact": "stops", "impact and friction": "stops", "return to a limit": "events", "order three": "stops"}
+HAPPENS = {"sticking": "events", "stuck": "events", "return to a limit": "events", "order three": "events"}
 
 
 def differences(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, seed: int, **given: object) -> phipsi.Trajectory:
@@ -104,12 +102,12 @@ def test_the_gradient_of_a_bounce_includes_the_time_of_the_impact(restitution: f
         assert_near(path.vjp(*of_rows).q[0], expected[k], 1e-5 * expected[1])
 
 
-@pytest.mark.parametrize("restitution", [0.6, 1.0])
-def test_gradients_through_rebounds_are_those_of_the_motion(restitution: float) -> None:
+@pytest.mark.parametrize(("restitution", "friction", "bound"), [(0.6, 0.0, 1e-4), (1.0, 0.0, 1e-4), (0.0, 0.0, 5e-2), (0.6, 0.3, 1e-2)])
+def test_gradients_through_impacts_are_those_of_the_motion(restitution: float, friction: float, bound: float) -> None:
     """Compared with differences of simulations with error control, in which times of impacts are exact to 1e-10."""
     impacts = 0
     for seed in range(3):
-        scene = robot(seed, range_of_motion=0.35, friction=0.0)
+        scene = robot(seed, range_of_motion=0.35, friction=friction)
         q, qd = start(scene, seed)
         weights = np.random.default_rng(seed).normal(size=(2, scene.nv))
         given = {"restitution": restitution, "damping": scene.damping}
@@ -126,8 +124,42 @@ def test_gradients_through_rebounds_are_those_of_the_motion(restitution: float) 
         for unit in 1e-5 * np.eye(2 * scene.nv):
             change = unit.reshape(2, scene.nv)
             slope = (value(change) - value(-change)) / 2e-5
-            assert_near(np.sum(1e5 * change * [found.q, found.qd]), slope, 1e-4 * size(found.q, found.qd))
+            assert_near(np.sum(1e5 * change * [found.q, found.qd]), slope, bound * size(found.q, found.qd))
     assert impacts >= 4
+
+
+@pytest.mark.parametrize("friction", [2.0, 8.0, 20.0])
+@pytest.mark.parametrize("dt", [1e-2, 1.3e-3])
+def test_a_block_that_slides_up_an_incline_and_back_has_the_gradients_of_the_closed_form(friction: float, dt: float) -> None:
+    """The velocity after the reversal has the derivative a+/a with respect to that at the start; zero if it stays."""
+    mass, angle, speed, steps = 2.0, 0.7, 3.0, round(1.0 / dt)
+    scene = slide(mass, (np.cos(angle), 0.0, np.sin(angle)), friction=friction)
+    before, after = (-GRAVITY * np.sin(angle) - friction / mass, min(0.0, -GRAVITY * np.sin(angle) + friction / mass))
+    path = scene.simulate([0.0], [speed], dt=dt, steps=steps)
+    turning = -speed / before
+    assert_near(path.qd[-1, 0], after * (dt * steps - turning), of_order(1, dt, 1.0))
+    for weights, expected in (((0.0, 1.0), after / before), ((1.0, 0.0), turning + after / before * (dt * steps - turning))):
+        assert_near(at_end(path, np.array(weights)[:, None]).qd[0], expected, of_order(1, dt, 0.02))
+
+
+@pytest.mark.parametrize("kind", ["loop", "mimic"])
+def test_coupled_blocks_that_slide_back_have_the_gradients_of_the_closed_form(kind: str) -> None:
+    """Blocks of 2 and 3 kg that move together."""
+    builder = phipsi.SceneBuilder().link("base").link("left", 2.0).link("right", 3.0).joint("left", "prismatic", "base", "left", axis=(1, 0, 0), friction=3.0)
+    if kind == "loop":
+        scene = builder.joint("right", "prismatic", "base", "right", axis=(1, 0, 0)).couple("together", "left", "right").build()
+    else:
+        scene = builder.joint("right", "prismatic", "base", "right", axis=(1, 0, 0), mimic="left").build(mimic="couple")
+    path = scene.simulate(np.zeros(scene.nq), np.ones(scene.nv), tau=[-8.0] + [0.0] * (scene.nv - 1), dt=1e-2, steps=100)
+    by_qd = np.zeros((101, scene.nv))
+    by_qd[-1, 0] = 1.0
+    assert_near(path.vjp(cotangent_qd=by_qd).qd.sum(), 5.0 / 11.0, product(100, 1.0))
+
+
+def test_gradients_through_reversals_of_friction_are_those_of_the_motion() -> None:
+    """Two joints, one of which slides back. The differences of the steps are off by 29 %."""
+    scene = robot(3, joints=2, friction=0.6, damping=0.1)
+    gradients_of_the_motion(scene, *start(scene, 3), 1e-3, 600)
 
 
 def dropped(friction: float = 0.0, restitution: float = 0.0) -> phipsi.Scene:
@@ -230,7 +262,7 @@ def test_gradients_of_a_linkage_that_rebounds_from_its_stop_are_those_of_the_mot
 
 def test_gradients_of_a_floating_robot_that_sticks() -> None:
     """With a long step, for which the second stage of a free joint is far from the first."""
-    scene = robot(2, floating_base=True)
+    scene = robot(2, floating_base=True, friction=2.0)
     q, qd = start(scene, 2)
     assert differences(scene, q, qd, 2, dt=1e-2, steps=40).events > 0
 

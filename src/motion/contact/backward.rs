@@ -75,8 +75,8 @@ impl ContactAdjoint {
     }
 
     /// From `gradients.end` to all results of [`StepGradients`] and the gradients by the contacts, for the step that
-    /// `step` made and recorded. `of_gap` is the cotangent of the gap of a row at the end of the displacement. Returns the
-    /// joint and the error if a pivot is singular.
+    /// `step` made and recorded; for a flight, only to the cotangents of its end. `of_gap` is the cotangent of the gap of
+    /// a row at the end of the displacement. Returns the joint and the error if a pivot is singular.
     pub fn step(
         &mut self,
         scene: &Scene,
@@ -97,6 +97,16 @@ impl ContactAdjoint {
         connections.adjoint.begin();
         let ContactStep { solver, rows, record, .. } = step;
         let Some(record) = record else { return Ok(()) };
+        if record.flies {
+            let mut at = At { scene, model: &s.model, workspace: &mut solver.workspace, rows, connections };
+            at.place_rows(&s.q_next);
+            if let Some((row, bar)) = of_gap {
+                self.add_gaps(&mut at, &[row], &[bar]);
+            }
+            add_scaled(&mut gradients.end[0], 1.0, &self.q);
+            self.end_normals();
+            return Ok(());
+        }
 
         let (mut of_q, mut of_last) = (gradients.end[0].clone(), gradients.end[1].clone());
         let mut turned = s.v_next.clone();
@@ -140,8 +150,6 @@ impl ContactAdjoint {
         } else {
             at.place_rows(&s.q);
         }
-        // The displacement of a step with an impact at its start is by the last velocities minus (v_free - v)/2.
-        let by_mean: Vec<f64> = of_moving.iter().map(|x| if record.strikes { 0.5 * x } else { 0.0 }).collect();
         let slowed = record.laws.as_ref().is_some_and(|laws| laws.slower.is_some());
         if !slowed {
             of_moving.iter_mut().zip(&of_last).for_each(|(sum, more)| *sum += more);
@@ -150,10 +158,6 @@ impl ContactAdjoint {
         let mut of_free: Vec<f64> = of_moving.iter().zip(&of_last).map(|(a, b)| a + b).collect();
         if record.laws.is_some() {
             self.through_laws(settings, &mut at, (s, record), (&of_moving, &of_last), &mut of_free)?;
-        }
-        for ((of_free, of_v), x) in of_free.iter_mut().zip(&mut self.v).zip(&by_mean) {
-            *of_free -= x;
-            *of_v += x;
         }
         if at.rows.closed.is_some() {
             through_pull(&mut at, (&s.q, &record.v_free), &record.free, (&mut of_free, &mut self.q))?;
@@ -177,10 +181,12 @@ impl ContactAdjoint {
         add_scaled(&mut gradients.acting[ARMATURE], 1.0, &by_armature);
         let sums = gradients.parameters.as_flattened_mut().iter_mut();
         sums.zip(connections.adjoint.parameters.as_flattened()).for_each(|(sum, more)| *sum += more);
-        for (contact, normal) in self.contacts.iter_mut().zip(&self.normals) {
-            contact.normal += normal;
-        }
+        self.end_normals();
         Ok(())
+    }
+
+    fn end_normals(&mut self) {
+        self.contacts.iter_mut().zip(&self.normals).for_each(|(contact, normal)| contact.normal += normal);
     }
 
     /// The rotation of velocities of free joints from the axes at `q` to those at `next`: `of_v` becomes the cotangent

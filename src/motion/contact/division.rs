@@ -34,9 +34,10 @@ const ANY: RangeInclusive<f64> = f64::NEG_INFINITY..=f64::INFINITY;
 /// The stored state of a contact that does not act.
 const OPEN: f64 = 0.0;
 
-/// True if a contact of the scene can rebound.
-pub(super) fn bounces(scene: &Scene) -> bool {
-    scene.contact_points().iter().any(|point| point.restitution > 0.0)
+/// Takes the length of the next part.
+fn adopt(settings: &mut StepSettings, s: &mut Scratch<f64>, h: f64) {
+    settings.adopt(h);
+    s.adopt(settings, &settings.scheme);
 }
 
 impl ContactStep {
@@ -54,8 +55,7 @@ impl ContactStep {
             s.adopt(settings, &settings.scheme);
         }
         let divides = settings.free.is_some() && settings.given.accuracy.is_none() && settings.smoothing.is_none();
-        self.division =
-            Division { whole: settings.step, divides, flies: divides && bounces(scene), ..Division::default() };
+        self.division = Division { whole: settings.step, divides, ..Division::default() };
         let least = -LEAST * largest(&s.q, 1.0);
         if self.part((scene, settings), s, kept, &(least..=f64::INFINITY))? {
             return Ok(());
@@ -95,30 +95,21 @@ impl ContactStep {
         let (mut sums, mut impacts) = (kept[..7 * n].to_vec(), Vec::new());
         sums[..3 * n].fill(0.0);
         sums[6 * n..].fill(OPEN);
-        loop {
-            let mut begun = kept.to_vec();
-            self.until_impact((scene, &mut *settings), s, kept, (left, least))?;
-            let ended = self.division.lowest().0;
+        let mut hits = true;
+        while left > 0.0 {
+            let (begun, mut ended) = (kept.to_vec(), None);
+            if self.division.struck.is_some() {
+                adopt(settings, s, (IMPACT * self.division.whole).min(0.5 * left));
+                self.part((scene, settings), s, kept, &ANY)?;
+            } else if std::mem::take(&mut hits) || {
+                adopt(settings, s, left);
+                !self.part((scene, settings), s, kept, &(least..=f64::INFINITY))?
+            } {
+                self.until_impact((scene, &mut *settings), s, kept, (left, least))?;
+                ended = self.division.lowest().0;
+            }
             self.end_part((settings, s), (kept, begun), (&mut sums, &mut impacts), (self.division.whole - left, ended));
             left -= settings.step;
-            begun = kept.to_vec();
-            settings.adopt((IMPACT * self.division.whole).min(0.5 * left));
-            s.adopt(settings, &settings.scheme);
-            self.part((scene, settings), s, kept, &ANY)?;
-            self.end_part((settings, s), (kept, begun), (&mut sums, &mut impacts), (self.division.whole - left, None));
-            left -= settings.step;
-            settings.adopt(left);
-            s.adopt(settings, &settings.scheme);
-            begun = kept.to_vec();
-            if self.part((scene, settings), s, kept, &(least..=f64::INFINITY))? {
-                self.end_part(
-                    (settings, s),
-                    (kept, begun),
-                    (&mut sums, &mut impacts),
-                    (self.division.whole - left, None),
-                );
-                break;
-            }
         }
         kept[..3 * n].copy_from_slice(&sums[..3 * n]);
         kept[6 * n..7 * n].copy_from_slice(&sums[6 * n..]);
@@ -139,8 +130,7 @@ impl ContactStep {
         // The Illinois algorithm.
         let (mut low, mut high, mut side) = ((0.0, gap), (left, self.division.lowest().1), 0);
         for _ in 0..MOST_TRIALS {
-            settings.adopt((low.0 * high.1 - high.0 * low.1) / (high.1 - low.1));
-            s.adopt(settings, &settings.scheme);
+            adopt(settings, s, (low.0 * high.1 - high.0 * low.1) / (high.1 - low.1));
             if self.part((scene, settings), s, kept, &(least..=-least))? {
                 return Ok(());
             }

@@ -11,7 +11,6 @@ use super::super::limit_rows::limit_rows;
 use super::super::scratch::{Scratch, fill, take_end, take_lane};
 use super::super::step_settings::StepSettings;
 use super::super::works::add_work;
-use super::division::bounces;
 use super::faults::REFUSED;
 use super::free_axes::{move_along, to_axes_at_end, to_axes_at_rest};
 use super::project::{TOUCHES, out_of_planes};
@@ -188,7 +187,7 @@ within_target! {
         for lane in 0..count {
             touching.find_near(settings, lane);
             touched |= u64::from(!touching.solved[lane].outcome.near.is_empty()) << lane;
-            fallback |= u64::from(bounces(scene) && touching.flies(settings, &s.model, lane)) << lane;
+            fallback |= u64::from(touching.flies(settings, &s.model, lane)) << lane;
         }
         if touched != 0 {
             touching.kernel.multiply(constants, &s.sweeps);

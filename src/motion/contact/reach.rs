@@ -177,11 +177,6 @@ impl Reach {
         self.stays_open(scene, h)
     }
 
-    /// The gaps at the end of the last step that [`Reach::passes`] accepted.
-    pub fn gaps(&self) -> &[f64] {
-        &self.start.rows.gaps
-    }
-
     fn stays_open(&mut self, scene: &Scene, h: f64) -> bool {
         self.bound(scene.model(), h);
         if let Some(shapes) = &mut self.shapes {

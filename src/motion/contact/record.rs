@@ -48,8 +48,8 @@ pub(super) struct StepRecord {
     pub moving: Vec<f64>,
     pub before: StepStart,
     pub near: Vec<usize>,
-    /// True if the displacement is that of a free step with an impact at its start.
-    pub strikes: bool,
+    /// True for a step of the tree, with the velocities at its end in `moving`.
+    pub flies: bool,
     pub hit: Option<Impact>,
     pub states: Vec<ContactState>,
     /// `None` without active contacts.
@@ -68,7 +68,6 @@ impl StepRecord {
             moving: moving.to_vec(),
             before: before.clone(),
             near: outcome.near.clone(),
-            strikes: outcome.strikes,
             hit: outcome.hit.clone(),
             states: outcome.states.clone(),
             laws: outcome.laws.take(),

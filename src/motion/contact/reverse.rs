@@ -2,12 +2,10 @@
 //! gradients by the contacts.
 
 use super::super::backward::StepGradients;
-use super::super::job::Job;
 use super::super::manifold::displacement;
 use super::super::reversed_substeps::{Parts, through_substeps};
 use super::super::scratch::Scratch;
 use super::super::step_settings::StepSettings;
-use super::super::torque::StepFault;
 use super::at::Connections;
 use super::backward::{ContactAdjoint, ContactGradient};
 use super::parts::Part;
@@ -15,8 +13,6 @@ use super::record::StepRecord;
 use super::report::{begin, width};
 use super::shaped::{self, Shaped};
 use super::step::ContactStep;
-use super::switching::Switching;
-use crate::batch::instruction_set::InstructionSet;
 use crate::contact::{ContactState, Limits};
 use crate::error::{Error, in_language};
 use crate::filter::Form;
@@ -30,6 +26,10 @@ const REPRODUCED: f64 = 1e-5;
 
 /// Largest number of steps from which the impulses before a step are recomputed.
 const BACK: usize = 16;
+
+/// Propagates the gradients by the end of a step of the tree, for its settings and its start in the scratch.
+pub(in crate::motion) type FlightAdjoint<'a> =
+    dyn FnMut(&StepSettings, &Scratch<f64>, &mut StepGradients<f64>) -> Result<(), (String, Error)> + 'a;
 
 /// Distance of a contact from another mode, m/s, and its state.
 type Mode = (f64, ContactState);
@@ -83,7 +83,6 @@ pub(in crate::motion) struct ContactReverse {
     pub scratch: Scratch<f64>,
     pub gradients: StepGradients<f64>,
     step: ContactStep,
-    switching: Switching,
     adjoint: ContactAdjoint,
     connections: Connections,
     /// Impulses of the last recomputed step, from which the solves of the next one start.
@@ -106,9 +105,7 @@ impl ContactReverse {
         let contacts = scene.contacts().len();
         let mut step = ContactStep::new(scene, settings, form);
         step.record = Some(StepRecord::default());
-        let switching = Switching::new(scene, (form, InstructionSet::Baseline), 1);
         Self {
-            switching,
             gradients: StepGradients::new(&scratch.model, settings, parameters),
             adjoint: ContactAdjoint::new(&scratch.model),
             connections: Connections::new(scene, settings, &scratch.model, parameters),
@@ -164,15 +161,15 @@ impl ContactReverse {
     }
 
     /// Propagates the gradients through step `n`, whose end is `recorded`; `row_before` gives (q, qd) some steps before
-    /// it, if the run has begun. Calls `changed` with the changes of contacts between this step and the next
-    /// one. Returns the joint and the error if it fails.
+    /// it, if the run has begun. `flight` propagates them through parts without contacts. Calls `changed` with the
+    /// changes of contacts between this step and the next one. Returns the joint and the error if it fails.
     pub fn through(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
         n: usize,
         recorded: (&[f64], &[f64]),
         row_before: impl Fn(usize) -> Option<Vec<f64>>,
-        changed: impl FnMut(ContactId, ContactState, ContactState),
+        (flight, changed): (&mut FlightAdjoint<'_>, impl FnMut(ContactId, ContactState, ContactState)),
     ) -> Result<(), (String, Error)> {
         self.make(scene, settings)?;
         self.reproduce((scene, settings), n, recorded, row_before)?;
@@ -181,7 +178,7 @@ impl ContactReverse {
         let of_shapes = shaped.iter().flat_map(|shaped| &shaped.shapes.pairs);
         self.contacts.truncate(scene.contacts().len());
         self.contacts.extend(of_shapes.map(|pair| ContactId::Shapes(pair.colliders)));
-        let through = self.through_parts((of_step, settings));
+        let through = self.through_parts((of_step, settings), flight);
         self.shaped = shaped;
         self.modes.add(n, self.contacts.iter().copied().zip(through?), changed);
         self.gradients.check(scene)
@@ -190,10 +187,14 @@ impl ContactReverse {
     /// Propagates the gradients through the parts of a step, which end at impacts: with b(h) the product of the cotangent
     /// of the end of a part and the derivative of that end by the length of the part, a longer part changes the result by
     /// b less that of the last part, which is then shorter, and a larger gap at its end makes it longer.
-    fn through_parts(&mut self, (scene, settings): (&Scene, &StepSettings)) -> Result<Vec<Mode>, (String, Error)> {
+    fn through_parts(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        flight: &mut FlightAdjoint<'_>,
+    ) -> Result<Vec<Mode>, (String, Error)> {
         let parts = std::mem::take(&mut self.step.division.parts);
         if parts.is_empty() {
-            return self.through_part((scene, settings), None);
+            return self.through_part((scene, settings), None, flight);
         }
         let (mut own, mut last, mut modes) = (settings.clone(), None, Vec::new());
         let (made, mut parts): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
@@ -208,7 +209,8 @@ impl ContactReverse {
             own.adopt(made.scheme.step);
             one.step.repeat((scene, &own), &mut one.scratch, &part)?;
             let by_last = *last.get_or_insert(by_length);
-            let now = one.through_part((scene, &own), part.ended.map(|row| (row, (by_last - by_length) / of_gap)))?;
+            let of_gap = part.ended.map(|row| (row, (by_last - by_length) / of_gap));
+            let now = one.through_part((scene, &own), of_gap, flight)?;
             if modes.is_empty() {
                 modes = now;
                 return Ok(());
@@ -231,13 +233,17 @@ impl ContactReverse {
         length: f64,
         part: &Part,
     ) -> Result<(f64, f64), (String, Error)> {
-        /// Difference of lengths relative to the step.
-        const DIFFERENCE: f64 = 2e-3;
+        /// Differences of lengths relative to the step, of parts with contact forces and of flights: the end of the
+        /// former is nearly a polynomial of second degree in the length, but solved for less accurately.
+        const OF_CONTACTS: f64 = 2e-3;
+        const OF_FLIGHT: f64 = 2e-4;
         let Self { scratch: s, step, gradients, .. } = self;
-        let (difference, mut ends) = (DIFFERENCE * step.division.whole, Vec::new());
+        let (mut difference, mut ends) = (0.0, Vec::new());
         for k in [0.0_f64, 1.0, 2.0] {
             settings.adopt(k.mul_add(difference, length));
             step.repeat((scene, settings), s, part)?;
+            let flies = step.record.as_ref().is_some_and(|record| record.flies);
+            difference = if flies { OF_FLIGHT } else { OF_CONTACTS } * step.division.whole;
             let gap = part.ended.map_or(0.0, |row| step.division.end_of(row));
             ends.push((s.q_next.clone(), s.v_next.clone(), gap));
         }
@@ -254,9 +260,13 @@ impl ContactReverse {
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
         of_gap: Option<(usize, f64)>,
+        flight: &mut FlightAdjoint<'_>,
     ) -> Result<Vec<Mode>, (String, Error)> {
         let Self { scratch: s, gradients, step, adjoint, connections, contacts, sums, .. } = self;
         adjoint.step(scene, settings, (step, s), connections, gradients, of_gap)?;
+        if let Some(free) = settings.free.as_ref().filter(|_| step.record.as_ref().is_some_and(|record| record.flies)) {
+            flight(free, s, gradients)?;
+        }
         for (contact, more) in contacts.iter().zip(&adjoint.contacts) {
             let sum = sums.entry(*contact).or_default();
             sum.friction += more.friction;
@@ -265,31 +275,6 @@ impl ContactReverse {
             sum.normal += more.normal;
         }
         Ok(now(scene, settings, s, step))
-    }
-
-    /// Makes step `n` if no contact can act in it; returns false if one can. The values of the state in the job become
-    /// those of its end, which is `recorded`. Calls `changed` as [`ContactReverse::through`].
-    pub fn is_free(
-        &mut self,
-        job: &mut Job<'_, '_>,
-        n: usize,
-        recorded: (&[f64], &[f64]),
-        changed: impl FnMut(ContactId, ContactState, ContactState),
-    ) -> Result<bool, StepFault> {
-        let (acting, fault) = self.switching.free_steps(job, n, 1);
-        if let Some(fault) = fault {
-            return Err(fault);
-        }
-        if acting != 0 {
-            return Ok(false);
-        }
-        let (q, rest) = job.current.split_at(job.scene.nq());
-        let made = check_reproduced(n, recorded, (q, &rest[..job.scene.nv()]));
-        made.map_err(|error| StepFault { step: n, state: job.states.at(0), joint: String::new(), error })?;
-        let gaps = self.switching.gaps().iter();
-        let now = gaps.map(|gap| (gap / job.settings.step, ContactState::Open));
-        self.modes.add(n, (0..).map(ContactId::Named).zip(now), changed);
-        Ok(true)
     }
 
     /// Writes the sums of the contacts that the scene names, [`ContactReverse::WIDTH`] values per contact.

@@ -1,10 +1,12 @@
 //! One step of one state with contacts.
 
+use super::super::checked::CheckedState;
 use super::super::drives::{LINEAR, contradictions, give, pieces};
 use super::super::events::StopImpact;
 use super::super::faults::fault_of;
 use super::super::limit_rows::{is_violent, least_velocity, limit_rows, rebounds, settle_at};
-use super::super::scratch::Scratch;
+use super::super::manifold::displacement;
+use super::super::scratch::{Scratch, take_lane};
 use super::super::solver::Checked;
 use super::super::step::step;
 use super::super::step_settings::StepSettings;
@@ -18,7 +20,6 @@ use super::moves::Pulled;
 use super::pairs::{from_fixed_axes, into_fixed_axes};
 use super::parts::Division;
 use super::project::{onto_surfaces, out_of_planes};
-use super::reach::touching_gap;
 use super::record::{Laws, StepRecord};
 use super::report::ContactReport;
 use crate::batch::instruction_set::Baseline;
@@ -67,6 +68,9 @@ pub(super) struct ContactStep {
     pub acceleration: f64,
     pub reverses: bool,
     pub division: Division,
+    /// The steps of the tree, for parts in which no contact acts.
+    flight: Option<Box<CheckedState>>,
+    form: Form,
     /// The control laws whose pieces the last step contradicts, with the pieces to which they must change.
     contradicted: Vec<(usize, Piece)>,
     /// The control laws that this step leaves at a limit.
@@ -92,26 +96,12 @@ pub(super) struct Outcome {
     pub held: DVector<f64>,
     pub states: Vec<ContactState>,
     pub report: ContactReport,
-    /// Velocities at the end, if they are not those of the displacement: if joints that reach a stop end the step
-    /// slower than they moved in it, or if a contact strikes.
+    /// Velocities at the end, if joints that reach a stop end the step slower than they moved in it.
     slowed: Option<Vec<f64>>,
-    /// True if the displacement is that of a free step with an impact at its start.
-    pub strikes: bool,
     /// True if the slip of a contact with friction turned by more than 60 degrees.
     reverses: bool,
     /// The solves of the law, if they are recorded.
     pub laws: Option<Laws>,
-}
-
-impl Outcome {
-    /// Makes the velocities without impulses those of the end of a step, and the displacement that of their mean.
-    fn move_by_mean(&mut self, s: &mut Scratch<f64>, v_free: &[f64]) {
-        self.strikes = true;
-        self.slowed = Some(s.v_next.clone());
-        for ((v, free), start) in s.v_next.iter_mut().zip(v_free).zip(&s.v) {
-            *v -= 0.5 * (free - start);
-        }
-    }
 }
 
 impl ContactStep {
@@ -123,7 +113,8 @@ impl ContactStep {
         let solver = Checked::new(scene.model(), None, form).accepting(settings.given.tolerance);
         let (impacts, division) = (Vec::new(), Division::default());
         let (contradicted, frozen) = (Vec::new(), Vec::new());
-        Self { solver, rows, impacts, record: None, acceleration: 0.0, reverses: false, division, contradicted, frozen }
+        let (record, acceleration, reverses, flight) = (None, 0.0, false, None);
+        Self { solver, rows, impacts, record, acceleration, reverses, division, flight, form, contradicted, frozen }
     }
 
     /// A step, or a part of it, from `q`, `v` to `q_next`, `v_next`; stores impulses and report in `kept`. Returns the
@@ -139,6 +130,9 @@ impl ContactStep {
         accepted: &RangeInclusive<f64>,
     ) -> Result<bool, (String, Error)> {
         s.are_sides_given = false;
+        if let Some(made) = self.fly((scene, settings), s, kept, accepted) {
+            return Ok(made);
+        }
         if settings.limited.is_empty() {
             return self.on_pieces((scene, settings), s, kept, accepted);
         }
@@ -169,6 +163,59 @@ impl ContactStep {
         }
         s.totals[UNSETTLED] += f64::from(u8::from(!self.frozen.is_empty()));
         outcome
+    }
+
+    /// A part in which no contact acts: a step of the tree, by its method. `None` if a contact acts, or rests at the
+    /// start.
+    fn fly(
+        &mut self,
+        (scene, settings): (&Scene, &StepSettings),
+        s: &mut Scratch<f64>,
+        kept: &mut [f64],
+        accepted: &RangeInclusive<f64>,
+    ) -> Option<bool> {
+        let Self { rows, division, flight, record, .. } = self;
+        let is_flight = settings.given.accuracy.is_none() && division.struck.is_none();
+        let free = settings.free.as_ref().filter(|_| is_flight)?;
+        let points = scene.contact_points();
+        rows.place(&s.model, points, &s.q);
+        let start = rows.velocities(&s.model, points, &s.v);
+        let gaps = rows.gaps.clone();
+        let opens = |i: usize| gaps[i] > TOUCHING || start[3 * i + 2] > 0.0;
+        if division.rests(&s.model, &gaps[..points.len()], &start) || !(0..points.len()).all(opens) {
+            return None;
+        }
+        let flight = flight.get_or_insert_with(|| Box::new(CheckedState::new(scene, free, self.form)));
+        take_lane(&mut flight.scratch, s, 0);
+        if flight.step(scene, free, &mut |_, _, _| ()).is_err() {
+            return None;
+        }
+        // A tip can pass a surface and return.
+        let straight = rows.velocities(&s.model, points, &displacement(&s.model, &s.q, &flight.scratch.q_next));
+        rows.place(&s.model, points, &flight.scratch.q_next);
+        let before = division.passing.clone();
+        let mut acting =
+            (0..points.len()).filter(|&i| !(rows.gaps[i].min(gaps[i] + straight[3 * i + 2]) >= -LATE)).collect();
+        let rest_speed = rest_speed(&s.model, division.whole, None);
+        division.pass(&mut acting, &gaps, |i| bounce(&points[i], start[3 * i + 2], rest_speed));
+        if !acting.is_empty() {
+            division.passing = before;
+            return None;
+        }
+        if !division.end(&rows.gaps, accepted) {
+            return Some(false);
+        }
+        s.q_next.copy_from_slice(&flight.scratch.q_next);
+        s.v_next.copy_from_slice(&flight.scratch.v_next);
+        s.totals = flight.scratch.totals;
+        self.impacts.clone_from(&flight.substeps.impacts);
+        self.reverses = false;
+        if record.is_some() {
+            let before = StepStart { gaps, start, ..StepStart::default() };
+            *record = Some(StepRecord { flies: true, moving: s.v_next.clone(), before, ..StepRecord::default() });
+        }
+        keep(kept, &Outcome::default(), points.len());
+        Some(true)
     }
 
     /// As [`ContactStep::part`], for given pieces. Stops, without an effect on `kept`, if its end contradicts them.
@@ -205,9 +252,7 @@ impl ContactStep {
         };
         self.reverses = outcome.reverses;
         self.record = v_free.map(|v_free| StepRecord::new(v_free, &s.v_next, &before, &mut outcome));
-        // The law is that of the end, not of the mean velocity of a step with an impact at its start.
-        let ends = outcome.slowed.as_ref().filter(|_| outcome.strikes).unwrap_or(&s.v_next);
-        contradictions((settings, &settings.scheme), (s, ends), &mut self.contradicted);
+        contradictions((settings, &settings.scheme), (s, &s.v_next), &mut self.contradicted);
         self.contradicted.retain(|(i, _)| !self.frozen.contains(i));
         if !self.contradicted.is_empty() {
             return Ok(false);
@@ -216,11 +261,9 @@ impl ContactStep {
         if let Some(slowed) = outcome.slowed.take() {
             s.v_next = slowed;
         }
-        let passing = &self.division.passing;
-        if !passing.is_empty() {
+        if !self.division.passing.is_empty() {
             self.rows.place(&s.model, points, &s.q_next);
-            self.division.ends = passing.iter().map(|&i| self.rows.gaps[i]).collect();
-            if !accepted.contains(&self.division.lowest().1) {
+            if !self.division.end(&self.rows.gaps, accepted) {
                 return Ok(false);
             }
         }
@@ -289,31 +332,24 @@ impl ContactStep {
         let mut near: Vec<usize> = (0..all_rows).filter(|&i| touches(i) || closes(i)).collect();
         let mut outcome = Outcome::default();
         // The rules for slow contacts are those of the whole step.
-        let (rest_speed, least) =
-            (rest_speed(&s.model, division.whole, settings.given.accuracy), touching_gap(&s.model, division.whole));
-        let change = |i: usize| (free[3 * i + 2] - start[3 * i + 2]) * division.whole / h;
+        let rest_speed = rest_speed(&s.model, division.whole, settings.given.accuracy);
+        let whole = division.whole;
+        let change = |i: usize| (free[3 * i + 2] - start[3 * i + 2]) * whole / h;
         let of_stops = settings.given.restitution;
         let restitution = |i: usize, speed: f64| match points.get(i) {
-            Some(point) if speed < -rest_speed => point.restitution,
+            Some(point) => bounce(point, speed, rest_speed),
             None if rebounds(speed, speed + change(i), of_stops) => of_stops,
             _ => 0.0,
         };
-        let is_free = settings.free.is_some()
-            && !(0..n).any(|i| gaps[i] <= least && division.whole * start[3 * i + 2].abs() <= least);
-        let mut passing = std::mem::take(&mut division.passing);
+        let is_free = settings.free.is_some() && !division.rests(&s.model, &gaps[..n], start);
         // The part of an impact has no other forces of contacts, and the velocities after it are those of the next
         // part.
         let is_impact = division.struck.is_some();
         if is_impact {
             near = (0..all_rows).filter(|&i| gaps[i] <= TOUCHING).collect();
         }
-        division.pass((&mut passing, &mut near), gaps, |i| restitution(i, start[3 * i + 2]));
+        division.pass(&mut near, gaps, |i| restitution(i, start[3 * i + 2]));
         if near.is_empty() {
-            if is_free && division.flies {
-                let v_free = s.v_next.clone();
-                outcome.move_by_mean(s, &v_free);
-            }
-            division.passing = passing;
             return Ok(outcome);
         }
         // With connections, the projection of the velocities has left the factor.
@@ -322,8 +358,7 @@ impl ContactStep {
         }
         let v_free = s.v_next.clone();
         // Velocities at the end of a free step are those of the time of its end, those of contact steps lag by half a
-        // step. With an impact at the start of this step, and a displacement with the mean of the velocities of the
-        // free motion after it, an elastic impact after a flight keeps the sum of all energies.
+        // step.
         let part = if is_free || is_impact { 0.0 } else { 0.5 };
         let mut iterations = 0;
         let kept = from_fixed_axes(points, &before.axes, kept);
@@ -396,7 +431,7 @@ impl ContactStep {
                 continue;
             }
             let mut late: Vec<usize> = (0..all_rows).filter(late).collect();
-            division.pass((&mut passing, &mut late), gaps, |i| restitution(i, after[3 * i + 2]));
+            division.pass(&mut late, gaps, |i| restitution(i, after[3 * i + 2]));
             if late.is_empty() {
                 let arrives = |at: usize| near[at] >= n && gaps[near[at]] > 0.0 && held[3 * at + 2] > 0.0;
                 let arriving: Vec<usize> = (touching..near.len()).filter(|&at| arrives(at)).collect();
@@ -432,13 +467,6 @@ impl ContactStep {
                     let turned = before.dot(&after) < 0.5 * before.norm() * after.norm();
                     state == ContactState::Sliding && friction[at] > 0.0 && turned
                 });
-                if (hit.is_some() || division.flies)
-                    && is_free
-                    && outcome.slowed.is_none()
-                    && outcome.states.iter().all(|&state| state == ContactState::Open)
-                {
-                    outcome.move_by_mean(s, &v_free);
-                }
                 if let Some(hit) = &hit {
                     states_of_rebounds((&cone, &friction), (&middle(&free_here), &hit.impulses), &mut outcome.states);
                 }
@@ -448,7 +476,6 @@ impl ContactStep {
             near.extend(late);
             near.sort_unstable();
         }
-        division.passing = passing;
         Ok(outcome)
     }
 
@@ -473,6 +500,11 @@ impl ContactStep {
             s.totals[STOPS] += 0.5 * impulse * limit.sign() * (s.v[limit.row] + s.v_next[limit.row]);
         }
     }
+}
+
+/// The restitution of a contact that approaches its surface at a speed.
+fn bounce(point: &ContactPoint, speed: f64, rest_speed: f64) -> f64 {
+    if speed < -rest_speed { point.restitution } else { 0.0 }
 }
 
 /// True for a contact of two bodies that both move.

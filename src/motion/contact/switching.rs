@@ -141,7 +141,7 @@ impl Switching {
 
     /// Step `n` of the states, given as bits, whose contacts cannot act in it. Returns the others, and the fault of the
     /// lowest state.
-    pub fn free_steps(&mut self, job: &mut Job<'_, '_>, n: usize, all: u64) -> (u64, Option<StepFault>) {
+    fn free_steps(&mut self, job: &mut Job<'_, '_>, n: usize, all: u64) -> (u64, Option<StepFault>) {
         let (scene, settings) = (job.scene, job.settings);
         let Some(free) = &settings.free else { return (all, None) };
         let (width, (nq, nv)) = (settings.width(scene), (scene.nq(), scene.nv()));
@@ -245,10 +245,5 @@ impl Switching {
                 kept[TOTALS..][3 * points.len()..6 * points.len()].fill(0.0);
             }
         }
-    }
-
-    /// The gaps at the end of a free step of the first state.
-    pub fn gaps(&self) -> &[f64] {
-        self.reaches[0].gaps()
     }
 }
