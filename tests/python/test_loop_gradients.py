@@ -348,16 +348,24 @@ def test_of_coupled_joints_beside_differences(method: str, every: int) -> None:
 
 
 def test_of_coupled_joints_through_events_of_exact_friction() -> None:
-    """A finger reverses, and steps are divided."""
+    """A finger reverses, and steps are divided: compared with differences of simulations with error control."""
     scene = gripper()
-    q, qd = np.array([0.3, 0.4]), np.array([0.5, -0.8])
-    friction = np.array([0.05, 0.02])
-    function = Function(scene, q, qd, dt=0.01, steps=40, friction=friction, damping=0.1)
-    assert np.ptp(np.sign(function.path.qd[:, 1])) == 2
-    for i, unit in enumerate(np.eye(2)):
-        function.check(function.found.q[i], lambda h: function.value(q=q + h * unit), 1e-5)  # noqa: B023
-        function.check(function.found.qd[i], lambda h: function.value(qd=qd + h * unit), 1e-5)  # noqa: B023
-        function.check(function.found.friction[i], lambda h: function.value(friction=friction + h * unit), 1e-5)  # noqa: B023
+    start = [np.array([0.3, 0.4]), np.array([0.5, -0.8]), np.array([0.05, 0.02])]
+    run = lambda q, qd, friction, **given: scene.simulate(q, qd, friction=friction, damping=0.1, **given)  # noqa: E731
+    path = run(*start, dt=2e-3, steps=200)
+    assert np.ptp(np.sign(path.qd[:, 1])) == 2
+    by_rows = np.zeros((2, *path.q.shape))
+    by_rows[:, -1] = [[1.0, -0.5], [0.7, 0.3]]
+    found = path.vjp(*by_rows)
+
+    def value(*start: np.ndarray) -> float:
+        end = run(*start, dt=0.4, steps=1, accuracy=1e-11)
+        return float(np.sum(by_rows[:, -1] * [end.q[-1], end.qd[-1]]))
+
+    for k, gradient in enumerate((found.q, found.qd, found.friction)):
+        for i, unit in enumerate(1e-5 * np.eye(2)):
+            ends = [value(*(x + by * unit if k == of else x for of, x in enumerate(start))) for by in (1.0, -1.0)]
+            assert_near(gradient[i], (ends[0] - ends[1]) / 2e-5, 1e-2 * size(found.q))
 
 
 def test_coupled_joints_are_joints_on_a_connection() -> None:
