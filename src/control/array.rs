@@ -1,8 +1,8 @@
 //! One stage of the filter through time in array form (D98): nothing is subtracted, so that no digits are lost where the
 //! weights of the end are millions of times those of the way.
 
+use super::knot::{Law, Sizes, Step, Value};
 use super::rows::Rows;
-use super::stage::{Law, Scratch, Sizes, Step, Value};
 use crate::estimation::triangle::rotate_in;
 
 /// Scratch, allocated by the first stage that needs it.
@@ -21,22 +21,22 @@ const NOTHING: f64 = 16.0 * f64::EPSILON;
 
 impl ArrayForm {
     /// Triangulates `[W_u W_x rho; R' B, R' A, R' c + z'] = [R_u R_ux y; 0 R z]` and replaces the value and the law of
-    /// the covariance form, whose held controls stay where they are.
+    /// the covariance form, whose held controls, all that are not `free`, stay where they are; `q_uu` is its curvature
+    /// of the controls.
     pub fn stage(
         &mut self,
-        s: &Scratch,
+        (sizes, free, q_uu): (Sizes, &[usize], &[f64]),
         step: &Step<'_>,
         (rows, knot): (&[Rows], usize),
         damping: f64,
         value: &mut Value,
         law: &mut Law<'_>,
     ) {
-        let sizes = s.sizes();
         let (n, m) = (sizes.state(), sizes.controls);
         let width = m + n + 1;
         self.read_next(sizes, (rows, knot + 1), value);
         self.system(sizes, step);
-        let is_held = |i: usize| s.boxed.free().binary_search(&i).is_err();
+        let is_held = |i: usize| free.binary_search(&i).is_err();
         self.rows.clear();
         for rows in rows {
             for (error, start, values) in rows.of_knot(knot) {
@@ -52,7 +52,7 @@ impl ArrayForm {
         for i in 0..m {
             let at = self.rows.len();
             self.rows.resize(at + width, 0.0);
-            self.rows[at + i] = (damping / (1.0 + damping) * s.q_uu[i * m + i]).sqrt();
+            self.rows[at + i] = (damping / (1.0 + damping) * q_uu[i * m + i]).sqrt();
         }
         for from in self.next.chunks_exact(n + 1) {
             let at = self.rows.len();

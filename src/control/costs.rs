@@ -1,8 +1,8 @@
 //! The terms of a cost: residuals divided by their standard deviations, and inequalities.
 
 use super::dynamics::Dynamics;
+use super::knot::{Sizes, Turn};
 use super::rows::Rows;
-use super::stage::{Sizes, Turn};
 use crate::error::{Error, check_finite, check_length};
 use crate::inverse_kinematics::{Task, TaskRows, Tasks};
 use crate::workspace::Workspace;

@@ -5,7 +5,7 @@
 //! the velocity.
 
 use super::contacts::ContactSteps;
-use super::stage::{Sizes, Turn};
+use super::knot::{Sizes, Turn};
 use crate::algorithm::{Algorithm, Arguments, Derivatives};
 use crate::batch::Evaluator;
 use crate::error::{Error, Fault, in_language};

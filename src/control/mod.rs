@@ -39,6 +39,7 @@ mod array;
 mod contacts;
 mod costs;
 mod dynamics;
+mod knot;
 mod matrices;
 mod optimizer;
 mod problem;

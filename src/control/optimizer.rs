@@ -3,10 +3,11 @@
 use super::array::write_system;
 use super::costs::{Cost, CostScratch, Motion, Term};
 use super::dynamics::{AT_ONCE, Dynamics};
+use super::knot::{Law, Sizes, Step, Turn, Value};
 use super::problem::{Iteration, Linearization, Outcome, Problem, Start};
 use super::rollout::{Laws, Rollouts};
 use super::rows::Rows;
-use super::stage::{Bounds, Law, Model, Scratch, Sizes, Step, Turn, Value, stage};
+use super::stage::{Bounds, Model, Scratch, stage};
 use crate::error::{Error, check_finite, check_length, check_positive};
 use crate::interrupt;
 use crate::memory;

@@ -2,8 +2,8 @@
 
 use super::costs::Motion;
 use super::dynamics::{AT_ONCE, Dynamics};
+use super::knot::Sizes;
 use super::matrices::{Read, add_times};
-use super::stage::Sizes;
 use crate::batch::instruction_set::within_widest;
 use crate::error::Error;
 

@@ -10,85 +10,17 @@
 //! so that with E = [h J; 1; 0] the value of the next state enters through E* P' and Z = E* P' E alone.
 
 use super::array::ArrayForm;
+use super::knot::{Law, Sizes, Step, Value};
 use super::matrices::{Read, add_product, add_times, fused, mirror, solve_lower, solve_upper};
 use super::rows::Rows;
 use crate::batch::instruction_set::within_widest;
 use crate::inverse_kinematics::BoxStep;
-
-/// Numbers of the dimensions of a stage.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Sizes {
-    /// Degrees of freedom.
-    pub nv: usize,
-    /// Joints with a control.
-    pub controls: usize,
-    /// True if the rate of the effort has a cost.
-    pub has_rate: bool,
-}
-
-impl Sizes {
-    /// The length of x.
-    pub fn state(&self) -> usize {
-        2 * self.nv + if self.has_rate { self.controls } else { 0 }
-    }
-
-    /// The length of (x, u).
-    pub fn all(&self) -> usize {
-        self.state() + self.controls
-    }
-}
-
-/// The Jacobians of the step of a joint with a rotation: its first degree of freedom and their number, then d q'/d q
-/// and d q'/d(h v'), row by row.
-#[derive(Debug, Clone, Copy)]
-pub struct Turn {
-    pub first: usize,
-    pub count: usize,
-    pub transport: [f64; 36],
-    pub jacobian: [f64; 36],
-}
-
-impl Default for Turn {
-    fn default() -> Self {
-        Self { first: 0, count: 0, transport: [0.0; 36], jacobian: [0.0; 36] }
-    }
-}
-
-/// A step about one knot.
-#[derive(Debug, Clone, Copy)]
-pub struct Step<'a> {
-    pub h: f64,
-    /// F, (nv x 2 nv), and G, (nv x controls).
-    pub by_state: &'a [f64],
-    pub by_control: &'a [f64],
-    pub turns: &'a [Turn],
-    /// The step from this knot less the next knot, (2 nv); empty if all are zero.
-    pub defect: &'a [f64],
-}
-
-/// The value 1/2 x* P x + p* x of the states of a knot.
-#[derive(Debug, Clone, Default)]
-pub struct Value {
-    pub hessian: Vec<f64>,
-    pub gradient: Vec<f64>,
-    /// The triangle R and z of the array form, P = R* R and p = R* z; empty in covariance form.
-    pub root: Vec<f64>,
-}
 
 /// Bounds of the change of the controls, (controls) each, within which is zero.
 #[derive(Debug, Clone, Copy)]
 pub struct Bounds<'a> {
     pub lower: &'a [f64],
     pub upper: &'a [f64],
-}
-
-/// The law u = k - K x of a stage, with what it changes in the cost.
-#[derive(Debug)]
-pub struct Law<'a> {
-    /// K, (controls x state).
-    pub gain: &'a mut [f64],
-    /// k, (controls).
-    pub offset: &'a mut [f64],
 }
 
 /// The change of the quadratic model along the offsets k: its slope and its curvature.
@@ -118,7 +50,7 @@ pub struct Scratch {
     turned: Vec<f64>,
     pub(super) q_xx: Vec<f64>,
     pub(super) q_ux: Vec<f64>,
-    pub(super) q_uu: Vec<f64>,
+    q_uu: Vec<f64>,
     q_x: Vec<f64>,
     q_u: Vec<f64>,
     /// The diagonal of `q_xx` before the gain of information is subtracted.
@@ -130,15 +62,11 @@ pub struct Scratch {
     cross: Vec<f64>,
     /// L^-1 times the free rows of `q_ux`, and then the gains of these.
     y: Vec<f64>,
-    pub(super) boxed: BoxStep,
+    boxed: BoxStep,
     array: ArrayForm,
 }
 
 impl Scratch {
-    pub fn sizes(&self) -> Sizes {
-        self.sizes
-    }
-
     pub fn new(sizes: Sizes) -> Self {
         let (nv, n, m) = (sizes.nv, sizes.state(), sizes.controls);
         let nan = |length: usize| vec![f64::NAN; length];
@@ -162,29 +90,6 @@ impl Scratch {
             y: nan(m * n),
             boxed: BoxStep::new(m),
             array: ArrayForm::default(),
-        }
-    }
-}
-
-impl Value {
-    pub fn new(sizes: Sizes) -> Self {
-        let n = sizes.state();
-        Self { hessian: vec![0.0; n * n], gradient: vec![0.0; n], root: Vec::new() }
-    }
-
-    /// The value of the end: that of its rows alone.
-    pub fn of_end<'a>(&mut self, sizes: Sizes, rows: impl Iterator<Item = &'a Rows>, knot: usize) {
-        let n = sizes.state();
-        self.hessian.fill(0.0);
-        self.gradient.fill(0.0);
-        self.root.clear();
-        for rows in rows {
-            rows.add_squares(knot, n, &mut self.hessian);
-            for (error, start, values) in rows.of_knot(knot) {
-                for (to, value) in self.gradient.iter_mut().skip(start).zip(values) {
-                    *to += value * error;
-                }
-            }
         }
     }
 }
@@ -213,7 +118,7 @@ pub fn stage(
     let is_array = margin * ACCEPTED < f64::EPSILON;
     if is_array {
         let mut array = std::mem::take(&mut s.array);
-        array.stage(s, step, rows, damping, value, law);
+        array.stage((s.sizes, s.boxed.free(), &s.q_uu), step, rows, damping, value, law);
         s.array = array;
     } else {
         std::mem::swap(&mut value.hessian, &mut s.q_xx);

@@ -9,9 +9,9 @@
 
 use super::closure::Closure;
 use super::limits::{Bounds, RateBounds, SearchLimits};
+use super::options::{Metric, Options, RateOptions};
 use super::step::{BoxStep, add_squares, quadratic};
 use super::task::{Rows, Tasks};
-use super::{Metric, Options, RateOptions};
 use crate::error::Error;
 use crate::interrupt;
 use crate::scene::{JointKind, Scene};

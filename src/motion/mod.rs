@@ -78,6 +78,7 @@ pub(crate) mod properties;
 mod reversed_substeps;
 mod reverser;
 pub(crate) mod rollout;
+mod runner;
 mod scratch;
 mod settings;
 pub(crate) mod simulator;

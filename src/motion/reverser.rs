@@ -1,68 +1,37 @@
 //! Backpropagation through all steps of a rollout for a few states, one per lane, compiled for one instruction set.
 
+mod job;
 mod step;
 
 use super::backward::{ACTING, CheckedBackward, INPUTS, StepGradients, VectorizedBackward, backward};
 use super::checked::CheckedState;
 use super::closed_reverse::ClosedReverse;
 use super::connected::ConnectedReverse;
-use super::contact::{ContactReverse, ModeChange, ShapeGradients};
+use super::contact::{ContactReverse, ModeChange};
 use super::drives::give;
 use super::events::{EventSolution, Rebound, Reversal};
 use super::faults::pivot_fault;
-use super::gradient_layout::{CONTACTS, INPUT, Layout, PARAMETERS, ROWS, RecordedRows};
-use super::job::{self, Rows};
+use super::gradient_layout::{CONTACTS, INPUT, PARAMETERS, ROWS};
+use super::job::{self as forward, Rows};
 use super::limit_rows::limit_rows;
 use super::method::{Method, Scheme};
 use super::reversed_substeps::{Parts, RecordedEvent, Substep, through_substeps};
+use super::runner::Runner;
 use super::scratch::{Scratch, add_scaled, clear};
 use super::step_settings::{StepArguments, StepSettings};
-use super::stepper::{Stepper, fill, scatter, take_lane};
+use super::stepper::{fill, scatter, take_lane};
 use super::torque::{StepFault, Torque};
 use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, lanes_of, on_instruction_set};
 use crate::error::Error;
 use crate::filter::Form;
-use crate::scene::Scene;
 use crate::{interrupt, memory};
+pub(super) use job::Job;
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
-use step::step;
+use std::sync::PoisonError;
+use step::{Lanes, step};
 
 /// Largest number of consecutive steps that are recomputed and all stored.
 const KEPT_WHOLE: usize = 256;
-
-/// Backpropagation for adjacent states, at most one per lane.
-pub(super) struct Job<'a> {
-    pub scene: &'a Scene,
-    pub settings: &'a StepSettings,
-    pub torque: &'a Torque<'a>,
-    pub rows: &'a RecordedRows<'a>,
-    /// Number of rows per state.
-    pub count: usize,
-    pub states: Range<usize>,
-    pub layout: Layout,
-    /// Destination of the changes of contacts.
-    pub changes: &'a Mutex<Vec<ModeChange>>,
-    /// Destination of the gradients by pairs of shapes.
-    pub shapes: &'a Mutex<Vec<ShapeGradients>>,
-}
-
-impl Job<'_> {
-    /// Reads (q, qd) of a recorded row of each state, one state after another.
-    fn row(&self, row: usize, into: &mut Vec<f64>) {
-        let (nq, nv) = (self.scene.nq(), self.scene.nv());
-        into.clear();
-        for state in self.states.clone() {
-            let at = state * self.count + row;
-            into.extend_from_slice(&self.rows.q[at * nq..(at + 1) * nq]);
-            into.extend_from_slice(&self.rows.qd[at * nv..(at + 1) * nv]);
-        }
-    }
-
-    fn refuse(&self, error: Error) -> StepFault {
-        StepFault { step: 0, state: self.states.start, joint: String::new(), error }
-    }
-}
 
 /// Backpropagation through steps, for any scalar type.
 trait Reversing: Send + Sync {
@@ -82,7 +51,7 @@ trait Reversing: Send + Sync {
 
 /// Scratch memory for backpropagation on one thread, allocated at first use.
 pub(super) struct Reverser {
-    stepper: Stepper,
+    runner: Runner,
     arm: InstructionSet,
     form: Form,
     one: Option<Box<dyn Reversing>>,
@@ -92,12 +61,12 @@ pub(super) struct Reverser {
 impl Reverser {
     pub fn new(form: Form, arm: InstructionSet) -> Self {
         let arm = if arm.available() { arm } else { InstructionSet::Baseline };
-        Self { stepper: Stepper::new(form, arm), arm, form, one: None, many: None }
+        Self { runner: Runner::new(form, arm), arm, form, one: None, many: None }
     }
 
     /// Largest number of states of a job.
     pub fn lanes(&self) -> usize {
-        self.stepper.lanes()
+        self.runner.lanes()
     }
 
     /// Propagates the gradients from the last row to the first.
@@ -111,7 +80,7 @@ impl Reverser {
             if row + 1 < job.count {
                 interrupt::check().map_err(|error| job.refuse(error))?;
                 job.row(row, &mut start);
-                through(&mut self.stepper, &mut **reversing, (job, &start), row * every..(row + 1) * every, out)?;
+                through(&mut self.runner, &mut **reversing, (job, &start), row * every..(row + 1) * every, out)?;
             }
             reversing.add_row(job, row);
         }
@@ -123,7 +92,7 @@ impl Reverser {
 /// Propagates the gradients through consecutive steps of which only the initial state is known. The steps are
 /// recomputed and stored, or some of them, from which the others are recomputed.
 fn through(
-    stepper: &mut Stepper,
+    runner: &mut Runner,
     reversing: &mut dyn Reversing,
     (job, start): (&Job<'_>, &[f64]),
     steps: Range<usize>,
@@ -157,9 +126,9 @@ fn through(
         from: steps.start,
         every: stride,
     };
-    let stored = (steps.start..steps.start + (rows - 1) * stride, job::States::Adjacent(job.states.clone()));
-    let plain = job::Job::of((job.scene, job.settings), stored, (&mut current, job.torque));
-    stepper.run(job::Job { rows: Some(&mut kept), ..plain })?;
+    let stored = (steps.start..steps.start + (rows - 1) * stride, forward::States::Adjacent(job.states.clone()));
+    let plain = forward::Job::of((job.scene, job.settings), stored, (&mut current, job.torque));
+    runner.run(forward::Job { rows: Some(&mut kept), ..plain })?;
     let mut current = start.to_vec();
     for row in (0..rows).rev() {
         for (state, at) in current.chunks_exact_mut((nq + nv).max(1)).enumerate() {
@@ -167,22 +136,17 @@ fn through(
             at[nq..].copy_from_slice(&qd[(state * rows + row) * nv..][..nv]);
         }
         let from = steps.start + row * stride;
-        through(stepper, reversing, (job, &current), from..(from + stride).min(steps.end), out)?;
+        through(runner, reversing, (job, &current), from..(from + stride).min(steps.end), out)?;
     }
     Ok(())
 }
 
 /// Scratch memory in a scalar type, for code compiled for one instruction set.
 struct Compiled<T: Vectorized, I> {
-    scratch: Scratch<T>,
-    gradients: StepGradients<T>,
-    solver: VectorizedBackward<T, I>,
+    lanes: Lanes<T, I>,
     /// Sums over all steps of [`StepGradients::acting`], and of the gradients by wrenches and parameters.
     sums: Vec<Vec<T>>,
-    form: Form,
     target: I,
-    /// For a scene with connections.
-    connected: Option<Box<ConnectedReverse<T>>>,
     checked: Option<Box<Checked>>,
     closed: Option<Box<ClosedReverse>>,
     touching: Option<Box<ContactReverse>>,
@@ -366,12 +330,14 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
         let connected = is_connected
             .then(|| Box::new(ConnectedReverse::new(job.scene, job.settings, &scratch, (limits(), parameters))));
         Box::new(Self {
-            connected,
             sums: gradients.results().skip(2).map(|numbers| numbers.to_vec()).collect(),
-            gradients,
-            solver: VectorizedBackward::new(target, form, (&scratch.model, &scratch.constants)),
-            scratch,
-            form,
+            lanes: Lanes {
+                connected,
+                gradients,
+                solver: VectorizedBackward::new(target, form, (&scratch.model, &scratch.constants)),
+                scratch,
+                form,
+            },
             target,
             checked: None,
             closed: None,
@@ -382,7 +348,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
 
 impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
     fn begin(&mut self, job: &Job<'_>) {
-        let Self { scratch: s, gradients, sums, .. } = self;
+        let Self { lanes: Lanes { scratch: s, gradients, .. }, sums, .. } = self;
         for numbers in sums.iter_mut().chain(&mut gradients.end).chain([&mut s.torque]) {
             clear(numbers);
         }
@@ -401,7 +367,7 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
 
     fn add_row(&mut self, job: &Job<'_>, row: usize) {
         let nv = job.scene.nv();
-        for (end, given) in self.gradients.end.iter_mut().zip([job.rows.by_q, job.rows.by_qd]) {
+        for (end, given) in self.lanes.gradients.end.iter_mut().zip([job.rows.by_q, job.rows.by_qd]) {
             for (lane, state) in job.states.clone().enumerate() {
                 let given = &given[(state * job.count + row) * nv..][..nv];
                 for (sum, &more) in end.iter_mut().zip(given) {
@@ -412,7 +378,7 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
     }
 
     fn step(&mut self, job: &Job<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault> {
-        let mut fallback = step(self.target, self, job, n, start);
+        let mut fallback = step(self.target, &mut self.lanes, job, n, start);
         fallback &= u64::MAX >> (64 - job.states.len());
         if fallback != 0 {
             if job.settings.method == Method::Contact {
@@ -421,7 +387,7 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
                 self.recompute(job, n, fallback)?;
             }
         }
-        let Self { gradients, sums, .. } = self;
+        let Self { lanes: Lanes { gradients, .. }, sums, .. } = self;
         for (sums, more) in sums.iter_mut().zip(gradients.results().skip(2)) {
             sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += *more);
         }
@@ -437,7 +403,7 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
     }
 
     fn finish(&mut self, job: &Job<'_>, out: &mut [f64]) {
-        let Self { gradients, sums, .. } = self;
+        let Self { lanes: Lanes { gradients, .. }, sums, .. } = self;
         let layout = job.layout;
         let [.., wrenches, parameters] = &sums[..] else { return };
         for (lane, out) in out.chunks_exact_mut(layout.width().max(1)).enumerate() {
@@ -462,7 +428,7 @@ impl<T: Vectorized, I: Target> Reversing for Compiled<T, I> {
 impl<T: Vectorized, I: Target> Compiled<T, I> {
     /// The step of one state of a scene with contacts.
     fn through_contacts(&mut self, job: &Job<'_>, n: usize) -> Result<(), StepFault> {
-        let Self { scratch: s, gradients, form, checked, closed, touching, .. } = self;
+        let Self { lanes: Lanes { scratch: s, gradients, form, .. }, checked, closed, touching, .. } = self;
         let parameters = job.layout.count(PARAMETERS) > 0;
         let touching =
             touching.get_or_insert_with(|| Box::new(ContactReverse::new(job.scene, job.settings, *form, parameters)));
@@ -499,7 +465,7 @@ impl<T: Vectorized, I: Target> Compiled<T, I> {
     #[cold]
     #[inline(never)]
     fn recompute(&mut self, job: &Job<'_>, n: usize, fallback: u64) -> Result<(), StepFault> {
-        let Self { scratch: s, gradients, form, checked, closed, .. } = self;
+        let Self { lanes: Lanes { scratch: s, gradients, form, .. }, checked, closed, .. } = self;
         let one = one_state((checked, closed), job, *form);
         for lane in lanes_of(fallback) {
             let state = job.states.start + lane;

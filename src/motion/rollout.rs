@@ -8,9 +8,9 @@ use super::job::{Impacts, Job, Records, Rows, States};
 use super::method::Method;
 use super::population::Population;
 use super::properties::Gains;
+use super::runner::Runner;
 use super::settings::{Limits, Settings};
 use super::step_settings::StepSettings;
-use super::stepper::Stepper;
 use super::torque::{StepFault, Torque};
 use super::totals::{TOTALS, Totals};
 use super::touches::{ShapeContact, Touches};
@@ -48,22 +48,16 @@ pub struct Rollout<S> {
     /// The models of the states, if the states differ in them.
     pub(super) population: Option<Arc<Population>>,
     /// The scratch of each state whose steps are those of its own scene.
-    steppers: Arc<Vec<Mutex<Option<Stepper>>>>,
+    runners: Arc<Vec<Mutex<Option<Runner>>>>,
     states: usize,
     /// Per state: q, qd, the totals, and the stored values of contacts.
     current: Vec<f64>,
     /// The step at which each state began.
     begun: Vec<usize>,
     done: usize,
-    pool: Pool<Stepper>,
+    pool: Pool<Runner>,
     impacts: Impacts,
     touches: Touches,
-}
-
-impl std::fmt::Debug for Stepper {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Stepper").field("lanes", &self.lanes()).finish_non_exhaustive()
-    }
 }
 
 /// Checks restitution and error control, and limits of effort where contacts act.
@@ -178,7 +172,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let mut rollout = Self {
             scene,
             settings: step_settings,
-            steppers: Arc::new((0..if population.is_some() { states } else { 0 }).map(|_| Mutex::new(None)).collect()),
+            runners: Arc::new((0..if population.is_some() { states } else { 0 }).map(|_| Mutex::new(None)).collect()),
             population,
             states,
             current,
@@ -440,16 +434,16 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let cost = self.cost().saturating_mul(steps);
         let slice = (SLICE / self.cost().max(1)).max(1);
         self.touches.begin(every, last);
-        let Self { scene, settings, current, begun, pool, impacts, touches, population, steppers, .. } = self;
+        let Self { scene, settings, current, begun, pool, impacts, touches, population, runners, .. } = self;
         let (impacts, touches, population) = (&*impacts, &*touches, population.as_deref());
         let whole: &Scene = (*scene).borrow();
         let scene = whole.tree();
         let has_shapes = scene.shapes().is_some();
-        let make = || Stepper::new(settings.given.form, settings.given.arm);
+        let make = || Runner::new(settings.given.form, settings.given.arm);
         let batch = Batch { states: self.states, cost, pool, make };
-        let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
+        let outcome = batch.run_pieces(GRAIN, current, |runner, states, current| {
             let alone = population.filter(|population| !population.in_lanes);
-            let lanes = if alone.is_some() { 1 } else { stepper.lanes() };
+            let lanes = if alone.is_some() { 1 } else { runner.lanes() };
             let mut from = states.start;
             while from < states.end {
                 let to = (from + lanes).min(states.end);
@@ -484,10 +478,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
                     };
                     let made = match member {
                         Some(_) => {
-                            let mut own = steppers[from].lock().unwrap_or_else(PoisonError::into_inner);
+                            let mut own = runners[from].lock().unwrap_or_else(PoisonError::into_inner);
                             own.get_or_insert_with(make).run(job)
                         }
-                        None => stepper.run(job),
+                        None => runner.run(job),
                     };
                     if let Err(found) = made {
                         // Interrupted substeps return a diverging motion.

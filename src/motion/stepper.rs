@@ -2,7 +2,7 @@
 
 use super::checked::CheckedState;
 use super::connected::Connected;
-use super::contact::{ContactStepper, Shapes, Switching, Touching, finish_contacts};
+use super::contact::{ContactStepper, Shapes, Touching, finish_contacts};
 use super::faults::strays;
 use super::job::{Divisions, Impacts, Job, Models, States};
 use super::limit_rows::limit_rows;
@@ -35,28 +35,18 @@ pub(super) struct Stepper {
     one: Option<Box<dyn Stepping>>,
     many: Option<Box<dyn Stepping>>,
     checked: CheckedStates,
-    switching: Option<Box<Switching>>,
     form: Form,
 }
 
 impl Stepper {
     pub fn new(form: Form, arm: InstructionSet) -> Self {
         let arm = if arm.available() { arm } else { InstructionSet::Baseline };
-        Self { arm, one: None, many: None, checked: CheckedStates::default(), switching: None, form }
+        Self { arm, one: None, many: None, checked: CheckedStates::default(), form }
     }
 
     /// Largest number of states of a job.
     pub fn lanes(&self) -> usize {
         if self.arm == InstructionSet::Neon { 1 } else { self.arm.lanes() }
-    }
-
-    /// Runs a job; returns the fault of the earliest step, and of the lowest state in it.
-    pub fn run(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
-        if job.settings.method != Method::Contact {
-            return self.steps(job);
-        }
-        let (form, arm, lanes) = (self.form, self.arm, self.lanes());
-        self.switching.get_or_insert_with(|| Box::new(Switching::new(job.scene, (form, arm), lanes))).run(job)
     }
 
     /// The contact steps of one state, whose shapes may know its contacts.
@@ -73,7 +63,8 @@ impl Stepper {
         self.checked.touching(scene, settings, self.form)
     }
 
-    /// The steps of a job, all by the method of its settings.
+    /// The steps of a job, all by the method of its settings. Returns the fault of the earliest step, and of the lowest
+    /// state in it.
     pub fn steps(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
         let (arm, alone) = (self.arm, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };

@@ -1,7 +1,7 @@
 //! Algebraic simplification of traced operations: constant folding, removal of zeros and ones, signs moved into sums.
 
 use super::Real;
-use super::traced::{Operation as O, Traced, push};
+use super::recording::{Operation as O, Traced, push};
 
 /// The operands of a commutative operation in canonical order.
 pub(super) fn sorted(a: Traced, b: Traced) -> (u32, u32) {
@@ -27,11 +27,20 @@ pub(super) fn sum(a: Traced, b: Traced) -> Traced {
     push(O::Sum(a, b))
 }
 
+/// -a.
+pub(super) fn negative(a: Traced) -> Traced {
+    match (a.value(), a.negated()) {
+        (Some(a), _) => Traced::constant(-a),
+        (_, Some(a)) => a,
+        _ => push(O::Negative(a.place())),
+    }
+}
+
 /// a - b.
 pub(super) fn difference(a: Traced, b: Traced) -> Traced {
     match (a.value(), b.value()) {
         (Some(a), Some(b)) => return Traced::constant(a - b),
-        (Some(0.0), _) => return -b,
+        (Some(0.0), _) => return negative(b),
         (_, Some(0.0)) => return a,
         _ if a == b => return Traced::constant(0.0),
         _ => {}
@@ -49,14 +58,14 @@ pub(super) fn product(a: Traced, b: Traced) -> Traced {
         (Some(0.0), _) | (_, Some(0.0)) => return Traced::constant(0.0),
         (Some(1.0), _) => return b,
         (_, Some(1.0)) => return a,
-        (Some(-1.0), _) => return -b,
-        (_, Some(-1.0)) => return -a,
+        (Some(-1.0), _) => return negative(b),
+        (_, Some(-1.0)) => return negative(a),
         _ => {}
     }
     match (a.negated(), b.negated()) {
         (Some(a), Some(b)) => product(a, b),
-        (Some(a), None) => -product(a, b),
-        (None, Some(b)) => -product(a, b),
+        (Some(a), None) => negative(product(a, b)),
+        (None, Some(b)) => negative(product(a, b)),
         (None, None) => {
             let (a, b) = sorted(a, b);
             push(O::Product(a, b))
@@ -95,7 +104,7 @@ fn with_product(c: Traced, (a, b): (Traced, Traced), subtracts: bool) -> Traced 
     }
     let is_one_factor = is_trivial(a) || is_trivial(b) || (a.value().is_some() && b.value().is_some());
     match (a.negated(), b.negated()) {
-        _ if c.is(0.0) && subtracts => -product(a, b),
+        _ if c.is(0.0) && subtracts => negative(product(a, b)),
         _ if c.is(0.0) => product(a, b),
         _ if is_one_factor && subtracts => difference(c, product(a, b)),
         _ if is_one_factor => sum(product(a, b), c),

@@ -26,6 +26,7 @@ mod instructions;
 #[cfg(feature = "lanes")]
 mod lanes;
 mod operators;
+mod recording;
 #[cfg(feature = "lanes")]
 mod register_columns;
 mod traced;
@@ -47,7 +48,7 @@ pub use instructions::Instructions;
 #[cfg(feature = "lanes")]
 #[doc(hidden)]
 pub use lanes::Lanes;
-pub use traced::{Operation, Traced};
+pub use recording::{Operation, Traced};
 
 use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};
 use num_traits::{One, Zero};

@@ -169,6 +169,20 @@ impl Scene {
         source.build()
     }
 
+    /// The scene whose dynamics accept states that do not meet its connections.
+    #[cfg(feature = "control")]
+    pub(crate) fn with_open_connections(mut self) -> Self {
+        /// An error, m or rad, beyond those of all robots.
+        const FAR: f64 = 1e9;
+        if !self.constraints.is_empty() {
+            self.constraints.allowance = FAR;
+            self.identity = crate::model::Identity::unique();
+            // The kernels of this scene have the allowance.
+            self.shared = super::shared::Shared::default();
+        }
+        self
+    }
+
     /// Adds the connections to the scene of an assembled tree, after checking and completing them.
     pub(super) fn connected(mut self) -> Result<Self, Error> {
         if self.source.connections.is_empty() {

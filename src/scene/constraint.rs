@@ -1,6 +1,5 @@
 //! Connections in the form that the sweeps read: frames on bodies and joint coordinates, by index.
 
-use super::Scene;
 use super::polynomial::Polynomial;
 use crate::kinematics::Frame;
 use crate::kinematics::pair::{Pair, pair_rows, place_between};
@@ -191,22 +190,6 @@ pub(crate) struct Constraints {
     pub is_warned: OnceLock<()>,
     /// Set once the axes of the loops have been checked.
     pub axes_checked: OnceLock<()>,
-}
-
-impl Scene {
-    /// The scene whose dynamics accept states that do not meet its connections.
-    #[cfg(feature = "control")]
-    pub(crate) fn with_open_connections(mut self) -> Self {
-        /// An error, m or rad, beyond those of all robots.
-        const FAR: f64 = 1e9;
-        if !self.constraints.is_empty() {
-            self.constraints.allowance = FAR;
-            self.identity = crate::model::Identity::unique();
-            // The kernels of this scene have the allowance.
-            self.shared = super::shared::Shared::default();
-        }
-        self
-    }
 }
 
 impl Constraints {

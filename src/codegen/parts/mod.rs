@@ -19,13 +19,8 @@ use super::program::{Program, operands, renumbered};
 use crate::scalar::Operation;
 use std::collections::HashMap;
 use std::ops::Range;
+pub(super) use work::is_cut;
 use work::{PartCall, Work};
-
-/// Programs of at most this number of operations are one part.
-///
-/// In parts, the 15,500 operations of the derivatives of forward dynamics of a robot with 18 degrees of freedom compile
-/// in half the time with GCC; programs of half that length lose a tenth of their speed.
-const WHOLE: usize = 8000;
 
 /// A value that a part reads from outside, at each of its calls.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
@@ -109,11 +104,6 @@ impl Cut {
         let widths = program.arguments.iter().chain(&program.results).map(Array::width);
         widths.chain([self.slots]).all(|width| u16::try_from(width).is_ok())
     }
-}
-
-/// True if a program has more than one part.
-pub(super) fn is_cut(program: &Program) -> bool {
-    program.operations.len() > WHOLE
 }
 
 /// The role of an operand in a part.

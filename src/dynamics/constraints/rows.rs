@@ -20,7 +20,7 @@ use crate::scalar::Real;
 use crate::scene::constraint::{Constraint, Constraints, Coupled, Tie};
 use crate::spatial::{RigidShift, angular, column, cross, dot, less, linear, scaled, square};
 use crate::workspace::Workspace;
-use ends::{relative_motion, set_anchored};
+use ends::{Ends, of_anchored, relative_motion};
 use nalgebra::Vector6;
 
 /// The geometry of a connection, in the scalar of the rows.
@@ -48,7 +48,7 @@ struct JointRow<T> {
 struct Connection<T> {
     tie: RowTie<T>,
     /// The steps of its path on which the forces act, and their bodies.
-    ends: [Option<usize>; 2],
+    ends: Ends,
     bodies: [Option<usize>; 2],
 }
 
@@ -167,7 +167,7 @@ impl<T: Real> ConnectionRows<T> {
             RowTie::Anchored(frame, anchor) => {
                 let point = point_along(scene, scratch, path, *anchor);
                 motions_along(scene, scratch, (path, qd), motions);
-                set_anchored((frame, &point), &motions[ends[0].unwrap_or_default()], own);
+                let along = of_anchored((frame, &point), &motions[ends[0].unwrap_or_default()]);
                 let apart = less(&frame.lever, &point.into());
                 let reach = square(&frame.lever) + square(&apart);
                 for (i, to) in own.iter_mut().enumerate() {
@@ -176,6 +176,7 @@ impl<T: Real> ConnectionRows<T> {
                     to.forces[0] = [x, y, z, force[0], force[1], force[2]];
                     to.sizes[0] = halves(&to.forces[0]);
                     to.moments[0] = reach;
+                    [to.error, to.rate, to.gamma] = along[i];
                 }
             }
             RowTie::Joints(coupled, JointRow { torques, curvature }) => {
@@ -187,9 +188,9 @@ impl<T: Real> ConnectionRows<T> {
                     own[0].rate = torque.mul_add(qd[row], own[0].rate);
                 }
             }
-            RowTie::Frames(_, frames) => {
-                let Some((motion, of_pair)) = relative_motion((&connections[at], path), scene, scratch, qd, motions)
-                else {
+            RowTie::Frames(pair, frames) => {
+                let found = relative_motion((*pair, frames), (ends, path), scene, scratch, qd, motions);
+                let Some((motion, of_pair)) = found else {
                     *undirected = Some(at);
                     return zero.constant(-1.0);
                 };

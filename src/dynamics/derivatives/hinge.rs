@@ -3,7 +3,6 @@
 //! those bodies ([`Effect`]); and the change of the forces inboard of it, with the matrix entries that result
 //! ([`Column`]).
 
-use super::Matrices;
 use crate::filter::HingeMap;
 use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::{cross_motion, dot};
@@ -89,6 +88,16 @@ pub(super) fn hinge_cross_force<T: Real>(hinge: &HingeMap<T>, f: &[T; 6]) -> [T;
             whole(minus(plus(cross_axis(n, 2), pitch, push)), minus(push))
         }
     }
+}
+
+/// The matrices that the columns form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Matrices {
+    /// dtau/dq and dtau/dqd.
+    Derivatives,
+    /// The Coriolis matrix in the place of dtau/dqd: B/2 for B, and V x S for Psi1 + V x S. The place of dtau/dq is
+    /// undefined.
+    Coriolis,
 }
 
 /// The effect of one degree of freedom with the column S, at its body.

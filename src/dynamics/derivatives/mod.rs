@@ -57,6 +57,7 @@ pub use forward::forward_dynamics_derivatives;
 pub(crate) use forward::linear_system;
 pub(crate) use hessian::join;
 pub use hessian::{HessianScratch, forward_dynamics_hvp, inverse_dynamics_hvp};
+pub(crate) use hinge::Matrices;
 pub use inverse::{coriolis_matrix, inverse_dynamics_derivatives, mass_matrix_derivative};
 pub(crate) use inverse::{in_sweeps, with_transpose};
 pub(crate) use parameters::{ConstantParts, GradientParts, constants_of};
@@ -83,16 +84,6 @@ use nalgebra::{Vector3, Vector6};
 
 /// Columns between checks for interruption.
 const AT_A_TIME: usize = 16;
-
-/// The matrices that the columns form.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Matrices {
-    /// dtau/dq and dtau/dqd.
-    Derivatives,
-    /// The Coriolis matrix in the place of dtau/dqd: B/2 for B, and V x S for Psi1 + V x S. The place of dtau/dq is
-    /// undefined.
-    Coriolis,
-}
 
 /// The results of the outward pass that the inward pass reads; initialized with NaN.
 #[derive(Debug, Clone)]

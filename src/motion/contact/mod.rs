@@ -28,6 +28,7 @@ mod control;
 mod division;
 mod faults;
 mod free_axes;
+mod gap;
 mod lanes;
 mod laws;
 mod moves;

@@ -1,7 +1,7 @@
 //! The parts of a step that is divided at its impacts, and the rows that a part passes without their impulses.
 
 use super::super::reversed_substeps::Substep;
-use super::reach::touching_gap;
+use super::gap::touching_gap;
 use crate::model::Model;
 use nalgebra::DVector;
 use std::ops::RangeInclusive;

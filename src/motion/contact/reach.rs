@@ -35,23 +35,14 @@
 //! The velocity of a joint within a step is known at its ends only; twice the largest difference of the three
 //! velocities bounds its change for motion that the step resolves.
 
+use super::gap::{ROUNDING, touching_gap};
 use super::shapes::{Range, Shapes};
 use crate::dynamics::contacts::ContactScratch;
 use crate::model::Model;
-use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
 use crate::spatial::{angular, linear};
 use nalgebra::Vector6;
-
-/// Gap of a contact at rest from rounding, m.
-const ROUNDING: f64 = 1e-9;
-
-/// A contact with at most this gap touches: the distance of a fall in a step of `h`, m, so that contacts at rest are
-/// not released by rounding.
-pub(super) fn touching_gap<T: Real>(model: &Model<T>, h: f64) -> f64 {
-    model.gravity.map(|g| g.lane(0)).norm() * h * h + ROUNDING
-}
 
 /// Contacts of one state.
 struct Placed {

@@ -1,9 +1,36 @@
-//! Data of a step that its adjoint reads.
+//! The start and the results of the contacts in a step, and the data that its adjoint reads.
 
 use super::moves::{Move, Pulled};
-use super::step::{Outcome, StepStart};
+use super::report::ContactReport;
 use crate::contact::{Cone, ContactState, Impact, Relaxation};
-use nalgebra::DVector;
+use nalgebra::{DVector, Matrix3};
+
+/// Gaps, axes and velocities of contacts at the start of a step.
+#[derive(Debug, Clone, Default)]
+pub(super) struct StepStart {
+    pub gaps: Vec<f64>,
+    pub axes: Vec<Matrix3<f64>>,
+    /// J v, and J times the velocities without contacts.
+    pub start: DVector<f64>,
+    pub free: DVector<f64>,
+}
+
+/// Results of the contacts in a step; without active contacts by default.
+#[derive(Default)]
+pub(super) struct Outcome {
+    pub near: Vec<usize>,
+    /// Impulses of impacts, and impulses of persistent contact.
+    pub hit: Option<Impact>,
+    pub held: DVector<f64>,
+    pub states: Vec<ContactState>,
+    pub report: ContactReport,
+    /// Velocities at the end, if joints that reach a stop end the step slower than they moved in it.
+    pub slowed: Option<Vec<f64>>,
+    /// True if the slip of a contact with friction turned by more than 60 degrees.
+    pub reverses: bool,
+    /// The solves of the law, if they are recorded.
+    pub laws: Option<Laws>,
+}
 
 /// The solves of the law in a step, for the active contacts.
 #[derive(Debug, Clone)]

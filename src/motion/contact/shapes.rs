@@ -5,7 +5,7 @@
 //! on its way has no contact: a ball that passes a box is not deflected. Points that no joint moves along their normal
 //! are omitted.
 
-use super::reach::touching_gap;
+use super::gap::touching_gap;
 use crate::collision::{Against, Near, contacts, distance, on_line};
 use crate::kinematics::{placements_base_to_tip, placements_on_base, velocities_base_to_tip};
 use crate::scene::Scene;

@@ -20,7 +20,7 @@ use super::moves::Pulled;
 use super::pairs::{from_fixed_axes, into_fixed_axes};
 use super::parts::Division;
 use super::project::{onto_surfaces, out_of_planes};
-use super::record::{Laws, StepRecord};
+use super::record::{Laws, Outcome, StepRecord, StepStart};
 use super::report::ContactReport;
 use crate::batch::instruction_set::Baseline;
 use crate::contact::{Cones, ContactState, Effort, Impact, Limits, SolveReport, impact, passive};
@@ -31,7 +31,7 @@ use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::scene::contact_point::ContactPoint;
-use nalgebra::{DVector, Matrix3};
+use nalgebra::DVector;
 use std::ops::RangeInclusive;
 
 /// A contact that leaves or approaches its surface at most at this multiple of the accuracy, m/s, rests on it.
@@ -75,33 +75,6 @@ pub(super) struct ContactStep {
     contradicted: Vec<(usize, Piece)>,
     /// The control laws that this step leaves at a limit.
     frozen: Vec<usize>,
-}
-
-/// Gaps, axes and velocities of contacts at the start of a step.
-#[derive(Debug, Clone, Default)]
-pub(super) struct StepStart {
-    pub gaps: Vec<f64>,
-    pub axes: Vec<Matrix3<f64>>,
-    /// J v, and J times the velocities without contacts.
-    pub start: DVector<f64>,
-    pub free: DVector<f64>,
-}
-
-/// Results of the contacts in a step; without active contacts by default.
-#[derive(Default)]
-pub(super) struct Outcome {
-    pub near: Vec<usize>,
-    /// Impulses of impacts, and impulses of persistent contact.
-    pub hit: Option<Impact>,
-    pub held: DVector<f64>,
-    pub states: Vec<ContactState>,
-    pub report: ContactReport,
-    /// Velocities at the end, if joints that reach a stop end the step slower than they moved in it.
-    slowed: Option<Vec<f64>>,
-    /// True if the slip of a contact with friction turned by more than 60 degrees.
-    reverses: bool,
-    /// The solves of the law, if they are recorded.
-    pub laws: Option<Laws>,
 }
 
 impl ContactStep {

@@ -10,8 +10,9 @@ use super::super::stepper::Stepper;
 use super::super::torque::StepFault;
 use super::super::totals::TOTALS;
 use super::reach::Reach;
+use super::record::Outcome;
 use super::report;
-use super::step::{Outcome, keep};
+use super::step::keep;
 use super::stepper::record;
 use crate::batch::instruction_set::InstructionSet;
 use crate::dynamics::contacts::ContactScratch;
@@ -177,7 +178,7 @@ impl Switching {
         divisions.clear();
         impacts.take();
         let own = job.impacts.is_some().then_some(&*impacts);
-        let outcome = stepper.run(Job { impacts: own, divisions: Some(divisions), ..part.job(job, free, n) });
+        let outcome = stepper.steps(Job { impacts: own, divisions: Some(divisions), ..part.job(job, free, n) });
         if let Err(fault) = outcome {
             let lane = trying.trailing_zeros() as usize;
             if trying.is_power_of_two() {

@@ -1,22 +1,35 @@
 //! One step of all lanes, compiled for one instruction set.
 
-use super::super::backward::{StepGradients, backward};
+use super::super::backward::{StepGradients, VectorizedBackward, backward};
+use super::super::connected::ConnectedReverse;
+use super::super::scratch::Scratch;
 use super::super::torque::Torque;
-use super::{Compiled, Job};
+use super::job::Job;
 use crate::batch::instruction_set::{Vectorized, take_states, within_target};
+use crate::filter::Form;
 use crate::scalar::lanes_but;
+
+/// Scratch memory of the states of a job, one per lane.
+pub(super) struct Lanes<T: Vectorized, I> {
+    pub scratch: Scratch<T>,
+    pub gradients: StepGradients<T>,
+    pub solver: VectorizedBackward<T, I>,
+    pub form: Form,
+    /// For a scene with connections.
+    pub connected: Option<Box<ConnectedReverse<T>>>,
+}
 
 within_target! {
     /// Step `n` of all lanes from their states at its start, with connections if the scene has any. Returns as bits the
     /// lanes that need the fallback.
     pub(super) fn step<'a, T, I>(
         target;
-        compiled: &'a mut Compiled<T, I>,
+        lanes: &'a mut Lanes<T, I>,
         job: &'a Job<'a>,
         n: usize,
         start: &'a [f64],
     ) -> u64 {
-        let Compiled { scratch: s, gradients, solver, connected, form, .. } = compiled;
+        let Lanes { scratch: s, gradients, solver, connected, form } = lanes;
         let (settings, count, nq, nv) = (job.settings, job.states.len(), job.scene.nq(), job.scene.nv());
         take_states(&mut s.q, count, |lane| &start[lane * (nq + nv)..][..nq]);
         take_states(&mut s.v, count, |lane| &start[lane * (nq + nv) + nq..][..nv]);

@@ -1,43 +1,45 @@
 //! The poses and motions of the frames of a connection, relative to the body where its branches meet.
 
-use super::{Connection, Row, RowTie};
 use crate::dynamics::sweeps::{Path, SweepModel, SweepScratch, motions_along, origin_along, placement_along};
 use crate::kinematics::FrameMotion;
-use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
+use crate::kinematics::pair::{Pair, PairRows, RelativeMotion, pair_rows};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, column, cross_add, less, sum3};
 use nalgebra::Vector6;
 
-/// The motion of the first frame of a connection relative to the second, and the rows of the pair. None for joint
-/// coordinates, and for a rod without direction.
+/// The steps of a path on which the forces of a connection act.
+pub(super) type Ends = [Option<usize>; 2];
+
+/// The motion of the first frame of a connection relative to the second, and the rows of the pair. None for a rod
+/// without direction.
 #[inline(always)]
 pub(super) fn relative_motion<T: Real>(
-    (connection, path): (&Connection<T>, &Path),
+    (pair, frames): (Pair, &[RigidShift<T>; 2]),
+    (ends, path): (&Ends, &Path),
     scene: (&Model<T>, &SweepModel<T>),
     scratch: &SweepScratch<T>,
     qd: &[T],
     motions: &mut [[[T; 6]; 2]],
 ) -> Option<(RelativeMotion<T>, PairRows<T>)> {
-    let Connection { tie: RowTie::Frames(pair, frames), ends, .. } = connection else { return None };
     motions_along(scene, scratch, (path, qd), motions);
-    let [at_c, at_d] = poses_of_ends((connection, path), scene, scratch, frames);
+    let [at_c, at_d] = poses_of_ends((ends, path), scene, scratch, frames);
     let c = motion_of_end(scene, (path, &*motions), (ends[0], &frames[0]), at_c);
     let d = motion_of_end(scene, (path, &*motions), (ends[1], &frames[1]), at_d);
     let motion = RelativeMotion::of(&c, &d);
-    pair_rows(*pair, &motion.place, &motion.velocity).map(|rows| (motion, rows))
+    pair_rows(pair, &motion.place, &motion.velocity).map(|rows| (motion, rows))
 }
 
 /// The poses of both frames of a connection in the axes of the body where the branches meet. They do not depend on the
 /// distance of the mechanism from the base: both are relative to the point where the branch of the second one begins.
 #[inline(always)]
 pub(super) fn poses_of_ends<T: Real>(
-    (connection, path): (&Connection<T>, &Path),
+    (ends, path): (&Ends, &Path),
     scene: (&Model<T>, &SweepModel<T>),
     scratch: &SweepScratch<T>,
     frames: &[RigidShift<T>; 2],
 ) -> [RigidShift<T>; 2] {
-    let on_branch = |end: usize| connection.ends[end].and_then(|step| path.on_branch(step));
+    let on_branch = |end: usize| ends[end].and_then(|step| path.on_branch(step));
     let origin = match on_branch(1) {
         Some(step) => origin_along(scene, scratch, (path, step)),
         None => frames[1].lever.into(),
@@ -79,15 +81,14 @@ fn motion_of_end<T: Real>(
     motion
 }
 
-/// Sets errors, their time derivatives and gamma of an anchored point, from the motion of its body and the point of the
-/// base in the frame of the body: at this point u = v + w x p is the velocity of the body, and J' qd = a + dw x p + u x
-/// w, along the axes of the frame.
+/// Errors, their time derivatives and gamma of an anchored point along each axis of its frame, from the motion of its
+/// body and the point of the base in the frame of the body: at this point u = v + w x p is the velocity of the body, and
+/// J' qd = a + dw x p + u x w.
 #[inline(always)]
-pub(super) fn set_anchored<T: Real>(
+pub(super) fn of_anchored<T: Real>(
     (frame, point): (&RigidShift<T>, &[T; 3]),
     [velocity, acceleration]: &[[T; 6]; 2],
-    rows: &mut [Row<T>],
-) {
+) -> [[T; 3]; 3] {
     let [w, v, dw, a] = [
         [velocity[0], velocity[1], velocity[2]],
         [velocity[3], velocity[4], velocity[5]],
@@ -98,8 +99,8 @@ pub(super) fn set_anchored<T: Real>(
     let moving = cross_add(&w, &here, &v.into());
     let turning: [T; 3] = cross_add(&moving, &w, &cross_add(&dw, &here, &a.into())).into();
     let (apart, moving): ([T; 3], [T; 3]) = (less(&frame.lever, &here).into(), moving.into());
-    for (i, to) in rows.iter_mut().enumerate() {
+    std::array::from_fn(|i| {
         let axis = column(&frame.rotation, i);
-        (to.error, to.rate, to.gamma) = (sum3(axis, apart), sum3(axis, moving), sum3(axis, turning));
-    }
+        [sum3(axis, apart), sum3(axis, moving), sum3(axis, turning)]
+    })
 }

@@ -27,7 +27,7 @@ impl<T: Real> ConnectionRows<T> {
                     }
                 }
                 RowTie::Frames(pair, frames) => {
-                    let [c, d] = poses_of_ends((connection, &of.path), scene, scratch, frames);
+                    let [c, d] = poses_of_ends((&connection.ends, &of.path), scene, scratch, frames);
                     let Some(of_pair) = pair_rows(*pair, &place_between(&c, &d), &still) else { continue };
                     for (row, &error) in all[of.rows.clone()].iter_mut().zip(&of_pair.error) {
                         row.error = error;
