@@ -11,7 +11,7 @@ use super::object::{Object, imported};
 use super::output::{Output, from_numbers, property};
 use super::own_models;
 use super::scene::PyScene;
-use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits, warn_of_start};
+use super::stepping::{Allowed, BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits, warn_of_start};
 use super::wrenches::LinkWrenches;
 use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
@@ -198,7 +198,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let all = given.map(PyDictMethods::copy).transpose()?;
-        let keywords = Keywords::take(py, "Scene.simulate", given, [true; 2])?;
+        let keywords = Keywords::take(py, "Scene.simulate", given, Allowed { accuracy: true, steps: true })?;
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let (dt, steps) = length_of_run(dt, steps, duration, keywords.accuracy.is_some())?;

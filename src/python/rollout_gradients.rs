@@ -12,7 +12,7 @@ use super::output::from_numbers;
 use super::own_models;
 use super::products::{Place, parameters_of, places_of_links};
 use super::scene::PyScene;
-use super::stepping::Keywords;
+use super::stepping::{Allowed, Keywords};
 use super::wrenches::LinkWrenches;
 use crate::batch::{Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
@@ -99,7 +99,7 @@ impl PyScene {
         given: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
-        let keywords = Keywords::take(py, "Scene.simulate_vjp", given, [false, true])?;
+        let keywords = Keywords::take(py, "Scene.simulate_vjp", given, Allowed { accuracy: false, steps: true })?;
         let scene = &own.scene;
         let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let steps = count("steps", steps, 0)?;

@@ -13,7 +13,9 @@ use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::own_models;
 use super::scene::PyScene;
-use super::stepping::{Blocks, Keywords, Stopped, about, set_outcome, stop_impacts, warn_of_limits, warn_of_start};
+use super::stepping::{
+    Allowed, Blocks, Keywords, Stopped, about, set_outcome, stop_impacts, warn_of_limits, warn_of_start,
+};
 use super::threads::free;
 use super::wrenches::LinkWrenches;
 use crate::batch::{Broadcast, broadcast_axes};
@@ -136,7 +138,7 @@ impl PyScene {
             None if activation.is_some() => return Err(without_control().into()),
             None => None,
         };
-        let keywords = Keywords::take(py, "Scene.simulator", Some(given), [true, false])?;
+        let keywords = Keywords::take(py, "Scene.simulator", Some(given), Allowed { accuracy: true, steps: false })?;
         let dt = dt.ok_or_else(|| Error::argument("dt", "None", "a step in s, finite and positive"))?;
         let (mut settings, pd, of_states) = keywords.read(py, own, (dt, 0))?;
         keywords.warn_of_units(py, dt)?;

@@ -16,6 +16,7 @@ use crate::error::Error;
 use crate::motion::properties::joint_of_row;
 use crate::motion::{FRICTION_SPEED, Limits, Method, Properties, Settings, StepFault, StopImpact, Totals};
 use crate::scene::Coupling;
+use pyo3::IntoPyObjectExt;
 use pyo3::conversion::FromPyObjectOwned;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -27,31 +28,93 @@ pub(super) const BLOCK: Duration = Duration::from_millis(50);
 /// Shortest step with a warning, s.
 const LONG_STEP: f64 = 1.0;
 
-/// Keywords of a simulation, as given.
-pub(super) struct Keywords<'py> {
-    method: Option<String>,
-    pd: Option<Object<'py>>,
-    inertias: Option<Object<'py>>,
-    contact_friction: Option<Object<'py>>,
-    contact_restitution: Option<Object<'py>>,
-    armature: Option<Object<'py>>,
-    damping: Option<Object<'py>>,
-    stiffness: Option<Object<'py>>,
-    rest: Option<Object<'py>>,
-    friction: Option<Object<'py>>,
-    friction_speed: Option<f64>,
-    form: String,
-    tolerance: Option<f64>,
-    compliance: Option<Object<'py>>,
-    limits: Option<String>,
-    restitution: f64,
-    pub accuracy: Option<f64>,
-    smoothing: f64,
-    targets: Option<Object<'py>>,
-    target_rates: Option<Object<'py>>,
-    effort: Option<String>,
-    wrenches: Option<Object<'py>>,
-    frame: Option<String>,
+/// The keywords of a simulation as given, with their defaults; with `if`, those of some methods only. Those of `fields`
+/// are fields of a trajectory.
+macro_rules! keywords {
+    (
+        fields { $($of_field:ident: $kind_of_field:ty = $usual_of_field:expr;)* }
+        given { $($visible:vis $name:ident: $kind:ty = $usual:expr $(, if $has:ident)?;)* }
+    ) => {
+        /// Keywords of a simulation, as given.
+        pub(super) struct Keywords<'py> {
+            $($of_field: $kind_of_field,)*
+            $($visible $name: $kind,)*
+        }
+
+        impl<'py> Keywords<'py> {
+            /// The keywords of a call of this method, which are removed from those given; others are refused.
+            pub fn take(
+                py: Python<'py>,
+                method: &str,
+                given: Option<&Bound<'py, PyDict>>,
+                allowed: Allowed,
+            ) -> PyResult<Self> {
+                let none = PyDict::new(py);
+                let given = given.unwrap_or(&none);
+                let keywords = Self {
+                    $($of_field: taken(given, stringify!($of_field), $usual_of_field)?,)*
+                    $($name: if true $(&& allowed.$has)? { taken(given, stringify!($name), $usual)? } else { $usual },)*
+                };
+                refuse_unknown(py, method, Some(given))?;
+                Ok(keywords)
+            }
+
+            /// Keywords and torques of a run that are not fields of the trajectory.
+            pub fn given(
+                &self,
+                py: Python<'py>,
+                (tau, tau_steps): (Option<&Object<'py>>, Option<&Object<'py>>),
+            ) -> PyResult<Bound<'py, PyDict>> {
+                let given = PyDict::new(py);
+                let torques = [("tau", tau), ("tau_steps", tau_steps)];
+                let torques = torques.into_iter().filter_map(|(name, tau)| Some((name, tau?.clone())));
+                let all = [$((stringify!($name), (&self.$name).into_bound_py_any(py)?)),*];
+                for (name, value) in torques.chain(all).filter(|(_, value)| !value.is_none()) {
+                    given.set_item(name, value)?;
+                }
+                Ok(given)
+            }
+        }
+    };
+}
+
+/// The keywords that some methods have.
+#[derive(Clone, Copy)]
+pub(super) struct Allowed {
+    /// Error control.
+    pub accuracy: bool,
+    /// Values of each step, whose number is known.
+    pub steps: bool,
+}
+
+keywords! {
+    fields {
+        method: Option<String> = None;
+        armature: Option<Object<'py>> = None;
+        stiffness: Option<Object<'py>> = None;
+        rest: Option<Object<'py>> = None;
+    }
+    given {
+        pd: Option<Object<'py>> = None;
+        inertias: Option<Object<'py>> = None;
+        contact_friction: Option<Object<'py>> = None;
+        contact_restitution: Option<Object<'py>> = None;
+        damping: Option<Object<'py>> = None;
+        friction: Option<Object<'py>> = None;
+        friction_speed: Option<f64> = None;
+        form: String = "auto".to_owned();
+        tolerance: Option<f64> = None;
+        compliance: Option<Object<'py>> = None;
+        limits: Option<String> = None;
+        restitution: f64 = 0.0;
+        pub accuracy: Option<f64> = None, if accuracy;
+        smoothing: f64 = 0.0;
+        targets: Option<Object<'py>> = None, if steps;
+        target_rates: Option<Object<'py>> = None, if steps;
+        effort: Option<String> = None;
+        wrenches: Option<Object<'py>> = None, if steps;
+        frame: Option<String> = None, if steps;
+    }
 }
 
 /// Removes a keyword from those given; without it, `usual`.
@@ -67,45 +130,6 @@ fn taken<'py, T: FromPyObjectOwned<'py>>(given: &Bound<'py, PyDict>, name: &str,
 }
 
 impl<'py> Keywords<'py> {
-    /// The keywords of a call of this method, which are removed from those given; others are refused, `accuracy` too if
-    /// the method does not control the error, and wrenches and the targets of steps if their number is not known.
-    pub fn take(
-        py: Python<'py>,
-        method: &str,
-        given: Option<&Bound<'py, PyDict>>,
-        [controls_error, has_steps]: [bool; 2],
-    ) -> PyResult<Self> {
-        let none = PyDict::new(py);
-        let given = given.unwrap_or(&none);
-        let keywords = Self {
-            method: taken(given, "method", None)?,
-            pd: taken(given, "pd", None)?,
-            inertias: taken(given, "inertias", None)?,
-            contact_friction: taken(given, "contact_friction", None)?,
-            contact_restitution: taken(given, "contact_restitution", None)?,
-            armature: taken(given, "armature", None)?,
-            damping: taken(given, "damping", None)?,
-            stiffness: taken(given, "stiffness", None)?,
-            rest: taken(given, "rest", None)?,
-            friction: taken(given, "friction", None)?,
-            friction_speed: taken(given, "friction_speed", None)?,
-            form: taken(given, "form", "auto".to_owned())?,
-            tolerance: taken(given, "tolerance", None)?,
-            compliance: taken(given, "compliance", None)?,
-            limits: taken(given, "limits", None)?,
-            restitution: taken(given, "restitution", 0.0)?,
-            accuracy: if controls_error { taken(given, "accuracy", None)? } else { None },
-            smoothing: taken(given, "smoothing", 0.0)?,
-            targets: if has_steps { taken(given, "targets", None)? } else { None },
-            target_rates: if has_steps { taken(given, "target_rates", None)? } else { None },
-            effort: taken(given, "effort", None)?,
-            wrenches: if has_steps { taken(given, "wrenches", None)? } else { None },
-            frame: if has_steps { taken(given, "frame", None)? } else { None },
-        };
-        refuse_unknown(py, method, Some(given))?;
-        Ok(keywords)
-    }
-
     /// Reads the settings, and the control law, whose targets can be a batch.
     pub fn read(
         &self,
@@ -216,43 +240,6 @@ impl<'py> Keywords<'py> {
             joint_of_row(own.scene.tree(), row)
         );
         warn_as(py, "FrictionWarning", &text)
-    }
-
-    /// Keywords and torques of a run that are not fields of the trajectory.
-    pub fn given(
-        &self,
-        py: Python<'py>,
-        (tau, tau_steps): (Option<&Object<'py>>, Option<&Object<'py>>),
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let given = PyDict::new(py);
-        for (name, value) in [
-            ("tau", tau),
-            ("tau_steps", tau_steps),
-            ("pd", self.pd.as_ref()),
-            ("targets", self.targets.as_ref()),
-            ("target_rates", self.target_rates.as_ref()),
-            ("damping", self.damping.as_ref()),
-            ("friction", self.friction.as_ref()),
-            ("inertias", self.inertias.as_ref()),
-            ("contact_friction", self.contact_friction.as_ref()),
-            ("contact_restitution", self.contact_restitution.as_ref()),
-            ("compliance", self.compliance.as_ref()),
-            ("wrenches", self.wrenches.as_ref()),
-        ] {
-            if let Some(value) = value {
-                given.set_item(name, value)?;
-            }
-        }
-        given.set_item("frame", self.frame.as_deref())?;
-        given.set_item("friction_speed", self.friction_speed)?;
-        given.set_item("limits", self.limits.as_deref())?;
-        given.set_item("effort", self.effort.as_deref())?;
-        given.set_item("restitution", self.restitution)?;
-        given.set_item("accuracy", self.accuracy)?;
-        given.set_item("smoothing", self.smoothing)?;
-        given.set_item("form", &self.form)?;
-        given.set_item("tolerance", self.tolerance)?;
-        Ok(given)
     }
 }
 
