@@ -108,17 +108,8 @@ impl Scene {
                 return tied.hvp_through_connections(workspace, scratch, state, direction, out);
             }
             let (model, at, cotangent) = (self.model(), (state.q, state.qd, state.u), state.seed[0]);
-            derivatives::forward_dynamics_hvp(
-                model,
-                workspace,
-                scratch,
-                at,
-                state.wrenches,
-                cotangent,
-                direction,
-                out,
-            )
-            .map_err(|lost| self.singular(lost))
+            derivatives::forward_dynamics_hvp(model, workspace, scratch, at, state.wrenches, cotangent, direction, out)
+                .map_err(|lost| self.singular(lost))
         })
     }
 

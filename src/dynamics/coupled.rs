@@ -2,15 +2,16 @@
 //! follows another.
 //!
 //! Inverse dynamics, M and their derivatives are those of the tree at (q, G qd', G qdd'), multiplied by G and G^T.
-//! Accelerations are those [through the rows](super::constraints), for torques at the heaviest
-//! joint of each group, whose entries of qdd, over its multiplier, are qdd'. At rest and without gravity they are (G^T M G)^-1 tau'.
+//! Accelerations and their derivatives are those [through the rows](super::constraints), for torques at the heaviest
+//! joint of each group, whose entries of qdd, over its multiplier, are qdd'. At rest and without gravity they are
+//! (G^T M G)^-1 tau'.
 
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, table};
 use crate::error::{Error, Fault, check_length};
 use crate::filter::Form;
 use crate::model::StateModel;
-use crate::scene::{Coupling, Scene};
+use crate::scene::{Coupling, Scene, mirror};
 
 /// Receives the index of each state and its accuracy.
 pub(crate) type Found<'a> = dyn FnMut(usize, Accuracy) + 'a;
@@ -168,11 +169,7 @@ impl Call<'_, '_> {
             let mut inverse = self
                 .reduced(true, Algorithm::ForwardDynamics(form), &columns, &mut |_, _| {})
                 .map_err(|fault| Fault { state: i, ..fault })?;
-            for row in 0..nv {
-                for column in 0..row {
-                    inverse[row * nv + column] = inverse[column * nv + row];
-                }
-            }
+            mirror(nv, &mut inverse);
             out.append(&mut inverse);
         }
         Ok(out)

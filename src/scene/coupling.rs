@@ -226,6 +226,9 @@ impl Coupling {
                         self.reduce(&row, to);
                     }
                 }
+                if name == "Minv" {
+                    mirror(nv, &mut out[start..]);
+                }
             }
             [Axis::Velocities] => {
                 out.resize(start + nv, T::zero());
@@ -497,6 +500,15 @@ impl Scene {
         let coupling = Coupling { tree, q, v, independent, independent_q, inertia, heaviest, tied, weightless };
         scene.coupling = Some(Arc::new(coupling));
         Ok(scene)
+    }
+}
+
+/// Copies the upper triangle of a matrix (nv x nv) to the lower one.
+pub(crate) fn mirror<T: Copy>(nv: usize, matrix: &mut [T]) {
+    for row in 0..nv {
+        for column in 0..row {
+            matrix[row * nv + column] = matrix[column * nv + row];
+        }
     }
 }
 

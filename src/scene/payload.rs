@@ -123,7 +123,7 @@ impl Scene {
     /// # Errors
     ///
     /// Wrong lengths, values that are not finite, negative masses and armatures, mass moments without a mass; each
-    /// names the link or the joint. Armatures of a scene with mimic joints.
+    /// names the link or the joint. Armatures of a scene with mimic joints, whose states have those of its tree.
     pub(crate) fn with_state_model(&self, state: &StateModel<'_>) -> Result<Self, Error> {
         let mut changed = self.clone();
         changed.identity = Identity::unique();
@@ -155,7 +155,8 @@ impl Scene {
         }
         let coupling = changed.shared_coupling().filter(|_| is_tied);
         if let Some(coupling) = &coupling {
-            changed = coupling.tied().clone();
+            changed = Self { identity: Identity::unique(), shared: Shared::default(), ..coupling.tied().clone() };
+            changed.model.gravity = self.model.gravity;
         }
         if !state.armature.is_empty() {
             self.check_independent()?;
