@@ -158,11 +158,8 @@ impl Coupling {
 
     /// Armature of the tree with the same effect as that of the independent coordinates, at the heaviest joints.
     pub(crate) fn armature(&self, of_scene: &[f64]) -> Vec<f64> {
-        let mut full = vec![0.0; self.v.len()];
-        for (&row, &value) in self.heaviest.iter().zip(of_scene) {
-            full[row] = value / self.v[row].1.powi(2);
-        }
-        full
+        let over: Vec<f64> = self.heaviest.iter().zip(of_scene).map(|(&row, value)| value / self.v[row].1).collect();
+        self.acting(&over)
     }
 
     /// Gradients by the armature of the independent coordinates, from those by the armature of the tree.
