@@ -5,7 +5,7 @@ use super::declared::algorithms;
 use crate::algorithm::{Algorithm, Arguments, FORWARD_DYNAMICS_JVP, INVERSE_DYNAMICS_JVP, Products};
 use crate::dynamics::derivatives::{self, HessianScratch};
 use crate::error::{Error, check_length};
-use crate::scene::Scene;
+use crate::scene::{Coupling, Scene};
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
@@ -71,27 +71,12 @@ impl Scene {
         for ((name, _), direction) in INVERSE_DYNAMICS_JVP.seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
         }
-        let q = self.tree_configuration("q", state.q)?;
-        let rates = |x| self.tree_rates("", x);
-        let (qd, qdd, cotangent) = (rates(state.qd)?, rates(state.u)?, rates(state.seed[0])?);
-        let [dq, dqd, dqdd] = direction.map(rates);
-        let (dq, dqd, dqdd) = (dq?, dqd?, dqdd?);
-        let mut on_tree = |out: &mut [f64]| {
-            let (at, along) = ((&*q, &*qd, &*qdd), [&*dq, &*dqd, &*dqdd]);
-            derivatives::inverse_dynamics_hvp(self.model(), scratch, at, state.wrenches, &cotangent, along, out);
-        };
-        match self.coupling() {
-            None => on_tree(out),
-            Some(coupling) => {
-                let full = self.model().nv();
-                let mut three = vec![f64::NAN; 3 * full];
-                on_tree(&mut three);
-                for (of, out) in three.chunks_exact(full.max(1)).zip(out.chunks_exact_mut(self.nv().max(1))) {
-                    coupling.reduce(of, out);
-                }
-            }
-        }
-        self.check_result("derivatives", out)
+        self.on_tree(Products::gradient(None), state, direction, out, |state, direction, out| {
+            let &Arguments { q, qd, u, wrenches, seed: [cotangent, ..], .. } = state;
+            let (model, at) = (self.model(), (q, qd, u));
+            derivatives::inverse_dynamics_hvp(model, scratch, at, wrenches, cotangent, direction, out);
+            Ok(())
+        })
     }
 
     /// Hessian of c . qdd of forward dynamics times the direction (dq, dqd, dtau), (3 x nv), written to `out`.
@@ -117,56 +102,43 @@ impl Scene {
         for ((name, _), direction) in FORWARD_DYNAMICS_JVP.seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
         }
-        if !self.constraints().is_empty() {
-            self.hvp_through_connections(workspace, scratch, state, direction, out)?;
-            return self.check_result("derivatives", out);
-        }
-        if self.coupling().is_some() {
-            return self.hvp_by_inverse_dynamics(workspace, scratch, state, direction, out);
-        }
-        let (at, cotangent) = ((state.q, state.qd, state.u), state.seed[0]);
-        derivatives::forward_dynamics_hvp(
-            self.model(),
-            workspace,
-            scratch,
-            at,
-            state.wrenches,
-            cotangent,
-            direction,
-            out,
-        )
-        .map_err(|lost| self.singular(lost))?;
-        self.check_result("derivatives", out)
+        let tied = self.coupling().map_or(self, Coupling::tied);
+        self.on_tree(which, state, direction, out, |state, direction, out| {
+            if !tied.constraints().is_empty() {
+                return tied.hvp_through_connections(workspace, scratch, state, direction, out);
+            }
+            let (model, at, cotangent) = (self.model(), (state.q, state.qd, state.u), state.seed[0]);
+            derivatives::forward_dynamics_hvp(model, workspace, scratch, at, state.wrenches, cotangent, direction, out)
+                .map_err(|lost| self.singular(lost))
+        })
     }
 
-    /// The Hessian of forward dynamics by that of inverse dynamics, for scenes with joints that follow others.
-    ///
-    /// The gradients are g = -x . d(tau) for q and qd, and x = M^-1 c for tau. Along the direction, with the change of
-    /// qdd, M dx = -dM x, and dM x is the third part of the Hessian of x . tau of inverse dynamics.
-    fn hvp_by_inverse_dynamics(
+    /// Runs a Hessian product on the tree of a scene whose joints follow others, or on the scene itself, and checks its
+    /// result.
+    fn on_tree(
         &self,
-        workspace: &mut Workspace<f64>,
-        scratch: &mut HessianScratch,
+        which: Products,
         state: &Arguments<'_>,
         direction: [&[f64]; 3],
         out: &mut [f64],
+        product: impl FnOnce(&Arguments<'_>, [&[f64]; 3], &mut [f64]) -> Result<(), Error>,
     ) -> Result<(), Error> {
-        let (nv, &Arguments { q, qd, u: tau, wrenches, seed, .. }) = (self.nv(), state);
-        let (mut qdd, mut change, mut dx) = (vec![f64::NAN; nv], vec![f64::NAN; nv], vec![f64::NAN; nv]);
-        let mut gradients = vec![f64::NAN; 3 * nv];
-        self.forward_dynamics(workspace, q, qd, tau, wrenches, &mut qdd)?;
-        self.forward_dynamics_vjp(workspace, q, qd, tau, wrenches, seed[0], &mut gradients)?;
-        let x = gradients[2 * nv..].to_vec();
-        self.forward_dynamics_jvp(workspace, q, qd, tau, wrenches, direction, &mut change)?;
-        let at = Arguments { u: &qdd, seed: [&x, &[], &[]], ..*state };
-        self.inverse_dynamics_hvp(scratch, &at, [direction[0], direction[1], &change], out)?;
-        let (zero, turned): (Vec<f64>, Vec<f64>) = (vec![0.0; nv], out[2 * nv..].iter().map(|w| -w).collect());
-        self.forward_dynamics_jvp(workspace, q, qd, tau, wrenches, [&zero, &zero, &turned], &mut dx)?;
-        self.inverse_dynamics_vjp(workspace, q, qd, &qdd, wrenches, &dx, &mut gradients)?;
-        for (out, gradient) in out[..2 * nv].iter_mut().zip(&gradients) {
-            *out = -(*out + gradient);
+        let Some(coupling) = self.coupling() else {
+            product(state, direction, out)?;
+            return self.check_result("derivatives", out);
+        };
+        let (entry, along, acts) = (which.entry(), Products::tangent(which.form()).entry(), which.form().is_some());
+        let given = [state.q, state.qd, state.u, state.seed[0]].into_iter().chain(direction);
+        let names = entry.arguments.iter().chain(along.seeds());
+        let all: Vec<_> = names.zip(given).map(|(&(name, _), given)| coupling.expanded(name, acts, given)).collect();
+        let [q, qd, u, cotangent, dq, dqd, du] = &all[..] else { return Ok(()) };
+        let full = coupling.tree().nv();
+        let (mut of_tree, mut reduced) = (vec![f64::NAN; 3 * full], Vec::new());
+        product(&Arguments { q, qd, u, seed: [cotangent, &[], &[]], ..*state }, [dq, dqd, du], &mut of_tree)?;
+        for (&array, of_tree) in entry.results.iter().zip(of_tree.chunks_exact(full.max(1))) {
+            coupling.reduced(array, acts, of_tree, &mut reduced);
         }
-        out[2 * nv..].copy_from_slice(&dx);
+        out.copy_from_slice(&reduced);
         self.check_result("derivatives", out)
     }
 

@@ -5,7 +5,6 @@
 
 use super::functions::Function;
 use super::tracing::{Tracer, factor_of_mimic_joints, solve_mimic_joints};
-use crate::dynamics::coupled::minus_product;
 use crate::scalar::{Real, Traced};
 use crate::scene::Coupling;
 
@@ -144,11 +143,23 @@ impl Coupled<'_, '_> {
         let mut results = vec![Traced::from_f64(f64::NAN); function.width(tree)];
         function.trace()(self.tracer, arguments, &mut results);
         let (mut rest, mut all) = (&results[..], Vec::new());
-        for (array, axes) in function.results(tree).iter().zip(function.axes()) {
+        for (array, &of_table) in function.results(tree).iter().zip(function.table_results()) {
             let (of_tree, others) = rest.split_at(array.width());
-            coupling.reduced(axes, false, of_tree, &mut all);
+            coupling.reduced(of_table, false, of_tree, &mut all);
             rest = others;
         }
         all
+    }
+}
+
+/// -A B into `out`, (n x n) each, row by row.
+fn minus_product(n: usize, a: &[Traced], b: &[Traced], out: &mut [Traced]) {
+    out.fill(Traced::from_f64(0.0));
+    for (a, out) in a.chunks_exact(n.max(1)).zip(out.chunks_exact_mut(n.max(1))) {
+        for (&a, b) in a.iter().zip(b.chunks_exact(n)) {
+            for (out, &b) in out.iter_mut().zip(b) {
+                *out -= a * b;
+            }
+        }
     }
 }

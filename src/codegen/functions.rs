@@ -266,9 +266,9 @@ impl Function {
         results
     }
 
-    /// The axes of each of its results.
-    pub(super) fn axes(&self) -> impl Iterator<Item = &'static [table::Axis]> {
-        self.line().0.results.iter().map(|&(_, axes)| axes)
+    /// Its results in the table.
+    pub(super) fn table_results(&self) -> &'static [table::Array] {
+        self.line().0.results
     }
 
     /// Number of scalars of all results together.

@@ -162,7 +162,7 @@ impl Scene {
     }
 
     /// Checks that a seed has the right lengths and finite values.
-    fn check_seed(&self, algorithm: Algorithm, seed: [&[f64]; 3]) -> Result<(), Error> {
+    pub(super) fn check_seed(&self, algorithm: Algorithm, seed: [&[f64]; 3]) -> Result<(), Error> {
         if matches!(algorithm, Algorithm::ConstrainedDynamics(_)) {
             return self.check_compliance(seed[0]);
         }

@@ -2,18 +2,16 @@
 //! follows another.
 //!
 //! Inverse dynamics, M and their derivatives are those of the tree at (q, G qd', G qdd'), multiplied by G and G^T.
-//! Accelerations are those [through the rows](super::constraints), for torques at the heaviest
-//! joint of each group, whose entries of qdd, over its multiplier, are qdd'. At rest and without gravity they are (G^T M G)^-1 tau'.
+//! Accelerations and their derivatives are those [through the rows](super::constraints), for torques at the heaviest
+//! joint of each group, whose entries of qdd, over its multiplier, are qdd'. At rest and without gravity they are
+//! (G^T M G)^-1 tau'.
 
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, table};
-#[cfg(feature = "derivatives")]
-use crate::algorithm::{Derivatives, Products};
 use crate::error::{Error, Fault, check_length};
 use crate::filter::Form;
-#[cfg(feature = "derivatives")]
-use crate::scalar::Real;
-use crate::scene::{Coupling, MimicJoints, Scene};
+use crate::model::StateModel;
+use crate::scene::{Coupling, Scene, mirror};
 
 /// Receives the index of each state and its accuracy.
 pub(crate) type Found<'a> = dyn FnMut(usize, Accuracy) + 'a;
@@ -49,14 +47,6 @@ impl Scene {
         let mut call = Call { coupling, ask };
         match algorithm {
             Algorithm::MassMatrixInverse(form) => out.copy_from_slice(&call.inverses(form, states)?),
-            #[cfg(feature = "derivatives")]
-            Algorithm::Derivatives(Derivatives::ForwardDynamics(form)) => {
-                call.forward_derivatives(form, states, out)?;
-            }
-            #[cfg(feature = "derivatives")]
-            Algorithm::Products(which) if which.form().is_some() => {
-                out.copy_from_slice(&call.product(which, states)?);
-            }
             Algorithm::ConstrainedDynamics(form) => {
                 // There are no connections: no rows, and rank and residual are zero.
                 let qdd = call.reduced(false, Algorithm::ForwardDynamics(form), states, found)?;
@@ -74,13 +64,8 @@ impl Scene {
 
     /// Checks the arguments of one state that the algorithm takes.
     fn check_coupled(&self, algorithm: Algorithm, state: &Arguments<'_>) -> Result<(), Error> {
-        state.check_of_scene("a scene whose joints follow others (mimic)")?;
-        if algorithm.takes_constants() || algorithm.gives_constants() {
-            let expected = format!(
-                "products with (q, qd, u) alone, or a scene with {} for those with parameters, armature, gravity and wrenches",
-                MimicJoints::Free.text()
-            );
-            return Err(Error::argument("scene", "joints that follow others (mimic)", expected));
+        if !state.model.armature.is_empty() {
+            self.check_armature(state.model.armature)?;
         }
         let (reads_rates, third) = algorithm.reads();
         self.check_coordinates("q", state.q)?;
@@ -91,13 +76,7 @@ impl Scene {
             self.check_rates(name, state.u)?;
             self.tree().check_wrenches(state.wrenches)?;
         }
-        if matches!(algorithm, Algorithm::ConstrainedDynamics(_)) {
-            return self.check_compliance(state.seed[0]);
-        }
-        for (&(name, _), seed) in algorithm.seeds().iter().zip(state.seed) {
-            self.check_rates(name, seed)?;
-        }
-        Ok(())
+        self.check_seed(algorithm, state.seed)
     }
 
     /// A (2nv x 2nv) and B (2nv x nv) of the linearized dynamics, from dqdd/dq, dqdd/dqd and M^-1 of forward dynamics
@@ -135,140 +114,64 @@ impl Call<'_, '_> {
         found: &mut Found<'_>,
     ) -> Result<Vec<f64>, Fault> {
         let (coupling, entry, tied) = (self.coupling, algorithm.entry(), self.coupling.tied());
-        let acts = matches!(algorithm, Algorithm::ForwardDynamics(_));
-        let name = |i: usize| entry.arguments.get(i).map_or("", |&(name, _)| name);
+        let (acts, nv) = (algorithm.goes_through_connections(), coupling.sizes().1);
         let states: Vec<_> = states.iter().map(|state| state.read_by(algorithm)).collect();
-        let expand = |state: &Arguments<'_>| -> [Vec<f64>; 6] {
+        let expand = |state: &Arguments<'_>| -> [Vec<f64>; 7] {
             let [first, second, third] = state.seed;
             let given = [state.q, state.qd, state.u, first, second, third];
-            std::array::from_fn(|i| coupling.expanded(name(i), acts, given[i]))
+            let name = |i: usize| entry.arguments.get(i).map_or("", |&(name, _)| name);
+            let mut expanded = std::array::from_fn(|i| match given.get(i) {
+                Some(given) => coupling.expanded(name(i), acts, given),
+                None if state.model.armature.is_empty() => Vec::new(),
+                None => coupling.armature(state.model.armature),
+            });
+            if algorithm.takes_constants() {
+                let (armature, others) = third[nv..].split_at(nv);
+                expanded[5].append(&mut coupling.armature(armature));
+                expanded[5].extend_from_slice(others);
+            }
+            expanded
         };
         let expanded: Vec<_> = states.iter().map(expand).collect();
         let mut asked: Vec<Arguments<'_>> = Vec::with_capacity(states.len());
-        for (&Arguments { wrenches, tolerance, .. }, [q, qd, u, first, second, third]) in states.iter().zip(&expanded) {
-            let seed = [&first[..], second, third];
-            asked.push(Arguments { q, qd, u, wrenches, seed, tolerance, ..Arguments::default() });
+        for (state, [q, qd, u, first, second, third, armature]) in states.iter().zip(&expanded) {
+            let (seed, model) = ([&first[..], second, third], StateModel { armature, ..state.model });
+            asked.push(Arguments { q, qd, u, seed, model, ..*state });
         }
         let (width, sizes) = (tied.width(algorithm), tied.sizes());
         let mut results = vec![f64::NAN; states.len() * width];
         (self.ask)(is_weightless, algorithm, &asked, &mut results, found)?;
         let mut out = Vec::new();
         for mut rest in results.chunks_exact(width.max(1)) {
-            for &(name, axes) in entry.results {
-                let (of_tree, others) = rest.split_at(table::width((name, axes), &sizes));
-                coupling.reduced(axes, acts, of_tree, &mut out);
+            for &array in entry.results {
+                let (of_tree, others) = rest.split_at(table::width(array, &sizes));
+                coupling.reduced(array, acts, of_tree, &mut out);
                 rest = others;
+            }
+            if algorithm.gives_constants() {
+                let (armature, others) = rest.split_at(sizes.nv);
+                out.extend(coupling.by_armature(armature));
+                out.extend_from_slice(others);
             }
         }
         Ok(out)
     }
 
-    /// The same, without its accuracy.
-    #[cfg(feature = "derivatives")]
-    fn results(&mut self, algorithm: Algorithm, states: &[Arguments<'_>]) -> Result<Vec<f64>, Fault> {
-        self.reduced(false, algorithm, states, &mut |_, _| {})
-    }
-
-    /// (G^T M G)^-1 times the right-hand sides, (nv) each.
-    fn solved(&mut self, form: Form, states: &[Arguments<'_>], rights: &[f64]) -> Result<Vec<f64>, Fault> {
-        let rest = vec![0.0; self.coupling.sizes().1];
-        let rights = rights.chunks_exact(rest.len().max(1));
-        let at_rest = states.iter().zip(rights).map(|(&Arguments { q, .. }, u)| Arguments {
-            q,
-            qd: &rest,
-            u,
-            ..Arguments::default()
-        });
-        self.reduced(true, Algorithm::ForwardDynamics(form), &at_rest.collect::<Vec<_>>(), &mut |_, _| {})
-    }
-
-    /// (G^T M G)^-1 of each state, from its columns; exactly symmetric.
+    /// (G^T M G)^-1 of each state, from its columns: accelerations at rest and without gravity; exactly symmetric.
     fn inverses(&mut self, form: Form, states: &[Arguments<'_>]) -> Result<Vec<f64>, Fault> {
         let (_, nv) = self.coupling.sizes();
-        let mut units = vec![0.0; nv * nv];
+        let (rest, mut units) = (vec![0.0; nv], vec![0.0; nv * nv]);
         units.iter_mut().step_by(nv + 1).for_each(|diagonal| *diagonal = 1.0);
         let mut out = Vec::with_capacity(states.len() * nv * nv);
-        for (i, &state) in states.iter().enumerate() {
-            let mut inverse =
-                self.solved(form, &vec![state; nv], &units).map_err(|fault| Fault { state: i, ..fault })?;
-            for row in 0..nv {
-                for column in 0..row {
-                    inverse[row * nv + column] = inverse[column * nv + row];
-                }
-            }
+        for (i, state) in states.iter().enumerate() {
+            let of = |u| Arguments { q: state.q, qd: &rest, u, model: state.model, ..Arguments::default() };
+            let columns: Vec<_> = units.chunks_exact(nv.max(1)).map(of).collect();
+            let mut inverse = self
+                .reduced(true, Algorithm::ForwardDynamics(form), &columns, &mut |_, _| {})
+                .map_err(|fault| Fault { state: i, ..fault })?;
+            mirror(nv, &mut inverse);
             out.append(&mut inverse);
         }
         Ok(out)
-    }
-
-    /// -M^-1 dtau/dq, -M^-1 dtau/dqd at the accelerations of each state, and M^-1.
-    #[cfg(feature = "derivatives")]
-    fn forward_derivatives(&mut self, form: Form, states: &[Arguments<'_>], out: &mut [f64]) -> Result<(), Fault> {
-        let (_, nv) = self.coupling.sizes();
-        let qdd = self.results(Algorithm::ForwardDynamics(form), states)?;
-        let accelerated = at_accelerations(states, &qdd);
-        let three = self.results(Algorithm::Derivatives(Derivatives::InverseDynamics), &accelerated)?;
-        let inverses = self.inverses(form, states)?;
-        let square = (nv * nv).max(1);
-        let each = three.chunks_exact(3 * square).zip(inverses.chunks_exact(square));
-        for (out, (three, inverse)) in out.chunks_exact_mut(3 * square).zip(each) {
-            let (products, last) = out.split_at_mut(2 * square);
-            for (of, out) in three.chunks_exact(square).zip(products.chunks_exact_mut(square)) {
-                minus_product(nv, inverse, of, out);
-            }
-            last.copy_from_slice(inverse);
-        }
-        Ok(())
-    }
-
-    /// Products with the Jacobians of forward dynamics, by those of inverse dynamics.
-    #[cfg(feature = "derivatives")]
-    fn product(&mut self, which: Products, states: &[Arguments<'_>]) -> Result<Vec<f64>, Fault> {
-        let (nv, form) = (self.coupling.sizes().1.max(1), which.form().unwrap_or_default());
-        let qdd = self.results(Algorithm::ForwardDynamics(form), states)?;
-        let mut accelerated = at_accelerations(states, &qdd);
-        if which.is_gradient() {
-            let cotangents: Vec<f64> = states.iter().flat_map(|state| state.seed[0]).copied().collect();
-            let x = self.solved(form, states, &cotangents)?;
-            for (state, x) in accelerated.iter_mut().zip(x.chunks_exact(nv)) {
-                state.seed = [x, &[], &[]];
-            }
-            let mut out = self.results(Algorithm::Products(Products::gradient(None)), &accelerated)?;
-            for (out, x) in out.chunks_exact_mut(3 * nv).zip(x.chunks_exact(nv)) {
-                out[..2 * nv].iter_mut().for_each(|cotangent| *cotangent = -*cotangent);
-                out[2 * nv..].copy_from_slice(x);
-            }
-            return Ok(out);
-        }
-        // M dqdd = dtau - the change of inverse dynamics at the accelerations of the state.
-        let rest = vec![0.0; nv];
-        for state in &mut accelerated {
-            state.seed[2] = &rest;
-        }
-        let mut right = self.results(Algorithm::Products(Products::tangent(None)), &accelerated)?;
-        for (right, dtau) in right.iter_mut().zip(states.iter().flat_map(|state| state.seed[2])) {
-            *right = dtau - *right;
-        }
-        self.solved(form, states, &right)
-    }
-}
-
-/// The states with these accelerations in place of the torques.
-#[cfg(feature = "derivatives")]
-fn at_accelerations<'a>(states: &[Arguments<'a>], qdd: &'a [f64]) -> Vec<Arguments<'a>> {
-    let each = states.iter().zip(qdd.chunks_exact((qdd.len() / states.len().max(1)).max(1)));
-    each.map(|(state, u)| Arguments { u, tolerance: None, ..*state }).collect()
-}
-
-/// -A B into `out`, (n x n) each, row by row.
-#[cfg(feature = "derivatives")]
-pub(crate) fn minus_product<T: Real>(n: usize, a: &[T], b: &[T], out: &mut [T]) {
-    out.fill(T::zero());
-    for (a, out) in a.chunks_exact(n.max(1)).zip(out.chunks_exact_mut(n.max(1))) {
-        for (&a, b) in a.iter().zip(b.chunks_exact(n)) {
-            for (out, &b) in out.iter_mut().zip(b) {
-                *out -= a * b;
-            }
-        }
     }
 }

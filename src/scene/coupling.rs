@@ -5,7 +5,7 @@ use super::description::{Mimic, MimicJoints};
 use super::polynomial::Polynomial;
 use super::shared::Shared;
 use super::{Joint, Scene};
-use crate::algorithm::table::Axis;
+use crate::algorithm::table::{Array, Axis};
 use crate::error::{Error, check_length};
 use crate::filter::{HingeMap, Rows};
 use crate::joints::JointKind;
@@ -51,9 +51,6 @@ pub struct Coupling {
     /// For each independent velocity, the row of the tree that moves the most inertia with it. The others follow this
     /// one, so that the forces of the rows do not cancel at a light joint.
     heaviest: Vec<usize>,
-    /// Armature that joints without inertia get from others which move with them, (nv of the tree); the armature of
-    /// the independent coordinates stays the same.
-    given: Vec<f64>,
     /// Created at first use.
     tied: OnceLock<Scene>,
     weightless: OnceLock<Scene>,
@@ -86,11 +83,11 @@ impl Coupling {
         })
     }
 
-    /// Moves armature (nv of the tree) to joints without inertia: without an effect on the independent coordinates.
+    /// Moves armature (nv of the tree) to joints without inertia and armature from others which move with them: without
+    /// an effect on the independent coordinates.
     pub(crate) fn give_armature(&self, armature: &mut [f64]) {
-        for (armature, given) in armature.iter_mut().zip(&self.given) {
-            *armature += given;
-        }
+        let given = given_armature(armature, (&self.v, &self.heaviest, &self.inertia));
+        armature.iter_mut().zip(given).for_each(|(armature, given)| *armature += given);
     }
 
     /// Numbers of independent coordinates and velocities.
@@ -159,6 +156,17 @@ impl Coupling {
         self.heaviest.iter().map(|&row| qdd[row] / T::from_f64(self.v[row].1)).collect()
     }
 
+    /// Armature of the tree with the same effect as that of the independent coordinates, at the heaviest joints.
+    pub(crate) fn armature(&self, of_scene: &[f64]) -> Vec<f64> {
+        let over: Vec<f64> = self.heaviest.iter().zip(of_scene).map(|(&row, value)| value / self.v[row].1).collect();
+        self.acting(&over)
+    }
+
+    /// Gradients by the armature of the independent coordinates, from those by the armature of the tree.
+    pub(crate) fn by_armature(&self, of_tree: &[f64]) -> impl Iterator<Item = f64> {
+        self.heaviest.iter().map(|&row| of_tree[row] / self.v[row].1.powi(2))
+    }
+
     /// Restores G of accelerations of the tree exactly, from the rows that move the most inertia with this armature.
     pub(crate) fn restore_rates(&self, armature: &[f64], x: &mut [f64]) {
         let of = heaviest(&self.v, &self.independent, &self.inertia, armature);
@@ -185,21 +193,40 @@ impl Coupling {
     }
 
     /// An argument of a function of the tree, for that of the scene: a configuration (`q`) or rates; with `acts`, in
-    /// forward dynamics, also torques, which act at the heaviest joints.
+    /// forward dynamics, also torques and cotangents of accelerations, which act at the heaviest joints.
     pub(crate) fn expanded<T: Real>(&self, name: &str, acts: bool, x: &[T]) -> Vec<T> {
         match name {
             _ if x.is_empty() => Vec::new(),
             "q" => self.configuration(x),
-            "tau" if acts => self.acting(x),
+            "tau" | "dtau" | "cotangent" if acts => self.acting(x),
             _ => self.rates(x),
         }
     }
 
-    /// A result of a function of the tree, reduced to the independent velocities; with `acts` accelerations.
-    pub(crate) fn reduced<T: Real>(&self, axes: &[Axis], acts: bool, x: &[T], out: &mut Vec<T>) {
+    /// A result of a function of the tree, reduced to the independent velocities; with `acts`, in forward dynamics, the
+    /// rows of accelerations and the columns or gradients by torques are those of the heaviest joints.
+    pub(crate) fn reduced<T: Real>(&self, (name, axes): Array, acts: bool, x: &[T], out: &mut Vec<T>) {
         let (start, nv) = (out.len(), self.independent.len());
         match axes {
-            [Axis::Velocities] if acts => out.append(&mut self.accelerations(x)),
+            [Axis::Velocities] if acts && !matches!(name, "gradient_q" | "gradient_qd") => {
+                out.append(&mut self.accelerations(x));
+            }
+            [Axis::Velocities, Axis::Velocities] if acts => {
+                let full = self.v.len();
+                out.resize(start + nv * nv, T::zero());
+                for (&row, to) in self.heaviest.iter().zip(out[start..].chunks_exact_mut(nv.max(1))) {
+                    let multiplier = T::from_f64(self.v[row].1);
+                    let row: Vec<T> = x[row * full..(row + 1) * full].iter().map(|&x| x / multiplier).collect();
+                    if name == "Minv" {
+                        to.copy_from_slice(&self.accelerations(&row));
+                    } else {
+                        self.reduce(&row, to);
+                    }
+                }
+                if name == "Minv" {
+                    mirror(nv, &mut out[start..]);
+                }
+            }
             [Axis::Velocities] => {
                 out.resize(start + nv, T::zero());
                 self.reduce(x, &mut out[start..]);
@@ -458,7 +485,6 @@ impl Scene {
         }
         let inertia = moved_inertia(&tree.model);
         let heaviest = heaviest(&v, &independent, &inertia, &tree.model.system.noise);
-        let given = given_armature(&tree.model.system.noise, (&v, &heaviest, &inertia));
         let joint_index = joints.iter().enumerate().map(|(at, joint)| (joint.name.clone(), at)).collect();
         let mut scene = Self::unfilled(tree.source.clone(), tree.warnings.clone());
         scene.model = tree.model.clone();
@@ -468,9 +494,18 @@ impl Scene {
         scene.joint_of_body = vec![None; tree.joint_of_body.len()];
         (scene.joints, scene.joint_index) = (joints, joint_index);
         let (tied, weightless) = (OnceLock::new(), OnceLock::new());
-        let coupling = Coupling { tree, q, v, independent, independent_q, inertia, heaviest, given, tied, weightless };
+        let coupling = Coupling { tree, q, v, independent, independent_q, inertia, heaviest, tied, weightless };
         scene.coupling = Some(Arc::new(coupling));
         Ok(scene)
+    }
+}
+
+/// Copies the upper triangle of a matrix (nv x nv) to the lower one.
+pub(crate) fn mirror<T: Copy>(nv: usize, matrix: &mut [T]) {
+    for row in 0..nv {
+        for column in 0..row {
+            matrix[row * nv + column] = matrix[column * nv + row];
+        }
     }
 }
 

@@ -75,6 +75,7 @@ pub use collider::{Collider, ColliderPair};
 pub use connection::{Connection, ConnectionKind};
 pub use contact::{Contact, Surface};
 pub use coupling::Coupling;
+pub(crate) use coupling::mirror;
 pub use description::{
     FrictionCurve, Inertial, JointDescription, Limits, LinkDescription, Mimic, MimicJoints, SceneWarning,
 };

@@ -123,16 +123,18 @@ impl Scene {
     /// # Errors
     ///
     /// Wrong lengths, values that are not finite, negative masses and armatures, mass moments without a mass; each
-    /// names the link or the joint. Armatures of a scene with mimic joints.
+    /// names the link or the joint. Armatures of a scene with mimic joints, whose states have those of its tree.
     pub(crate) fn with_state_model(&self, state: &StateModel<'_>) -> Result<Self, Error> {
         let mut changed = self.clone();
         changed.identity = Identity::unique();
+        // The source of a tree with rows of mimic joints is that of the scene of the independent joints.
+        let is_tied = self.connections().is_empty() && !self.constraints().is_empty();
+        let mut source = self.source().clone();
         if !state.inertias.is_empty() {
             let tree = self.tree();
             self.model.simplifications.check_every_body_moves("inertias")?;
             check_length("inertias", state.inertias.len(), 10 * tree.joints.len())?;
             check_finite("inertias", state.inertias)?;
-            let mut source = self.source().clone();
             for link in &tree.links {
                 // The links that are fixed to others are part of these.
                 if link.body.is_some()
@@ -147,27 +149,37 @@ impl Scene {
                     description.inertial = Some(inertial);
                 }
             }
+        }
+        if is_tied || !state.inertias.is_empty() {
             changed = source.build()?;
         }
+        let coupling = changed.shared_coupling().filter(|_| is_tied);
+        if let Some(coupling) = &coupling {
+            changed = Self { identity: Identity::unique(), shared: Shared::default(), ..coupling.tied().clone() };
+            changed.model.gravity = self.model.gravity;
+        }
         if !state.armature.is_empty() {
-            check_length("armature", state.armature.len(), self.nv())?;
-            check_finite("armature", state.armature)?;
-            if self.coupling.is_some() {
-                let found = "armatures of states for a scene whose joints follow others (mimic)";
-                let expected = "none, or a scene for each: scene.with_properties(armature=...)";
-                return Err(Error::argument("armature", found, expected));
-            }
-            if let Some(row) = state.armature.iter().position(|&armature| armature < 0.0) {
-                let joint = self.joints.iter().find(|joint| joint.v.contains(&row));
-                let name = joint.map_or("", |joint| &joint.name);
-                let found = format!("{} for joint {name:?}", state.armature[row]);
-                return Err(Error::argument("armature", found, "values that are zero or positive"));
-            }
+            self.check_independent()?;
+            self.check_armature(state.armature)?;
             changed.model.system.noise.copy_from_slice(state.armature);
+            if let Some(coupling) = &coupling {
+                coupling.give_armature(&mut changed.model.system.noise);
+            }
             changed.model.identity = Identity::unique();
             changed.shared = Shared::default();
         }
         Ok(changed)
+    }
+
+    /// Checks the armature of one state.
+    pub(crate) fn check_armature(&self, armature: &[f64]) -> Result<(), Error> {
+        check_length("armature", armature.len(), self.nv())?;
+        check_finite("armature", armature)?;
+        let Some(row) = armature.iter().position(|&armature| armature < 0.0) else { return Ok(()) };
+        let joint = self.joints.iter().find(|joint| joint.v.contains(&row));
+        let name = joint.map_or("", |joint| &joint.name);
+        let found = format!("{} for joint {name:?}", armature[row]);
+        Err(Error::argument("armature", found, "values that are zero or positive"))
     }
 }
 

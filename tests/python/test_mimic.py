@@ -222,6 +222,77 @@ def test_products_are_those_of_the_matrices(seed: int) -> None:
             assert_near(one, cotangent @ matrix, scale)
 
 
+@pytest.mark.parametrize("solved_for", ["forward", "inverse"])
+def test_gradients_by_constants_are_those_of_the_tree(case: Case, solved_for: str) -> None:
+    """By dense algebra: c . qdd' has the gradients of -x . tau of the tree at G qdd', with x = G (G^T M G)^-1 c."""
+    c = np.random.default_rng(3).uniform(-1.0, 1.0, case.scene.nv)
+    g, q, qd = rounded(case.g), rounded(case.expanded(case.q)), rounded(case.g @ exact(case.qd))
+    if solved_for == "forward":
+        qdd, co_state = case.exact_accelerations(), -np.linalg.solve(case.m, c)
+        found = case.scene.forward_dynamics_vjp(case.q, case.qd, case.tau, c, wrenches=case.wrenches, parameters=True)
+    else:
+        qdd, co_state = case.qdd, c
+        found = case.scene.inverse_dynamics_vjp(case.q, case.qd, case.qdd, c, wrenches=case.wrenches, parameters=True)
+    of_tree = case.free.inverse_dynamics_vjp(q, qd, g @ qdd, g @ co_state, wrenches=case.wrenches, parameters=True)
+    scale = inverse(64 * case.condition, size(qdd) * size(co_state))
+    for name in ("q", "qd"):
+        assert_near(getattr(found, name), getattr(of_tree, name) @ g, scale * size(getattr(of_tree, name)))
+    # The order of the links may differ.
+    order = [case.free.body_names.index(name) for name in case.scene.body_names]
+    assert_near(found.parameters, of_tree.parameters[order], scale * size(of_tree.parameters))
+    assert_near(found.gravity, of_tree.gravity, scale * size(of_tree.gravity))
+    assert_near(found.armature, co_state * qdd, scale * size(co_state * qdd))
+    for link in case.wrenches:
+        assert_near(found.wrenches[link], of_tree.wrenches[link], scale * size(of_tree.wrenches[link]))
+
+
+@pytest.mark.parametrize("solved_for", ["forward", "inverse"])
+def test_changes_of_constants_are_those_of_the_gradients(case: Case, solved_for: str) -> None:
+    random = np.random.default_rng(4)
+    u, n, bodies = case.tau if solved_for == "forward" else case.qdd, case.scene.nv, len(case.scene.body_names)
+    c, zero, dq, dqd, du, darmature = *random.uniform(-1.0, 1.0, (1, n)), np.zeros(n), *random.uniform(-1.0, 1.0, (4, n))
+    dparameters, dgravity = random.uniform(-1.0, 1.0, (bodies, 10)), random.uniform(-1.0, 1.0, 3)
+    dwrenches = {link: random.uniform(-1.0, 1.0, 6) for link in case.wrenches}
+    vjp, jvp = (getattr(case.scene, f"{solved_for}_dynamics_{kind}") for kind in ("vjp", "jvp"))
+    by = vjp(case.q, case.qd, u, c, wrenches=case.wrenches, parameters=True)
+    of_wrenches = [(by.wrenches[link], change) for link, change in dwrenches.items()]
+    pairs = {
+        "dparameters": [(by.parameters, dparameters)], "darmature": [(by.armature, darmature)], "dgravity": [(by.gravity, dgravity)],
+        "dwrenches": of_wrenches,
+    }  # fmt: skip
+    changes = {"dparameters": dparameters, "darmature": darmature, "dgravity": dgravity, "dwrenches": dwrenches}
+    scale = inverse(64 * case.condition, size(*by[:3], by.parameters, by.armature, by.gravity, *by.wrenches.values()) * 100)
+    for name, change in changes.items():
+        along = jvp(case.q, case.qd, u, zero, zero, zero, wrenches=case.wrenches, **{name: change})
+        assert_near(c @ along, sum(np.sum(gradient * of) for gradient, of in pairs[name]), scale)
+    along = jvp(case.q, case.qd, u, dq, dqd, du, wrenches=case.wrenches, **changes)
+    of_state = sum(np.dot(gradient, of) for gradient, of in zip(by[:3], (dq, dqd, du), strict=True))
+    assert_near(c @ along, of_state + sum(np.sum(gradient * of) for of_name in pairs.values() for gradient, of in of_name), scale)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_hessian_products_are_those_of_differences(seed: int) -> None:
+    case = Case(seed)
+    c, dq, dqd, du = np.random.default_rng(seed).uniform(-1.0, 1.0, (4, case.scene.nv))
+    for kind, u in (("inverse", case.qdd), ("forward", case.tau)):
+        hvp, vjp = (getattr(case.scene, f"{kind}_dynamics_{name}") for name in ("hvp", "vjp"))
+        found = hvp(case.q, case.qd, u, c, dq, dqd, du, wrenches=case.wrenches)
+        ends = []
+        for sign in (1.0, -1.0):
+            q = case.scene.integrate(case.q, sign * STEP * dq)
+            ends.append(vjp(q, case.qd + sign * STEP * dqd, u + sign * STEP * du, c, wrenches=case.wrenches))
+        for name in ("q", "qd", ("tau" if kind == "forward" else "qdd")):
+            by_hand = (getattr(ends[0], name) - getattr(ends[1], name)) / (2 * STEP)
+            # The third derivatives are as large as the square of the condition number.
+            assert_near(getattr(found, name), by_hand, central_difference(64 * case.condition**2 * size(by_hand)))
+
+
+def test_the_inverse_of_m_is_symmetric(case: Case) -> None:
+    third = case.scene.forward_dynamics_derivatives(case.q, case.qd, case.tau).mass_matrix_inverse
+    assert_same_bits(third, third.T)
+    assert_near(third, case.scene.mass_matrix_inverse(case.q), inverse(case.condition, size(third)))
+
+
 def test_linearize_has_the_blocks(case: Case) -> None:
     n = case.scene.nv
     a, b = case.scene.linearize(case.q, case.qd, case.tau)
@@ -505,7 +576,6 @@ BEYOND: dict[str, Callable[[phipsi.Scene, np.ndarray], object]] = {
     "estimate": lambda scene, q: scene.estimate(q, q, q),
     "random_model": lambda scene, q: scene.random_model(q),
     "check": lambda scene, q: scene.check(q),
-    "vjp by parameters": lambda scene, q: scene.forward_dynamics_vjp(q, q, q, q, parameters=True),
 }
 
 

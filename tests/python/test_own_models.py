@@ -345,11 +345,81 @@ def test_what_is_wrong_names_the_link_and_the_joint():
     assert np.isnan(found[1]).all() and np.isfinite(found[0]).all()
 
 
-def test_mimic_joints_with_models_are_refused():
-    scene = phipsi.SceneBuilder().link("a").link("b", 1.0).link("c", 1.0).joint("one", "revolute", "a", "b", axis=(1, 0, 0))
-    scene = scene.joint("two", "revolute", "b", "c", axis=(1, 0, 0), xyz=(0, 0, 1), mimic="one").build(mimic="couple")
-    with pytest.raises(ArgumentError, match="mimic"):
-        scene.forward_dynamics([0.1], [0.0], [0.0], inertias=scene.inertial_parameters)
+def fingers(right=0.4):
+    """An arm with two fingers; the second follows the first, and the last link follows the first joint."""
+    builder = phipsi.SceneBuilder().link("base")
+    bodies = [("upper", "base", 1.0, None), ("lower", "upper", 0.7, None), ("left", "lower", 0.3, None), ("right", "lower", right, ("left", -1.3)), ("tip", "right", 0.2, ("upper", 0.5))]
+    for i, (name, parent, mass, follows) in enumerate(bodies):
+        mimic = {"mimic": follows[0], "mimic_multiplier": follows[1], "mimic_offset": 0.1} if follows else {}
+        builder.link(name, mass, (0.05, 0.02, 0.2), mass * np.diag([0.02, 0.03, 0.01]))
+        builder.joint(name, "revolute", parent, name, xyz=(0.1, 0.0, 0.3), axis=(0.3 * i, 1.0, 0.2), armature=0.05, **mimic)
+    return builder.build(mimic="couple")
+
+
+def reduced(scene, inertias, armature):
+    """The scene of one state: `armature` at the independent joints and none at those which follow."""
+    follows = {name: 0.0 for name, joint in scene.joints.items() if joint.mimic is not None}
+    builder = scene.with_inertial_parameters(inertias).to_builder()
+    assert set(follows) == {"right", "tip"}
+    free = builder.build(mimic="free").with_properties(armature={**follows, **dict(zip(scene.joint_names, armature))})
+    return free.to_builder().build(mimic="couple")
+
+
+@pytest.mark.filterwarnings("ignore::phipsi.errors.MimicWarning")
+@pytest.mark.parametrize("form", ["auto", "square-root"])
+def test_mimic_joints_with_models_are_scenes_of_these(form):
+    scene = fingers()
+    inertias, _ = population(scene, BATCH)
+    rng = np.random.default_rng(2)
+    armature = rng.uniform(0.0, 0.5, (BATCH, scene.nv))
+    q, qd, u, c = rng.uniform(-1.0, 1.0, (4, BATCH, scene.nv))
+    own = {"inertias": inertias, "armature": armature}
+    calls = {
+        "forward_dynamics": (q, qd, u), "inverse_dynamics": (q, qd, u), "mass_matrix": (q,), "mass_matrix_inverse": (q,),
+        "forward_dynamics_derivatives": (q, qd, u), "forward_dynamics_vjp": (q, qd, u, c), "forward_dynamics_jvp": (q, qd, u, c, u, q),
+        "inverse_dynamics_vjp": (q, qd, u, c),
+    }  # fmt: skip
+    for name, given in calls.items():
+        more = {"form": form} if name.startswith("forward") or name == "mass_matrix_inverse" else {}
+        found = getattr(scene, name)(*given, **own, **more)
+        parts = found[:3] if isinstance(found, tuple) else [found]
+        for i in range(BATCH):
+            alone = reduced(scene, inertias[i], armature[i])
+            tolerances.assert_near(alone.armature, armature[i], 1e-15)
+            expected = getattr(alone, name)(*(x[i] for x in given), **more)
+            condition = np.linalg.cond(alone.mass_matrix(q[i]))
+            for part, of in zip(parts, expected[:3] if isinstance(expected, tuple) else [expected], strict=True):
+                tolerances.assert_near(part[i], of, tolerances.inverse(condition, tolerances.size(of)))
+
+
+@pytest.mark.parametrize("armature", [0.0, 0.3])
+def test_models_of_mimic_joints_without_mass(armature):
+    """A follower without mass and armature has no pivot of its own: it gets armature of the joint that it follows."""
+    scene = fingers(right=0.0)
+    inertias = np.array(scene.inertial_parameters)
+    inertias[scene.body_names.index("tip")] = 0.0
+    light = scene.with_inertial_parameters(inertias)
+    q, qd, tau = np.random.default_rng(3).uniform(-1.0, 1.0, (3, 5, scene.nv))
+    # In the second scene, torques act at the right finger, which has 2^-20 of the inertia in this state.
+    for of, own, lost in ((light, {}, 1), (scene, {"inertias": inertias}, 2**20)):
+        m = of.mass_matrix(q, armature=armature, **own)
+        expected = np.linalg.solve(m, (tau - of.bias_torque(q, qd, **own))[..., None])[..., 0]
+        found = of.forward_dynamics(q, qd, tau, armature=armature, **own)
+        bound = tolerances.inverse(np.max(np.linalg.cond(m)), tolerances.size(expected))
+        tolerances.assert_near(found, expected, lost * bound)
+
+
+def test_what_is_wrong_with_models_of_mimic_joints_names_the_joint():
+    scene = fingers()
+    q = np.zeros(scene.nv)
+    with pytest.raises(ArgumentError, match="-0.1 for joint \"left\""):
+        scene.forward_dynamics(q, q, q, armature=[0.1, 0.1, -0.1])
+    with pytest.raises(ShapeError, match="armature"):
+        scene.mass_matrix(q, armature=np.zeros(5))
+    inertias = np.array(scene.inertial_parameters)
+    inertias[scene.body_names.index("tip"), 0] = -1.0
+    with pytest.raises(ArgumentError, match="tip"):
+        scene.forward_dynamics_vjp(q, q, q, q, inertias=inertias)
 
 
 def sliding(friction=0.5, restitution=0.2, shape=True):
