@@ -422,3 +422,24 @@ def test_the_linear_momentum_of_free_bodies_changes_by_weight_and_recorded_impul
         # The removal of a penetration rotates the body, and its velocities with it.
         rotated = mass * np.max(np.abs(path.qd)) * float(np.max(contacts.depth)) / 0.1
         assert_near(change, given, product(8, float(np.max(np.abs(given)))) + rotated)
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-3])
+def test_joints_that_return_to_a_narrow_range_while_their_robot_lands(width: float) -> None:
+    """An impact can move a joint from beyond one limit to the other one, where it stops."""
+    builder = phipsi.SceneBuilder().link("base", 0.1, (0.02, 0.0, 0.01), np.diag([1e-4, 8e-4, 8e-4]))
+    for name, parent, axis in (("upper", "base", (1, 0, 0)), ("lower", "upper", (1, 0.3, 0))):
+        builder.link(name, 0.3, (0.01, 0.0, 0.1), np.diag([4e-3, 4e-3, 2e-4]))
+        builder.joint(f"hinge of {name}", "revolute", parent, name, xyz=(0.03, 0.0, 0.1), axis=axis, lower=0.0, upper=width, damping=0.05)
+    scene = builder.contact("foot", "base", xyz=(0.05, 0.02, -0.02), friction=0.8).build(floating_base=True)
+    random = np.random.default_rng(0)
+    change = np.concatenate([np.zeros((20, 3)), random.uniform(-1, 1, (20, 3)), random.uniform(-0.05, 0.05, (20, 2))], axis=-1)
+    q = scene.integrate(scene.neutral(), change)
+    q[:, 2] += 0.05 - scene.contacts.gaps(q)[:, 0]
+    with pytest.warns(phipsi.errors.LimitWarning, match="beyond its"):
+        path = scene.simulate(q, np.zeros((20, 8)), dt=1e-3, steps=250)
+    assert np.all(path.contacts.force["foot"][..., 2].max(-1) > 0)
+    assert np.max(path.contacts.residual) <= CONTACT
+    assert np.all(np.abs(scene.contacts.gaps(path.q[:, -1])) <= 1e-5)
+    # They return with a time constant of 0.05 s.
+    assert_near(path.q[:, -1, 7:], np.clip(path.q[:, -1, 7:], 0.0, width), 0.05 * np.exp(-4))

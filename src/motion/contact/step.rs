@@ -407,7 +407,10 @@ impl ContactStep {
             division.pass(&mut late, gaps, |i| restitution(i, after[3 * i + 2]));
             if late.is_empty() {
                 let arrives = |at: usize| near[at] >= n && gaps[near[at]] > 0.0 && held[3 * at + 2] > 0.0;
-                let arriving: Vec<usize> = (touching..near.len()).filter(|&at| arrives(at)).collect();
+                // A joint that arrives at one limit from outside of the other one returns no further.
+                let joint = |at: usize| rows.limits[near[at] - n].row;
+                let arrived: Vec<usize> = (touching..near.len()).filter(|&at| arrives(at)).map(joint).collect();
+                let arriving: Vec<usize> = (touching..near.len()).filter(|&at| arrived.contains(&joint(at))).collect();
                 let mut after = after;
                 let of_impact = || (middle(&free_here), part);
                 outcome.laws = records.then(|| Laws::new(cone.whole(), &rebound, of_impact(), (&c, &held), &arriving));
