@@ -2944,7 +2944,15 @@ class Scene:
         ()
         """
 
-    def energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> Energy:
+    def energy(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> Energy:
         """Kinetic energy qd^T M qd / 2, including armature, and potential energy.
 
         Parameters
@@ -2953,6 +2961,11 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2979,7 +2992,15 @@ class Scene:
         (0.123, 7.357)
         """
 
-    def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
+    def kinetic_energy(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array | np.float64:
         """Kinetic energy qd^T M qd / 2, including armature, in O(N).
 
         Parameters
@@ -2988,6 +3009,11 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3009,13 +3035,22 @@ class Scene:
         True
         """
 
-    def potential_energy(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
+    def potential_energy(
+        self,
+        q: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array | np.float64:
         """Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass.
 
         Parameters
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3041,7 +3076,14 @@ class Scene:
         True
         """
 
-    def momentum(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def momentum(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Spatial momentum of all moving links in the base frame: (angular about its origin, linear).
 
         Parameters
@@ -3050,6 +3092,9 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3071,13 +3116,16 @@ class Scene:
         True
         """
 
-    def center_of_mass(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def center_of_mass(self, q: ArrayLike, *, inertias: ArrayLike | None = None, errors: _Errors = "raise") -> _Array:
         """Center of mass of all moving links, in the base frame.
 
         Parameters
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3104,7 +3152,14 @@ class Scene:
         array([0.113, 0.147, 0.023])
         """
 
-    def center_of_mass_velocity(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def center_of_mass_velocity(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Velocity of the center of mass in the base frame: linear momentum divided by mass, in O(N).
 
         Parameters
@@ -3113,6 +3168,9 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3140,6 +3198,7 @@ class Scene:
         qd: ArrayLike,
         qdd: ArrayLike,
         *,
+        inertias: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Acceleration of the center of mass in the base frame for joint accelerations qdd, without gravity, in O(N).
@@ -3152,6 +3211,9 @@ class Scene:
             Joint velocities, rad/s or m/s.
         qdd : (..., nv) array_like
             Joint accelerations, rad/s^2 or m/s^2.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3174,13 +3236,22 @@ class Scene:
         True
         """
 
-    def center_of_mass_jacobian(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def center_of_mass_jacobian(
+        self,
+        q: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Jacobian J of the center of mass: its velocity in the base frame is J qd.
 
         Parameters
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3204,13 +3275,22 @@ class Scene:
         (3, 3)
         """
 
-    def centroidal_momentum_matrix(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def centroidal_momentum_matrix(
+        self,
+        q: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Centroidal momentum matrix A: A qd is (angular momentum about the center of mass, linear), in base axes.
 
         Parameters
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3237,7 +3317,14 @@ class Scene:
         True
         """
 
-    def centroidal_momentum_matrix_rate(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def centroidal_momentum_matrix_rate(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Time derivative A' of the centroidal momentum matrix along qd: the momentum changes at A qdd + A' qd.
 
         Parameters
@@ -3246,6 +3333,9 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3273,7 +3363,14 @@ class Scene:
         True
         """
 
-    def centroidal_momentum_derivatives(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def centroidal_momentum_derivatives(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Derivatives of the centroidal momentum A qd with respect to q and qd; the second is A.
 
         Parameters
@@ -3282,6 +3379,9 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 

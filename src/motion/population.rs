@@ -96,9 +96,13 @@ impl<T: Vectorized> Scratch<T> {
         at: impl Fn(usize) -> usize,
     ) {
         if let Some(places) = &population.places {
-            let inertias = own_inertias.get_or_insert_with(|| Box::new(OwnInertias::new(places, &self.constants)));
+            let inertias =
+                own_inertias.get_or_insert_with(|| Box::new(OwnInertias::new(places, Some(&self.constants))));
             // Rollouts check them.
-            let _ = inertias.load(&mut self.constants, |lane| &population.of(at(lane.min(count - 1))).inertias);
+            let _ = inertias.load(
+                |lane| &population.of(at(lane.min(count - 1))).inertias,
+                |body, inertia| self.constants.set_inertia(body, &inertia),
+            );
         }
         for lane in 0..T::LANES {
             let Properties { armature, damping, stiffness, friction, .. } =

@@ -178,6 +178,119 @@ def test_every_function_of_a_batch_of_models_is_that_of_one_scene_per_model(name
             tolerances.assert_near(one, other, 1e-9 * tolerances.size(other, 1.0))
 
 
+#: Number of the arrays q, qd and qdd that each quantity reads.
+QUANTITIES = {
+    "energy": 2,
+    "kinetic_energy": 2,
+    "potential_energy": 1,
+    "momentum": 2,
+    "center_of_mass": 1,
+    "center_of_mass_velocity": 2,
+    "center_of_mass_acceleration": 3,
+    "center_of_mass_jacobian": 1,
+    "centroidal_momentum_matrix": 1,
+    "centroidal_momentum_matrix_rate": 2,
+    "centroidal_momentum_derivatives": 2,
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("method", QUANTITIES)
+def test_every_quantity_of_a_batch_of_models_is_that_of_one_scene_per_model(name, method):
+    scene = SCENES[name]()
+    inertias, _ = population(scene, BATCH)
+    arguments, quantity = states(scene, BATCH)[: QUANTITIES[method]], getattr(scene, method)
+    found, bare = np.asarray(quantity(*arguments, inertias=inertias)), np.asarray(quantity(*arguments))
+    found, bare = (of.T if method == "energy" else of for of in (found, bare))
+    for i in range(BATCH):
+        alone = [argument[i] for argument in arguments]
+        expected = getattr(one_scene(scene, inertias[i]), method)(*alone)
+        tolerances.assert_near(found[i], expected, tolerances.recursion(scene.nv, tolerances.size(expected)))
+        tolerances.assert_same_bits(quantity(*alone, inertias=inertias[i]), found[i])
+    assert np.abs(found - bare).max() > 1e-3 * np.abs(bare).max()
+    tolerances.assert_same_bits(quantity(*arguments), getattr(SCENES[name](), method)(*arguments))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_quantities_with_models_are_the_sums_over_the_links(name):
+    scene = SCENES[name]()
+    inertias, armature = population(scene, BATCH)
+    q, qd, _ = states(scene, BATCH)
+    kinetic, potential = scene.energy(q, qd, inertias=inertias, armature=armature)
+    center, momentum = scene.center_of_mass(q, inertias=inertias), scene.momentum(q, qd, inertias=inertias)
+    velocity, matrix = scene.center_of_mass_velocity(q, qd, inertias=inertias), scene.centroidal_momentum_matrix(q, inertias=inertias)
+    for i in range(BATCH):
+        mass = dense(scene, q[i], qd[i], inertias[i], armature[i])[0]
+        bound = tolerances.recursion(scene.nv, tolerances.size(mass, qd[i]) ** 2)
+        tolerances.assert_near(kinetic[i], qd[i] @ mass @ qd[i] / 2, bound)
+        alone = scene.kinetic_energy(q[i], qd[i], inertias=inertias[i], armature=armature[i])
+        tolerances.assert_same_bits(alone, kinetic[i])
+        poses, linear, moment, angular = scene.placements(q[i]), np.zeros(3), np.zeros(3), np.zeros(3)
+        for link, (m, *mc, xx, xy, yy, xz, yz, zz) in zip(scene.body_names, inertias[i], strict=True):
+            tensor, (turn, place) = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), (poses[link][:3, :3], poses[link][:3, 3])
+            spin, speed = np.split(scene.velocity(q[i], qd[i], link), 2)
+            of_link = turn @ (m * speed + np.cross(spin, mc))
+            moment += m * place + turn @ mc
+            linear += of_link
+            angular += turn @ (tensor @ spin + np.cross(mc, speed)) + np.cross(place, of_link)
+        total = inertias[i, :, 0].sum()
+        tolerances.assert_near(center[i], moment / total, bound)
+        tolerances.assert_near(potential[i], -np.dot(scene.gravity, moment), bound)
+        tolerances.assert_near(momentum[i], [*angular, *linear], bound)
+        tolerances.assert_near(velocity[i], linear / total, bound)
+        tolerances.assert_near(matrix[i] @ qd[i], [*(angular - np.cross(moment / total, linear)), *linear], bound)
+
+
+def test_models_give_mass_to_a_scene_without_mass():
+    builder = phipsi.SceneBuilder().link("base").link("arm").joint("turn", "revolute", "base", "arm", axis="z", armature=1.0)
+    scene, point = builder.build(), np.array([[2.0, 1.0, 0, 0, 0, 0, 0.5, 0, 0, 0.5]])
+    tolerances.assert_near(scene.center_of_mass([0.0], inertias=point), [0.5, 0, 0], tolerances.product(1, 1.0))
+    with pytest.raises(ArgumentError, match="mass"):
+        scene.center_of_mass([0.0], inertias=np.zeros((1, 10)))
+    with pytest.warns(BadStateWarning, match="mass"):
+        found = scene.center_of_mass([0.0], inertias=np.stack([point, 0.0 * point]), errors="nan")
+    tolerances.assert_near(found[0], [0.5, 0, 0], tolerances.product(1, 1.0))
+    assert np.isnan(found[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("own", "error", "match"),
+    [
+        ({"inertias": np.zeros((2, 10))}, ShapeError, "inertias"),
+        ({"inertias": np.zeros((2, 3, 9))}, ShapeError, "inertias"),
+        ({"inertias": np.full((3, 10), np.nan)}, NotFiniteError, "inertias"),
+        ({"inertias": np.full((3, 10), -1.0)}, ArgumentError, "link0"),
+        ({"inertias": np.zeros((4, 3, 10))}, ShapeError, "inertias"),
+        ({"armature": np.zeros((2, 4))}, ShapeError, "armature"),
+        ({"armature": [0.1, -0.1, 0.1]}, ArgumentError, "j1"),
+        ({"armature": np.nan}, NotFiniteError, "armature"),
+    ],
+)
+def test_what_is_wrong_in_a_model_of_a_quantity_is_named(own, error, match):
+    scene = phipsi.scenes.chain(3)
+    q, qd, _ = states(scene, 2)
+    with pytest.raises(error, match=match):
+        scene.energy(q, qd, **own)
+
+
+def test_armature_of_states_adds_the_kinetic_energy_of_the_rotors():
+    scene = phipsi.scenes.chain(4).with_properties(armature=0.3)
+    q, qd, _ = states(scene, BATCH)
+    armature = population(scene, BATCH)[1]
+    found, bare = scene.kinetic_energy(q, qd, armature=armature), scene.kinetic_energy(q, qd)
+    expected = bare + ((armature - 0.3) * qd**2).sum(axis=-1) / 2
+    tolerances.assert_near(found, expected, tolerances.recursion(4, tolerances.size(expected)))
+    inertias = scene.inertial_parameters
+    again = scene.kinetic_energy(q, qd, inertias=inertias)
+    tolerances.assert_near(again, bare, tolerances.recursion(4, tolerances.size(bare)))
+    tolerances.assert_same_bits(scene.energy(q, qd, armature=armature).kinetic, found)
+
+
+def test_armature_is_no_argument_of_quantities_without_it():
+    with pytest.raises(TypeError, match="armature"):
+        phipsi.scenes.chain(3).momentum(np.zeros(3), np.zeros(3), armature=1.0)
+
+
 def test_one_armature_for_all_states_and_one_inertia_for_all_states_broadcast():
     scene = phipsi.scenes.chain(5)
     inertias, armature = population(scene, BATCH)
@@ -345,11 +458,18 @@ def test_what_is_wrong_names_the_link_and_the_joint():
     assert np.isnan(found[1]).all() and np.isfinite(found[0]).all()
 
 
-def test_mimic_joints_with_models_are_refused():
+def test_mimic_joints_with_models_have_quantities_only():
     scene = phipsi.SceneBuilder().link("a").link("b", 1.0).link("c", 1.0).joint("one", "revolute", "a", "b", axis=(1, 0, 0))
     scene = scene.joint("two", "revolute", "b", "c", axis=(1, 0, 0), xyz=(0, 0, 1), mimic="one").build(mimic="couple")
     with pytest.raises(ArgumentError, match="mimic"):
         scene.forward_dynamics([0.1], [0.0], [0.0], inertias=scene.inertial_parameters)
+    q, qd, inertias = [0.1], [0.4], np.stack([scale * scene.inertial_parameters for scale in (1.0, 2.0, 3.0)])
+    for method, arguments in {"energy": [q, qd], "center_of_mass_jacobian": [q], "momentum": [q, qd]}.items():
+        found = np.asarray(getattr(scene, method)(*arguments, inertias=inertias))
+        expected = [getattr(scene.with_inertial_parameters(own), method)(*arguments) for own in inertias]
+        tolerances.assert_near(found, np.stack(expected, axis=-1 if method == "energy" else 0), tolerances.product(3, tolerances.size(found)))
+    with pytest.raises(ArgumentError, match="mimic"):
+        scene.kinetic_energy(q, qd, armature=0.1)
 
 
 def sliding(friction=0.5, restitution=0.2, shape=True):
