@@ -2512,6 +2512,7 @@ class Scene:
         dqdd: ArrayLike,
         *,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> InverseDynamicsGradients:
         """Hessian of cotangent . tau times a direction, in O(N): change of the gradients of inverse_dynamics_vjp.
@@ -2535,6 +2536,9 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2577,6 +2581,8 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsGradients:
         """Hessian of cotangent . qdd times a direction, in O(N): change of the gradients of forward_dynamics_vjp.
@@ -2604,6 +2610,11 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2749,6 +2760,8 @@ class Scene:
         rotation: ArrayLike | None = None,
         form: _Form = "auto",
         tolerance: float | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Accelerations of links per wrench on links, J M^-1 J^T, in O(N): operational-space inverse inertia (5.6).
@@ -2767,6 +2780,11 @@ class Scene:
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2808,6 +2826,8 @@ class Scene:
         directions: ArrayLike | None = None,
         form: _Form = "auto",
         tolerance: float | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S; see operational_inverse_inertia.
@@ -2829,6 +2849,11 @@ class Scene:
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -4600,6 +4625,8 @@ class Scene:
         prior_acceleration: ArrayLike | None = None,
         acceleration_variance: float = 1.0,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         covariance: Literal[True],
         method: Literal["sequential", "batch"] = "sequential",
         errors: _Errors = "raise",
@@ -4625,6 +4652,11 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         covariance : bool, default False
             If true, compute the covariances of the errors too.
         method : {"sequential", "batch"}, default "sequential"
@@ -5397,6 +5429,8 @@ class Loops:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedInverseDynamics:
         """Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
@@ -5418,6 +5452,11 @@ class Loops:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -5455,6 +5494,8 @@ class Loops:
         *,
         form: _Form = "auto",
         tolerance: float | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Inverse mass matrix through the connections: M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
@@ -5467,6 +5508,11 @@ class Loops:
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -5574,7 +5620,14 @@ class Contacts:
         """
 
     def gram(
-        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        *,
+        form: _Form = "auto",
+        tolerance: float | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        errors: _Errors = "raise",
     ) -> _Array:
         """J M^-1 J^T of the points of all contacts: their velocities, in the base frame, due to unit impulses on them.
 
@@ -5586,6 +5639,11 @@ class Contacts:
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 

@@ -1,6 +1,6 @@
 //! Kinematic quantities, and methods that evaluate states one at a time, from the arguments of a call to its result.
 
-use super::bad_states::{Errors, is_nan};
+use super::bad_states::is_nan;
 use super::call::BatchCall;
 use super::cost::{Cost, WORTH_RELEASING};
 use super::evaluate::Keywords;
@@ -60,9 +60,7 @@ impl PyScene {
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<BatchCall<'_, 'py>> {
         let names = what.entry().arguments.iter().map(|&(name, _)| name);
-        let (inputs, cost) = (self.inputs(names.zip(values))?, Cost::of(self.cost_of(what)));
-        let call = BatchCall::of_models(self, inputs, Vec::new(), keywords.models(&self.scene)?, cost)?;
-        Ok(call.with(Errors::read(keywords.errors)?))
+        self.call_by(self.inputs(names.zip(values))?, self.cost_of(what), keywords)
     }
 
     /// Approximate time of a kinematic quantity of one state, ns.

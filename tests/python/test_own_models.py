@@ -393,6 +393,86 @@ def test_a_simulated_population_is_one_simulation_per_model(name):
     assert np.ptp(path.q[:, -1] - path.q[:, 0], axis=0).max() > 0.05
 
 
+def of_gear(found):
+    return found.tau, found.forces["gear"]
+
+
+#: Functions that compute one state after another: a scene, and the results for q and six arrays of rates.
+ONE_AFTER_ANOTHER = {
+    "inverse hvp": ("free", lambda scene, q, v, inertias, armature: scene.inverse_dynamics_hvp(q, *v, inertias=inertias)[:3]),
+    "forward hvp": ("free", lambda scene, q, v, **own: scene.forward_dynamics_hvp(q, *v, **own)[:3]),
+    "hvp of a loop": ("loop", lambda scene, q, v, **own: scene.forward_dynamics_hvp(q, *v, form="covariance", **own)[:3]),
+    "inverse inertia": ("stops", lambda scene, q, v, **own: [scene.operational_inverse_inertia(q, ["flange", "link3"], **own)]),
+    "inertia": ("stops", lambda scene, q, v, **own: [scene.operational_inertia(q, "flange", directions=np.eye(6)[3:], **own)]),
+    "gram": ("ground", lambda scene, q, v, **own: [scene.contacts.gram(q, **own)]),
+    "inverse of a loop": ("loop", lambda scene, q, v, **own: [scene.loops.mass_matrix_inverse(q, **own)]),
+    "torques of a loop": ("loop", lambda scene, q, v, **own: of_gear(scene.loops.inverse_dynamics(q, v[0], v[1], actuated=["j0", "j1"], **own))),
+    "estimate": ("free", lambda scene, q, v, **own: scene.estimate(q, *v[:2], noise=0.1, covariance=True, **own)),
+    "dense estimate": ("free", lambda scene, q, v, **own: scene.estimate(q, *v[:2], noise=0.1, method="batch", **own)[:3]),
+}
+
+
+@pytest.mark.parametrize("name", ONE_AFTER_ANOTHER)
+def test_functions_of_one_state_after_another_with_models_are_those_of_one_scene_per_model(name):
+    of, function = ONE_AFTER_ANOTHER[name]
+    scene = PATHS[of]()
+    inertias, armature = population(scene, BATCH)
+    q, *v = states(scene, BATCH)
+    v += [*np.random.default_rng(4).normal(size=(4, BATCH, scene.nv))]
+    if of == "loop":
+        q, v[0] = scene.loops.project(q, v[0])[:2]
+        v[1] = scene.loops.project(q, v[1]).qd if name == "torques of a loop" else v[1]
+    found, bare = function(scene, q, v, inertias=inertias, armature=armature), function(scene, q, v, inertias=None, armature=None)
+    for i in range(BATCH):
+        alone, own = (q[i], [rates[i] for rates in v]), {"inertias": inertias[i], "armature": armature[i]}
+        one = one_scene(scene, inertias[i]).with_properties(armature=armature[i])
+        expected, again = function(one, *alone, inertias=None, armature=None), function(scene, *alone, **own)
+        for of_all, of_scene, of_state in zip(found, expected, again, strict=True):
+            tolerances.assert_near(of_all[i], of_scene, 1e-9 * tolerances.size(of_scene))
+            tolerances.assert_same_bits(of_state, of_all[i])
+    assert max(np.abs(one - other).max() for one, other in zip(found, bare, strict=True)) > 1e-3
+    again = function(scene, q[0], [rates[0] for rates in v], inertias=inertias, armature=armature)
+    assert again[0].shape == found[0].shape
+
+
+def test_the_operational_inertia_of_models_is_that_of_their_mass_matrices():
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    inertias, armature = population(scene, BATCH)
+    q = states(scene, BATCH)[0]
+    found = scene.operational_inverse_inertia(q, "flange", inertias=inertias, armature=armature)
+    for i in range(BATCH):
+        mass, J = dense(scene, q[i], np.zeros(6), inertias[i], armature[i])[0], scene.jacobian(q[i], "flange")
+        tolerances.assert_near(found[i], J @ np.linalg.solve(mass, J.T), tolerances.inverse(np.linalg.cond(mass), tolerances.size(found[i])))
+
+
+@pytest.mark.parametrize(
+    ("own", "error", "match"),
+    [
+        ({"inertias": np.zeros((2, 10))}, ShapeError, "inertias"),
+        ({"inertias": np.full((3, 10), np.nan)}, NotFiniteError, "inertias"),
+        ({"inertias": np.full((3, 10), -1.0)}, ArgumentError, "link0"),
+        ({"armature": [0.1, -0.1, 0.1]}, ArgumentError, "j1"),
+        ({"armature": np.zeros((2, 4))}, ShapeError, "armature"),
+    ],
+)
+def test_what_is_wrong_in_a_model_of_one_state_is_named(own, error, match):
+    scene = phipsi.scenes.chain(3)
+    q = states(scene, 2)[0]
+    with pytest.raises(error, match=match):
+        scene.operational_inverse_inertia(q, "link2", **own)
+
+
+def test_a_model_that_is_wrong_makes_its_state_invalid_alone():
+    scene = phipsi.scenes.chain(3)
+    q, inertias = states(scene, 3)[0], np.repeat(np.array(scene.inertial_parameters)[None], 3, axis=0)
+    inertias[1, 2, 0] = -1.0
+    with pytest.warns(BadStateWarning, match="link2"):
+        found = scene.operational_inverse_inertia(q, "link2", inertias=inertias, errors="nan")
+    expected = scene.operational_inverse_inertia(q, "link2")
+    assert np.isnan(found[1]).all()
+    tolerances.assert_near(found[::2], expected[::2], 1e-9 * tolerances.size(expected))
+
+
 @pytest.mark.parametrize("name", ["free", "friction", "loop"])
 def test_gradients_of_a_simulated_population_are_those_of_each_model(name):
     scene, count = PATHS[name](), 3
