@@ -588,6 +588,30 @@ def test_contacts_of_each_state_have_its_friction_and_restitution(shape):
         tolerances.assert_near(same.q, scene.simulate(start, speed, **run).q, 1e-9)
 
 
+def test_smoothed_contacts_of_a_population_carry_the_weight_of_each_model():
+    scene, count, run = sliding(restitution=0.0, shape=False), 4, {"dt": 2e-3, "smoothing": 1e-3}
+    inertias, _ = population(scene, count)
+    friction, weight = np.repeat([[0.1], [0.3], [0.5], [1.0]], 4, axis=1), np.random.default_rng(2).normal(size=6)
+    start, speed = np.array([0, 0, 0.1005, 0, 0, 0, 1.0]), np.array([0.3, 0, 0, 0, 0, 0])
+    path = scene.simulate(start, speed, steps=20, inertias=inertias, contact_friction=friction, **run)
+    cotangents = np.zeros((21, 6))
+    cotangents[-1] = weight
+    found = path.vjp(cotangents, parameters=True)
+    for i in range(count):
+        member = one_scene(sliding(friction[i, 0], 0.0, shape=False), inertias[i])
+        one = member.simulate(start, speed, steps=20, **run)
+        tolerances.assert_near(path.q[i], one.q, 1e-9)
+        expected = one.vjp(cotangents, parameters=True)
+        for field in ("q", "qd", "parameters"):
+            of = getattr(expected, field)
+            tolerances.assert_near(getattr(found, field)[i], of, 1e-6 * tolerances.size(of))
+    inertias[:, :, 1:4] = 0.0
+    rest = scene.simulate(start, np.zeros(6), steps=600, record_every=600, inertias=inertias, **run)
+    tolerances.assert_near(scene.contacts.gaps(rest.q[:, -1]), np.full((count, 4), 1e-3), 1e-5)
+    with pytest.raises(ArgumentError, match="restitution 0.2 in state 1"):
+        scene.simulate(start, speed, steps=1, contact_restitution=np.repeat([[0.0], [0.2]], 4, axis=1), **run)
+
+
 def test_coefficients_of_contacts_are_checked():
     scene = sliding(shape=False)
     start, still = scene.neutral(), np.zeros(6)
