@@ -3821,6 +3821,7 @@ class Scene:
         damping: float = 1e-6,
         limits: bool = True,
         velocity: ArrayLike | None = None,
+        inertias: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Joint velocities that reduce the errors of tasks within joint limits: one step of a control loop.
@@ -3844,6 +3845,9 @@ class Scene:
         velocity : float or (..., nv) array_like, optional
             Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only
             here.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3889,6 +3893,8 @@ class Scene:
         tolerance: float = 1e-9,
         iterations: int = 100,
         metric: Literal["coordinates", "mass"] = "coordinates",
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         covariance: Literal[True],
         seed: int = 0,
         errors: _Errors = "raise",
@@ -3923,6 +3929,11 @@ class Scene:
             Largest number of steps from each start.
         metric : {"coordinates", "mass"}, default "coordinates"
             Metric of the damping: coordinates, or kinetic energy, so that joints that carry more mass move less.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         covariance : bool, default False
             If true, compute the covariance of q.
         seed : int, default 0
@@ -5364,6 +5375,8 @@ class Loops:
         qd: ArrayLike | None = None,
         *,
         compliance: ArrayLike | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> Projection:
         """Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
@@ -5377,6 +5390,11 @@ class Loops:
         compliance : float or (..., m) array_like, optional
             Compliance of each row of the connections in the order of loops.rows, (m/s^2)/N or (rad/s^2)/(N m), not
             negative. None: the connections are rigid.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 

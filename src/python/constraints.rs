@@ -146,7 +146,7 @@ impl PyLoops {
     #[doc = parameters!(q)]
     /// qd : (..., nv) array_like, optional
     ///     Joint velocities, rad/s or m/s.
-    #[doc = entries!(compliance errors)]
+    #[doc = entries!(compliance models errors)]
     #[doc = section!(Returns)]
     /// projection : Projection
     ///     Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
@@ -172,13 +172,15 @@ impl PyLoops {
     /// >>> closed = scene.loops.project([0.0, 0.1, 0.3])
     /// >>> np.allclose(scene.loops.error(closed.q), 0.0)
     /// True
-    #[pyo3(signature = (q, qd=None, *, compliance=None, errors="raise"))]
+    #[pyo3(signature = (q, qd=None, *, compliance=None, inertias=None, armature=None, errors="raise"))]
     fn project<'py>(
         &self,
         py: Python<'py>,
         q: &Object<'py>,
         qd: Option<&Object<'py>>,
         compliance: Option<&Object<'py>>,
+        inertias: Option<&Object<'py>>,
+        armature: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         let of = self.as_scene();
@@ -190,7 +192,8 @@ impl PyLoops {
         inputs.extend(compliance.map(|compliance| of.compliance(compliance)).transpose()?);
         let is_compliant = compliance.is_some();
         let width = nq + if is_moving { nv } else { 0 };
-        let call = of.call(inputs, 5 * of.cost_of_rows(), errors)?;
+        let keywords = Keywords { errors, inertias, armature, ..Keywords::none() };
+        let call = of.call_by(inputs, 5 * of.cost_of_rows(), &keywords)?;
         let mut output = call.output(py, &[width + 1], None, super::output::Output::new)?;
         call.each_state(py, output.numbers()?, |scene, scratch, given, out| {
             let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);

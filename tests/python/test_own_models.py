@@ -397,6 +397,10 @@ def of_gear(found):
     return found.tau, found.forces["gear"]
 
 
+#: Tasks of inverse kinematics, and options by which results depend on the metric.
+REACH, BALANCE = phipsi.tasks.Position("flange", (0.3, 0.2, 0.4)), phipsi.tasks.CenterOfMass((0.1, 0.1, 0.1))
+STEPS = {"iterations": 3, "starts": 1, "limits": False}
+
 #: Functions that compute one state after another: a scene, and the results for q and six arrays of rates.
 ONE_AFTER_ANOTHER = {
     "inverse hvp": ("free", lambda scene, q, v, inertias, armature: scene.inverse_dynamics_hvp(q, *v, inertias=inertias)[:3]),
@@ -408,6 +412,10 @@ ONE_AFTER_ANOTHER = {
     "inverse of a loop": ("loop", lambda scene, q, v, **own: [scene.loops.mass_matrix_inverse(q, **own)]),
     "torques of a loop": ("loop", lambda scene, q, v, **own: of_gear(scene.loops.inverse_dynamics(q, v[0], v[1], actuated=["j0", "j1"], **own))),
     "estimate": ("free", lambda scene, q, v, **own: scene.estimate(q, *v[:2], noise=0.1, covariance=True, **own)),
+    "projection": ("loop", lambda scene, q, v, **own: scene.loops.project(q + 0.05 * v[2], v[3], **own)[:2]),
+    "inverse kinematics": ("stops", lambda scene, q, v, **own: [scene.inverse_kinematics(REACH, q, metric="mass", **STEPS, **own).q]),
+    "center of mass": ("stops", lambda scene, q, v, **own: [scene.inverse_kinematics(BALANCE, q, **STEPS, **own).q]),
+    "rates": ("stops", lambda scene, q, v, inertias, armature: [scene.inverse_kinematics_rates(BALANCE, q, dt=0.1, inertias=inertias)]),
     "dense estimate": ("free", lambda scene, q, v, **own: scene.estimate(q, *v[:2], noise=0.1, method="batch", **own)[:3]),
 }
 
