@@ -96,6 +96,10 @@ class Trajectory(TrajectoryFiles):
     """Stiffness of the joint springs, (nv,), or (..., nv)."""
     rest: _Array = field(repr=False)
     """Configuration at which the joint springs are at rest, (nq,)."""
+    inertias: _Array | None = field(default=None, repr=False)
+    """Inertial parameters of the simulation, (bodies, 10), or (..., bodies, 10) if states differ in them; None: those of
+    the scene.
+    """
     contacts: ContactMotion | None = field(default=None, repr=False)
     """Contacts of the scene; None if it has none."""
     record_every: int = field(default=1, repr=False)
@@ -264,7 +268,7 @@ class Trajectory(TrajectoryFiles):
         if given.pop("accuracy", None) is not None:
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps: use estimated_error")
         scene, start = self.scene, (self.q[..., 0, :], self.qd[..., 0, :])
-        given |= {"method": self.method, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
+        given |= {"method": self.method, **self._properties}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LimitWarning)
             warnings.simplefilter("ignore", ContactWarning)
@@ -403,9 +407,8 @@ class Trajectory(TrajectoryFiles):
 
     @property
     def _own_inertias(self) -> dict[str, Any]:
-        """Inertial parameters of the states as an argument for all rows, (..., 1, bodies, 10), if they are not those of the scene."""
-        inertias = (self.given or {}).get("inertias")
-        return {} if inertias is None else {"inertias": np.asarray(inertias, np.float64)[..., None, :, :]}
+        """Inertial parameters as an argument for all rows, (..., 1, bodies, 10), if they are not those of the scene."""
+        return {} if self.inertias is None else {"inertias": self.inertias[..., None, :, :]}
 
     def vjp(
         self, cotangent_q: ArrayLike | None = None, cotangent_qd: ArrayLike | None = None, *, parameters: bool = False
@@ -463,7 +466,12 @@ class Trajectory(TrajectoryFiles):
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps, which have gradients")
         given = with_steps(given, lambda values: values[..., : self.steps, :])
         own = {"dt": self.dt, "steps": self.steps, "method": self.method, "record_every": self.record_every}
-        return {**given, **own, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
+        return {**given, **own, **self._properties}
+
+    @property
+    def _properties(self) -> dict[str, Any]:
+        """Arguments of Scene.simulate that are fields."""
+        return {name: getattr(self, name) for name in ("inertias", "armature", "stiffness", "rest")}
 
     @property
     def has_torques(self) -> bool:

@@ -233,7 +233,6 @@ impl<'py> Keywords<'py> {
             ("target_rates", self.target_rates.as_ref()),
             ("damping", self.damping.as_ref()),
             ("friction", self.friction.as_ref()),
-            ("inertias", self.inertias.as_ref()),
             ("contact_friction", self.contact_friction.as_ref()),
             ("contact_restitution", self.contact_restitution.as_ref()),
             ("compliance", self.compliance.as_ref()),
@@ -268,7 +267,7 @@ pub(super) fn about<'py>(
     fields.set_item("dt", settings.dt)?;
     fields.set_item("method", settings.method.name())?;
     let own = scene.get();
-    let Properties { armature, stiffness, rest, .. } = &own.properties_of_scene(&settings.properties);
+    let Properties { armature, stiffness, rest, inertias, .. } = &own.properties_of_scene(&settings.properties);
     for (name, numbers, width) in [
         ("armature", armature, own.scene.nv()),
         ("stiffness", stiffness, own.scene.nv()),
@@ -276,6 +275,11 @@ pub(super) fn about<'py>(
     ] {
         let of_states = if numbers.len() == width { &[][..] } else { batch };
         fields.set_item(name, from_numbers(py, numbers, &[of_states, &[width]].concat())?)?;
+    }
+    let bodies = body_names(&own.scene).len();
+    if !inertias.is_empty() {
+        let of_states = if inertias.len() == 10 * bodies { &[][..] } else { batch };
+        fields.set_item("inertias", from_numbers(py, inertias, &[of_states, &[bodies, 10]].concat())?)?;
     }
     Ok(fields)
 }

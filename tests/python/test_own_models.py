@@ -6,7 +6,7 @@ import pytest
 import phipsi
 import tolerances
 
-from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, SceneError, ShapeError
+from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, SceneError, ShapeError, SimulationError
 
 BATCH = 9
 
@@ -502,7 +502,7 @@ def test_gradients_of_a_simulated_population_are_those_of_each_model(name):
     assert np.abs(found.parameters).max() > 1e-4
 
 
-def test_a_population_in_a_file_and_a_pickle():
+def test_a_population_in_a_file_and_a_pickle(tmp_path):
     import pickle
 
     scene = phipsi.scenes.chain(3)
@@ -516,8 +516,28 @@ def test_a_population_in_a_file_and_a_pickle():
     mover.step(steps=10)
     tolerances.assert_same_bits(again.q, mover.q)
     tolerances.assert_near(path.error_estimate(), np.zeros((4, 21)), 1e-3)
+    file = tmp_path / "population.npz"
+    path.save(file)
+    loaded = phipsi.Trajectory.load(file, scene)
+    tolerances.assert_same_bits(loaded.inertias, inertias)
+    tolerances.assert_same_bits(loaded.energy().total, path.energy().total)
+    tolerances.assert_same_bits(loaded.vjp(path.q, parameters=True).parameters, path.vjp(path.q, parameters=True).parameters)
+    expected = scene.energy(path.q, path.qd, inertias=inertias[:, None], armature=armature[:, None])
+    tolerances.assert_near(path.energy().kinetic, expected.kinetic, tolerances.recursion(3, tolerances.size(expected.kinetic)))
     with pytest.raises(ArgumentError, match="models that differ"):
         scene.simulate(q, qd, dt=1e-3, steps=5, inertias=inertias, covariance=np.zeros((3, 10, 10)))
+
+
+def test_the_trajectory_of_a_population_that_stopped_has_its_energies():
+    scene = phipsi.scenes.chain(3)
+    inertias, _ = population(scene, 2)
+    mover = scene.simulator(np.full((2, 3), 0.3), np.zeros(3), dt=1e-2, inertias=inertias)
+    with pytest.raises(SimulationError) as stopped:
+        mover.step(np.full((2, 3), 1e200), steps=10)
+    path = stopped.value.trajectory
+    expected = scene.potential_energy(path.q, inertias=inertias[:, None])
+    tolerances.assert_same_bits(path.energy().potential, expected)
+    assert np.abs(expected - scene.potential_energy(path.q)).max() > 0.1
 
 
 def test_what_is_wrong_names_the_link_and_the_joint():
