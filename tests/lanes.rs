@@ -11,7 +11,7 @@ use phipsi::filter::Form;
 use phipsi::kinematics::REFERENCE_FRAMES;
 use phipsi::kinematics::{AccelerationKind, Frame};
 use phipsi::scalar::{Fused, Real};
-use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder, StateModel};
 use phipsi::spatial::{SpatialVector, Symmetric3};
 use phipsi::{Algorithm, Arguments, KinematicQuantity, Products};
 use phipsi::{Error, Scene};
@@ -524,6 +524,44 @@ fn kinematic_quantities_in_lanes_are_those_of_one_state() {
                         &one,
                         tolerance::product(4 * scene.nv(), scale),
                     );
+                }
+            }
+        }
+    });
+}
+
+/// Models of all states, and models of every third state between states of the scene, which no lanes take together.
+#[test]
+fn kinematic_quantities_of_models_in_lanes_are_those_of_their_scenes() {
+    on_a_large_stack(|| {
+        for scene in trees() {
+            let (states, mut random) = (states(&scene, 13), Random::new(3));
+            let scaled = |of: &[f64]| {
+                let factor = random.uniform(0.5, 2.0);
+                of.iter().map(|number| factor * number).collect::<Vec<_>>()
+            };
+            let whole = scene.inertial_parameters();
+            let models: Vec<f64> = states.iter().flat_map(|_| whole.clone()).collect();
+            let models: Vec<f64> = models.chunks_exact(10).flat_map(scaled).collect();
+            let models: Vec<&[f64]> = models.chunks_exact(whole.len()).collect();
+            let alone: Vec<_> = models.iter().map(|own| scene.with_inertial_parameters(own).unwrap()).collect();
+            for (what, every) in kinematic_quantities(&[]).iter().flat_map(|what| [(what, 1), (what, 3)]) {
+                let width = what.width(scene.nv());
+                let (mut given, mut expected) = (Vec::new(), vec![f64::NAN; width * states.len()]);
+                for (i, ((q, qd, u), out)) in states.iter().zip(expected.chunks_exact_mut(width)).enumerate() {
+                    let qd = if what.reads() > 1 { &qd[..] } else { &[] };
+                    let u = if what.reads() > 2 { &u[..] } else { &[] };
+                    let (inertias, of) = if i % every == 0 { (models[i], &alone[i]) } else { (&[][..], &scene) };
+                    of.kinematic_quantity(&mut of.workspace(), what, [q, qd, u], out).unwrap();
+                    let model = StateModel { inertias, armature: &[] };
+                    given.push(Arguments { q, qd, u, model, ..Arguments::default() });
+                }
+                for arm in arms() {
+                    let mut found = vec![f64::NAN; expected.len()];
+                    let mut evaluator = Evaluator::on(arm, &scene);
+                    scene.evaluate_kinematic_quantity(&mut evaluator, what, &given, &mut found).unwrap();
+                    let bound = tolerance::product(4 * scene.nv(), tolerance::size(&expected).max(1.0));
+                    tolerance::assert_near(&format!("{arm:?}, {what:?}, {every}"), &found, &expected, bound);
                 }
             }
         }

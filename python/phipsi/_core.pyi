@@ -2512,6 +2512,7 @@ class Scene:
         dqdd: ArrayLike,
         *,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> InverseDynamicsGradients:
         """Hessian of cotangent . tau times a direction, in O(N): change of the gradients of inverse_dynamics_vjp.
@@ -2535,6 +2536,9 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2577,6 +2581,8 @@ class Scene:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsGradients:
         """Hessian of cotangent . qdd times a direction, in O(N): change of the gradients of forward_dynamics_vjp.
@@ -2604,6 +2610,11 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2749,6 +2760,8 @@ class Scene:
         rotation: ArrayLike | None = None,
         form: _Form = "auto",
         tolerance: float | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Accelerations of links per wrench on links, J M^-1 J^T, in O(N): operational-space inverse inertia (5.6).
@@ -2767,6 +2780,11 @@ class Scene:
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2808,6 +2826,8 @@ class Scene:
         directions: ArrayLike | None = None,
         form: _Form = "auto",
         tolerance: float | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Operational-space inertia (S J M^-1 J^T S^T)^-1 of the task directions S; see operational_inverse_inertia.
@@ -2829,6 +2849,11 @@ class Scene:
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2944,7 +2969,15 @@ class Scene:
         ()
         """
 
-    def energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> Energy:
+    def energy(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> Energy:
         """Kinetic energy qd^T M qd / 2, including armature, and potential energy.
 
         Parameters
@@ -2953,6 +2986,11 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -2979,7 +3017,15 @@ class Scene:
         (0.123, 7.357)
         """
 
-    def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
+    def kinetic_energy(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array | np.float64:
         """Kinetic energy qd^T M qd / 2, including armature, in O(N).
 
         Parameters
@@ -2988,6 +3034,11 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3009,13 +3060,22 @@ class Scene:
         True
         """
 
-    def potential_energy(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
+    def potential_energy(
+        self,
+        q: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array | np.float64:
         """Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass.
 
         Parameters
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3041,7 +3101,14 @@ class Scene:
         True
         """
 
-    def momentum(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def momentum(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Spatial momentum of all moving links in the base frame: (angular about its origin, linear).
 
         Parameters
@@ -3050,6 +3117,9 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3071,13 +3141,16 @@ class Scene:
         True
         """
 
-    def center_of_mass(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def center_of_mass(self, q: ArrayLike, *, inertias: ArrayLike | None = None, errors: _Errors = "raise") -> _Array:
         """Center of mass of all moving links, in the base frame.
 
         Parameters
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3104,7 +3177,14 @@ class Scene:
         array([0.113, 0.147, 0.023])
         """
 
-    def center_of_mass_velocity(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def center_of_mass_velocity(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Velocity of the center of mass in the base frame: linear momentum divided by mass, in O(N).
 
         Parameters
@@ -3113,6 +3193,9 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3140,6 +3223,7 @@ class Scene:
         qd: ArrayLike,
         qdd: ArrayLike,
         *,
+        inertias: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Acceleration of the center of mass in the base frame for joint accelerations qdd, without gravity, in O(N).
@@ -3152,6 +3236,9 @@ class Scene:
             Joint velocities, rad/s or m/s.
         qdd : (..., nv) array_like
             Joint accelerations, rad/s^2 or m/s^2.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3174,13 +3261,22 @@ class Scene:
         True
         """
 
-    def center_of_mass_jacobian(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def center_of_mass_jacobian(
+        self,
+        q: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Jacobian J of the center of mass: its velocity in the base frame is J qd.
 
         Parameters
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3204,13 +3300,22 @@ class Scene:
         (3, 3)
         """
 
-    def centroidal_momentum_matrix(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def centroidal_momentum_matrix(
+        self,
+        q: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Centroidal momentum matrix A: A qd is (angular momentum about the center of mass, linear), in base axes.
 
         Parameters
         ----------
         q : (..., nq) array_like
             Joint positions, rad or m.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3237,7 +3342,14 @@ class Scene:
         True
         """
 
-    def centroidal_momentum_matrix_rate(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def centroidal_momentum_matrix_rate(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Time derivative A' of the centroidal momentum matrix along qd: the momentum changes at A qdd + A' qd.
 
         Parameters
@@ -3246,6 +3358,9 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3273,7 +3388,14 @@ class Scene:
         True
         """
 
-    def centroidal_momentum_derivatives(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+    def centroidal_momentum_derivatives(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        inertias: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
         """Derivatives of the centroidal momentum A qd with respect to q and qd; the second is A.
 
         Parameters
@@ -3282,6 +3404,9 @@ class Scene:
             Joint positions, rad or m.
         qd : (..., nv) array_like
             Joint velocities, rad/s or m/s.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3696,6 +3821,7 @@ class Scene:
         damping: float = 1e-6,
         limits: bool = True,
         velocity: ArrayLike | None = None,
+        inertias: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Joint velocities that reduce the errors of tasks within joint limits: one step of a control loop.
@@ -3719,6 +3845,9 @@ class Scene:
         velocity : float or (..., nv) array_like, optional
             Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only
             here.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -3764,6 +3893,8 @@ class Scene:
         tolerance: float = 1e-9,
         iterations: int = 100,
         metric: Literal["coordinates", "mass"] = "coordinates",
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         covariance: Literal[True],
         seed: int = 0,
         errors: _Errors = "raise",
@@ -3798,6 +3929,11 @@ class Scene:
             Largest number of steps from each start.
         metric : {"coordinates", "mass"}, default "coordinates"
             Metric of the damping: coordinates, or kinetic energy, so that joints that carry more mass move less.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         covariance : bool, default False
             If true, compute the covariance of q.
         seed : int, default 0
@@ -4500,6 +4636,8 @@ class Scene:
         prior_acceleration: ArrayLike | None = None,
         acceleration_variance: float = 1.0,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         covariance: Literal[True],
         method: Literal["sequential", "batch"] = "sequential",
         errors: _Errors = "raise",
@@ -4525,6 +4663,11 @@ class Scene:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         covariance : bool, default False
             If true, compute the covariances of the errors too.
         method : {"sequential", "batch"}, default "sequential"
@@ -5232,6 +5375,8 @@ class Loops:
         qd: ArrayLike | None = None,
         *,
         compliance: ArrayLike | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> Projection:
         """Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
@@ -5245,6 +5390,11 @@ class Loops:
         compliance : float or (..., m) array_like, optional
             Compliance of each row of the connections in the order of loops.rows, (m/s^2)/N or (rad/s^2)/(N m), not
             negative. None: the connections are rigid.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -5297,6 +5447,8 @@ class Loops:
         form: _Form = "auto",
         tolerance: float | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedInverseDynamics:
         """Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
@@ -5318,6 +5470,11 @@ class Loops:
         wrenches : dict of str to (..., 6) array_like, optional
             External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
             the link, N m and N.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -5355,6 +5512,8 @@ class Loops:
         *,
         form: _Form = "auto",
         tolerance: float | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """Inverse mass matrix through the connections: M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
@@ -5367,6 +5526,11 @@ class Loops:
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 
@@ -5474,7 +5638,14 @@ class Contacts:
         """
 
     def gram(
-        self, q: ArrayLike, *, form: _Form = "auto", tolerance: float | None = None, errors: _Errors = "raise"
+        self,
+        q: ArrayLike,
+        *,
+        form: _Form = "auto",
+        tolerance: float | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
+        errors: _Errors = "raise",
     ) -> _Array:
         """J M^-1 J^T of the points of all contacts: their velocities, in the base frame, due to unit impulses on them.
 
@@ -5486,6 +5657,11 @@ class Contacts:
             Form of the covariance P; see forward_dynamics.
         tolerance : float, optional
             Largest accepted relative error in the forms "auto" and "square-root"; see forward_dynamics.
+        inertias : (..., bodies, 10) array_like, optional
+            Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
+            model per state.
+        armature : (..., nv) array_like or float, optional
+            Armature of each state instead of that of the scene, kg m^2 or kg.
         errors : {"raise", "nan"}, default "raise"
             "nan": the results of invalid states are NaN, and one BadStateWarning lists them; see forward_dynamics.
 

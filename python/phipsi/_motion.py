@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -38,8 +37,6 @@ from ._trajectory_files import TrajectoryFiles
 from .errors import ArgumentError, ContactWarning, InertiaWarning, LimitWarning, SimulationError, SimulationInterrupted, of_argument, place_in_time, warn
 
 if TYPE_CHECKING:
-    from typing_extensions import Self
-
     from ._core import Scene
     from ._results import RolloutGradients
     from .estimation import Bands
@@ -99,6 +96,10 @@ class Trajectory(TrajectoryFiles):
     """Stiffness of the joint springs, (nv,), or (..., nv)."""
     rest: _Array = field(repr=False)
     """Configuration at which the joint springs are at rest, (nq,)."""
+    inertias: _Array | None = field(default=None, repr=False)
+    """Inertial parameters of the simulation, (bodies, 10), or (..., bodies, 10) if states differ in them; None: those of
+    the scene.
+    """
     contacts: ContactMotion | None = field(default=None, repr=False)
     """Contacts of the scene; None if it has none."""
     record_every: int = field(default=1, repr=False)
@@ -183,10 +184,7 @@ class Trajectory(TrajectoryFiles):
         >>> bool(abs(energy.total[-1] - energy.total[0]) < 1e-6)
         True
         """
-        if self._inertias is not None:
-            parts = [(of.kinetic, of.potential, of.spring) for of in (path.energy() for path in self._members())]
-            return MotionEnergy(*(np.reshape(of, self.q.shape[:-1]) for of in zip(*parts, strict=True)))
-        energy = self.scene.energy(self.q, self.qd)
+        energy = self.scene.energy(self.q, self.qd, **self._own_inertias)
         rotors = 0.5 * ((_of_rows(self.armature) - self.scene.armature) * self.qd**2).sum(axis=-1)
         return MotionEnergy(np.asarray(energy.kinetic + rotors), np.asarray(energy.potential), self._springs())
 
@@ -270,7 +268,7 @@ class Trajectory(TrajectoryFiles):
         if given.pop("accuracy", None) is not None:
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps: use estimated_error")
         scene, start = self.scene, (self.q[..., 0, :], self.qd[..., 0, :])
-        given |= {"method": self.method, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
+        given |= {"method": self.method, **self._properties}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LimitWarning)
             warnings.simplefilter("ignore", ContactWarning)
@@ -357,9 +355,7 @@ class Trajectory(TrajectoryFiles):
         scene = self.scene
         if not scene.loops.names:
             return {}
-        own: dict[str, Any] = {}
-        if self._inertias is not None:
-            own["inertias"] = self._inertias[..., None, :, :]
+        own: dict[str, Any] = self._own_inertias
         if self.armature.ndim > 1:
             own["armature"] = _of_rows(self.armature)
         elif not np.array_equal(self.armature, scene.armature):
@@ -407,25 +403,12 @@ class Trajectory(TrajectoryFiles):
         >>> path.momentum().shape
         (101, 6)
         """
-        if self._inertias is not None:
-            return np.reshape([path.momentum() for path in self._members()], (*self.q.shape[:-1], 6))
-        return self.scene.momentum(self.q, self.qd)
+        return self.scene.momentum(self.q, self.qd, **self._own_inertias)
 
     @property
-    def _inertias(self) -> _Array | None:
-        """Inertial parameters of the states, if these differ in them, (..., bodies, 10)."""
-        inertias = (self.given or {}).get("inertias")
-        return None if inertias is None else np.asarray(inertias, np.float64)
-
-    def _members(self) -> Iterator[Self]:
-        """The trajectory of each state in the scene with its inertias, for results that need no torques."""
-        batch, bodies = self.q.shape[:-2], len(self.scene.body_names)
-        inertias = np.broadcast_to(np.asarray(self._inertias), (*batch, bodies, 10))
-        stiffness = np.broadcast_to(self.stiffness, (*batch, self.scene.nv))
-        armature = np.broadcast_to(self.armature, (*batch, self.scene.nv))
-        for at in np.ndindex(batch):
-            scene = self.scene.with_inertial_parameters(inertias[at])
-            yield replace(self, scene=scene, q=self.q[at], qd=self.qd[at], armature=armature[at], stiffness=stiffness[at], given=None)
+    def _own_inertias(self) -> dict[str, Any]:
+        """Inertial parameters as an argument for all rows, (..., 1, bodies, 10), if they are not those of the scene."""
+        return {} if self.inertias is None else {"inertias": self.inertias[..., None, :, :]}
 
     def vjp(
         self, cotangent_q: ArrayLike | None = None, cotangent_qd: ArrayLike | None = None, *, parameters: bool = False
@@ -483,7 +466,12 @@ class Trajectory(TrajectoryFiles):
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps, which have gradients")
         given = with_steps(given, lambda values: values[..., : self.steps, :])
         own = {"dt": self.dt, "steps": self.steps, "method": self.method, "record_every": self.record_every}
-        return {**given, **own, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
+        return {**given, **own, **self._properties}
+
+    @property
+    def _properties(self) -> dict[str, Any]:
+        """Arguments of Scene.simulate that are fields."""
+        return {name: getattr(self, name) for name in ("inertias", "armature", "stiffness", "rest")}
 
     @property
     def has_torques(self) -> bool:

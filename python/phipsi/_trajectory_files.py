@@ -32,11 +32,11 @@ FORMAT = 1
 ARRAYS = ("t", "q", "qd", "armature", "stiffness", "rest", "substeps", "events", "estimated_error")
 PLAIN = ("dt", "steps", "method", "record_every", "integrator", "friction_speed", "limits")
 #: Fields that are arrays or None.
-OPTIONAL = ("applied", "control", "activation", "start_activation")
-#: Arguments of Scene.simulate in which states differ, that are not per degree of freedom.
-OF_MODELS = ("inertias", "contact_friction", "contact_restitution")
+OPTIONAL = ("inertias", "applied", "control", "activation", "start_activation")
+#: Arguments of Scene.simulate in which states differ, that are per contact.
+OF_CONTACTS = ("contact_friction", "contact_restitution")
 #: Arguments of Scene.simulate that are arrays.
-GIVEN = ("tau", "tau_steps", "targets", "target_rates", "damping", "friction", "compliance", *OF_MODELS)
+GIVEN = ("tau", "tau_steps", "targets", "target_rates", "damping", "friction", "compliance", *OF_CONTACTS)
 
 
 def columns(scene: Scene, letter: str) -> list[str]:
@@ -220,7 +220,7 @@ class TrajectoryFiles:
                         arrays[f"given/pd/{part}"] = _core._numbers(part, gain, self.scene, part == "target")
             elif name == "wrenches" and value is not None:
                 arrays |= {f"given/wrenches/{link}": np.asarray(wrench, np.float64) for link, wrench in value.items()}
-            elif name in OF_MODELS and value is not None:
+            elif name in OF_CONTACTS and value is not None:
                 arrays[f"given/{name}"] = np.asarray(value, np.float64)
             elif name in GIVEN and value is not None and not isinstance(value, str):
                 arrays[f"given/{name}"] = _core._numbers(name, value, *(() if name == "compliance" else (self.scene, name == "targets")))

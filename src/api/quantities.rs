@@ -1,6 +1,6 @@
 //! Kinematic quantities of one state, with arguments checked and faults named.
 
-use crate::algorithm::KinematicQuantity;
+use crate::algorithm::{Arguments, KinematicQuantity};
 use crate::dynamics::quantities::{of_all_bodies, of_frame};
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
@@ -22,6 +22,23 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         self.quantity(Some(workspace), what, &state, out)
+    }
+
+    /// The same for a state that can have its own model.
+    #[cold]
+    pub(crate) fn quantity_of_model(
+        &self,
+        workspace: &mut Workspace<f64>,
+        what: &KinematicQuantity<'_>,
+        state: &Arguments<'_>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let given = [state.q, state.qd, state.u];
+        if state.model.is_of_scene() {
+            return self.kinematic_quantity(workspace, what, given, out);
+        }
+        let own = self.with_state_model(&state.model)?;
+        own.kinematic_quantity(&mut own.workspace(), what, given, out)
     }
 
     /// [`Scene::kinematic_quantity`] without the arrays that it does not read; quantities of frames need no workspace.

@@ -198,16 +198,12 @@ impl<T: Vectorized> Chunk<T> {
     /// Loads the models of the states, if they have their own; returns the lanes whose numbers are invalid.
     #[inline]
     fn take_models<I: Target>(&mut self, target: I, states: &[Arguments<'_>]) -> u64 {
-        self.has_own_model = states.iter().any(|state| !state.model.is_of_scene());
-        if !self.has_own_model {
-            return 0;
-        }
-        let model = states[0].model;
-        let is_same_kind = |state: &Arguments<'_>| {
-            state.model.inertias.len() == model.inertias.len() && state.model.armature.len() == model.armature.len()
-        };
-        if !states.iter().all(is_same_kind) {
-            return u64::MAX;
+        let have_models = own_model::have_models(states);
+        self.has_own_model = have_models != Some(false);
+        match have_models {
+            None => return u64::MAX,
+            Some(false) => return 0,
+            Some(true) => {}
         }
         let Numbers { model, sweeps, places, .. } = &*self.numbers;
         let own = self.own_model.get_or_insert_with(|| Box::new(OwnModel::new(places, model, sweeps)));
@@ -468,13 +464,15 @@ within_target! {
         out: &'a mut [f64],
     ) -> u64 {
         let Chunk { numbers: constants, arguments, quantities, .. } = chunk;
-        let Numbers { model, quaternions, .. } = &**constants;
-        let [q, qd, qdd] = arguments;
-        let mut fault = gather_state([&mut *q, qd, qdd], &in_lanes(states));
+        let Numbers { model, quaternions, places, .. } = &**constants;
+        let Some(has_models) = own_model::have_models(states) else { return u64::MAX };
+        let ([q, qd, qdd], given) = (arguments, in_lanes(states));
+        let mut fault = gather_state([&mut *q, qd, qdd], &given);
         let nearness = nearness(quaternions, q);
         let kernel = quantities.get_or_insert_default();
-        let results = quantities::run(model, kernel, what, (q, qd, qdd));
-        fault += any_not_finite(results);
+        let own = has_models.then_some(&given);
+        let (invalid, results) = quantities::run((model, places), kernel, what, (q, qd, qdd), own);
+        fault += invalid + any_not_finite(results);
         T::put_lanes(results, out);
         doubtful(states.len(), nearness, fault)
     }

@@ -53,6 +53,14 @@ impl CoupledEvaluator {
         out: &mut [f64],
     ) -> Result<(), Fault> {
         let at = |state: usize| move |error: Error| Fault { state, error };
+        let (tied, width) = (coupling.tied(), what.width(scene.nv()));
+        check_length("out", out.len(), width * states.len()).map_err(at(0))?;
+        if states.iter().any(|state| !state.model.is_of_scene()) {
+            let mut each = states.iter().zip(out.chunks_exact_mut(width.max(1))).enumerate();
+            return each.try_for_each(|(i, (state, out))| {
+                scene.quantity_of_model(&mut scene.workspace(), what, state, out).map_err(at(i))
+            });
+        }
         let mut expanded = Vec::with_capacity(states.len());
         for (i, state) in states.iter().enumerate() {
             scene.check_coordinates("q", state.q).map_err(at(i))?;
@@ -64,8 +72,6 @@ impl CoupledEvaluator {
         }
         let asked: Vec<Arguments<'_>> =
             expanded.iter().map(|[q, qd, u]| Arguments { q, qd, u, ..Arguments::default() }).collect();
-        let (tied, width) = (coupling.tied(), what.width(scene.nv()));
-        check_length("out", out.len(), width * states.len()).map_err(at(0))?;
         if what.rows_of_columns().is_none() {
             return tied.evaluate_kinematic_quantity(&mut self.tied, what, &asked, out);
         }

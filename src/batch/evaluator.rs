@@ -272,17 +272,16 @@ impl Scene {
         let Evaluator { kernels, checked, .. } = evaluator;
         let (reads, lengths) = (what.reads(), [self.nq(), nv, nv]);
         let mut run = |first: usize, states: &[Arguments<'_>], out: &mut [f64]| {
-            for (lane, state) in states.iter().enumerate() {
-                state.check_of_scene(what.entry().name).map_err(|error| Fault { state: first + lane, error })?;
-            }
             let fits = |state: &Arguments<'_>| {
                 let given = [state.q.len(), state.qd.len(), state.u.len()];
+                let model = &state.model;
                 (0..3).all(|k| given[k] == if k < reads { lengths[k] } else { 0 })
+                    && (model.is_of_scene() || self.requirements(Algorithm::BiasTorque).fits(model))
             };
             let doubt = if states.iter().all(fits) { kernels.kinematic_quantity(what, states, out) } else { u64::MAX };
             for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 1) {
                 let (state, out) = (&states[lane], &mut out[lane * width..(lane + 1) * width]);
-                self.kinematic_quantity(&mut checked.workspace, what, [state.q, state.qd, state.u], out)
+                self.quantity_of_model(&mut checked.workspace, what, state, out)
                     .map_err(|error| Fault { state: first + lane, error })?;
             }
             Ok(())

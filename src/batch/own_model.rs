@@ -6,6 +6,7 @@ use crate::dynamics::sweeps::{AxisPermutation, SweepModel};
 use crate::model::Model;
 use crate::scalar::{MOST_LANES, lanes_but};
 use crate::scene::Scene;
+use crate::spatial::BodyInertia;
 use crate::spatial::inertial_parameters::inertia;
 use nalgebra::Matrix3;
 
@@ -50,17 +51,20 @@ pub(crate) struct OwnInertias<T: Vectorized> {
 }
 
 impl<T: Vectorized> OwnInertias<T> {
+    /// In the frames of the passes, or in those of the model.
     #[cold]
-    pub fn new(InertiaPlaces(places): &InertiaPlaces, sweeps: &SweepModel<T>) -> Self {
-        let turn = |body: usize, rotation| Turn::of(&sweeps.frame(body).after(T::zero(), rotation));
-        let links: Vec<_> = places.iter().map(|(body, rotation)| (*body, turn(*body, rotation))).collect();
-        Self { parameters: vec![T::zero(); 10 * links.len()], links }
+    pub fn new(InertiaPlaces(places): &InertiaPlaces, sweeps: Option<&SweepModel<T>>) -> Self {
+        let turn = |(body, rotation): &(usize, Matrix3<f64>)| {
+            let frame = sweeps.map_or(*rotation, |sweeps| sweeps.frame(*body).after(T::zero(), rotation));
+            (*body, Turn::of(&frame))
+        };
+        Self { links: places.iter().map(turn).collect(), parameters: vec![T::zero(); 10 * places.len()] }
     }
 
-    /// Loads the inertias of the states. Returns zero in the lanes in which they are finite and no mass and no moment
-    /// of inertia is negative, else NaN.
+    /// Passes the inertias of the states to `set`, with the index of the body. Returns zero in the lanes in which they
+    /// are finite and no mass and no moment of inertia is negative, else NaN.
     #[inline(always)]
-    pub fn load<'a>(&mut self, sweeps: &mut SweepModel<T>, of: impl Fn(usize) -> &'a [f64]) -> T {
+    pub fn load<'a>(&mut self, of: impl Fn(usize) -> &'a [f64], mut set: impl FnMut(usize, BodyInertia<T>)) -> T {
         let Self { links, parameters } = self;
         let fault = T::take_lanes(parameters, of);
         let mut least = T::one();
@@ -71,7 +75,7 @@ impl<T: Vectorized> OwnInertias<T> {
                 Turn::Permuted(frame) => inertia(&frame.parameters(parameters)),
                 Turn::Turned(rotation) => inertia(parameters).rotated(rotation),
             };
-            sweeps.set_inertia(*body, &inertia);
+            set(*body, inertia);
         }
         fault + fault_below_zero(least)
     }
@@ -99,9 +103,56 @@ pub(super) struct OwnModel<T: Vectorized> {
 impl<T: Vectorized> OwnModel<T> {
     #[cold]
     pub fn new(places: &InertiaPlaces, model: &Model<T>, sweeps: &SweepModel<T>) -> Self {
-        let inertias = OwnInertias::new(places, sweeps);
+        let inertias = OwnInertias::new(places, Some(sweeps));
         Self { model: model.clone(), sweeps: sweeps.clone(), inertias, differs: false }
     }
+}
+
+/// The model of the states of a chunk in the frames of the scene, for kinematic quantities.
+#[derive(Debug)]
+pub(super) struct OwnBodies<T: Vectorized> {
+    pub model: Model<T>,
+    inertias: OwnInertias<T>,
+}
+
+impl<T: Vectorized> OwnBodies<T> {
+    #[cold]
+    pub fn new(places: &InertiaPlaces, model: &Model<T>) -> Self {
+        Self { model: model.clone(), inertias: OwnInertias::new(places, None) }
+    }
+
+    /// Loads the models of the states; returns zero in the lanes whose numbers are valid, else NaN.
+    #[inline(always)]
+    pub fn load(&mut self, scene: &Model<T>, states: &[&Arguments<'_>; MOST_LANES]) -> T {
+        let Model { bodies, system, .. } = &mut self.model;
+        let fault = load_armature(&mut system.noise, &scene.system.noise, states);
+        if states[0].model.inertias.is_empty() {
+            for (own, body) in bodies.iter_mut().zip(&scene.bodies) {
+                own.inertia = body.inertia;
+            }
+            return fault;
+        }
+        fault + self.inertias.load(|lane| states[lane].model.inertias, |body, inertia| bodies[body].inertia = inertia)
+    }
+}
+
+/// True if the states have their own models; None if they differ in what these contain.
+#[inline]
+pub(super) fn have_models(states: &[Arguments<'_>]) -> Option<bool> {
+    let lengths = |state: &Arguments<'_>| [state.model.inertias.len(), state.model.armature.len()];
+    let first = lengths(&states[0]);
+    states.iter().all(|state| lengths(state) == first).then_some(first != [0; 2])
+}
+
+/// Loads the armature of the states, or that of the scene; returns zero in the lanes in which it is valid, else NaN.
+#[inline(always)]
+fn load_armature<T: Vectorized>(noise: &mut [T], scene: &[T], states: &[&Arguments<'_>; MOST_LANES]) -> T {
+    if states[0].model.armature.is_empty() {
+        noise.copy_from_slice(scene);
+        return T::zero();
+    }
+    let fault = T::take_lanes(noise, |lane| states[lane].model.armature);
+    noise.iter().fold(fault, |fault, armature| fault + fault_below_zero(*armature))
 }
 
 within_target! {
@@ -114,21 +165,15 @@ within_target! {
         let OwnModel { model, sweeps, inertias, differs } = own;
         let mut fault = T::zero();
         if !states[0].model.inertias.is_empty() {
-            fault += inertias.load(sweeps, |lane| states[lane].model.inertias);
+            fault += inertias
+                .load(|lane| states[lane].model.inertias, |body, inertia| sweeps.set_inertia(body, &inertia));
             *differs = true;
         } else if *differs {
             sweeps.copy_inertias(scene.1);
             *differs = false;
         }
-        if states[0].model.armature.is_empty() {
-            model.system.noise.copy_from_slice(&scene.0.system.noise);
-        } else {
-            fault += T::take_lanes(&mut model.system.noise, |lane| states[lane].model.armature);
-            for noise in &mut model.system.noise {
-                fault += fault_below_zero(*noise);
-                replace_zeros(noise);
-            }
-        }
+        fault += load_armature(&mut model.system.noise, &scene.0.system.noise, states);
+        model.system.noise.iter_mut().for_each(replace_zeros);
         lanes_but::<T>(|lane| fault.lane(lane) == 0.0)
     }
 }

@@ -291,7 +291,7 @@ pub(crate) struct Requirements {
 
 impl Requirements {
     /// True if the numbers of a model have the lengths of the scene.
-    fn fits(&self, model: &StateModel<'_>) -> bool {
+    pub(crate) fn fits(&self, model: &StateModel<'_>) -> bool {
         [0, self.parameters].contains(&model.inertias.len()) && [0, self.nv].contains(&model.armature.len())
     }
 

@@ -5,6 +5,7 @@
 //! step of other scenes, is that of the state's own scene.
 
 use super::choice::settings_of_state;
+use super::contact::Smoothing;
 use super::properties::Properties;
 use super::scratch::Scratch;
 use super::step_settings::StepSettings;
@@ -57,19 +58,28 @@ impl Population {
         &self.members[state]
     }
 
-    /// Checks the inertias of every state, and makes the scenes of those that need them.
-    pub fn check(&self, scene: &Scene) -> Result<(), Error> {
-        for (state, member) in self.members.iter().enumerate() {
+    /// Checks the inertias of every state, and makes the scenes and the contact laws of those that need them.
+    pub fn check(&mut self, scene: &Scene) -> Result<(), Error> {
+        let states = self.members.len();
+        for (state, member) in self.members.iter_mut().enumerate() {
             crate::interrupt::check_at(state, 256)?;
-            let checked =
-                if self.in_lanes { scene.check_inertias(&member.inertias) } else { member.scene(scene).map(|_| ()) };
-            checked.map_err(|error| if self.members.len() > 1 { error.in_state(state) } else { error })?;
+            let checked = if self.in_lanes { scene.check_inertias(&member.inertias) } else { member.prepare(scene) };
+            checked.map_err(|error| if states > 1 { error.in_state(state) } else { error })?;
         }
         Ok(())
     }
 }
 
 impl Member {
+    /// Makes the scene of this state, and its relaxed contact law, whose forces are shares of its weight.
+    fn prepare(&mut self, scene: &Scene) -> Result<(), Error> {
+        let own = self.scene(scene)?;
+        if let Some(Smoothing { length, .. }) = self.settings.smoothing {
+            self.settings.smoothing = Smoothing::new(own.tree(), length, false)?;
+        }
+        Ok(())
+    }
+
     /// The scene of this state, for whose scene `scene` is.
     pub fn scene(&self, scene: &Scene) -> Result<Arc<Scene>, Error> {
         let mut own = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
@@ -96,9 +106,13 @@ impl<T: Vectorized> Scratch<T> {
         at: impl Fn(usize) -> usize,
     ) {
         if let Some(places) = &population.places {
-            let inertias = own_inertias.get_or_insert_with(|| Box::new(OwnInertias::new(places, &self.constants)));
+            let inertias =
+                own_inertias.get_or_insert_with(|| Box::new(OwnInertias::new(places, Some(&self.constants))));
             // Rollouts check them.
-            let _ = inertias.load(&mut self.constants, |lane| &population.of(at(lane.min(count - 1))).inertias);
+            let _ = inertias.load(
+                |lane| &population.of(at(lane.min(count - 1))).inertias,
+                |body, inertia| self.constants.set_inertia(body, &inertia),
+            );
         }
         for lane in 0..T::LANES {
             let Properties { armature, damping, stiffness, friction, .. } =

@@ -156,11 +156,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         step_settings.smoothing = smoothing;
         step_settings.push(wrenches);
         let population = if has_models {
-            if step_settings.smoothing.is_some() {
-                let found = "smoothed contacts with models that differ between states";
-                return Err(Error::argument("smoothing", found, "the exact law, or one model for all states"));
-            }
-            let population = Population::new(scene.borrow(), &step_settings, &given.properties, states);
+            let mut population = Population::new(scene.borrow(), &step_settings, &given.properties, states);
             population.check(scene.borrow())?;
             Some(Arc::new(population))
         } else {

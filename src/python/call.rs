@@ -4,6 +4,7 @@ use super::bad_states::Errors;
 use super::cost::{Cost, WORTH_RELEASING};
 use super::dtype::Dtype;
 use super::errors::{asked_by, fault};
+use super::evaluate::Keywords;
 use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
@@ -16,6 +17,7 @@ use super::wrenches::{self, Wrench};
 use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
 use crate::error::Error;
 use crate::memory;
+use crate::model::StateModel;
 use crate::scene::Scene;
 use pyo3::prelude::*;
 
@@ -62,6 +64,18 @@ impl PyScene {
         errors: &str,
     ) -> PyResult<BatchCall<'a, 'py>> {
         Ok(BatchCall::new(self, inputs.into(), Vec::new(), Cost::of(cost))?.with(Errors::read(errors)?))
+    }
+
+    /// The same with the wrenches, the models of the states and the tolerance of the keywords.
+    pub(super) fn call_by<'a, 'py>(
+        &'a self,
+        inputs: impl Into<Vec<Input<'py>>>,
+        cost: usize,
+        keywords: &Keywords<'_, 'py>,
+    ) -> PyResult<BatchCall<'a, 'py>> {
+        let (wrenches, models) = (Wrench::read(&self.scene, keywords.wrenches)?, keywords.models(&self.scene)?);
+        let call = BatchCall::of_models(self, inputs.into(), wrenches, models, Cost::of(cost))?;
+        Ok(call.with(Errors::read(keywords.errors)?).accepting(keywords.tolerance))
     }
 }
 
@@ -218,18 +232,32 @@ impl<'py> BatchCall<'_, 'py> {
             return Ok(());
         }
         let scene = &self.scene.scene;
-        let (arguments, wrenches) = self.over()?;
+        let ((arguments, wrenches), models) = (self.over()?, self.models.over(&self.batch)?);
         let (bodies, errors, tolerance) = (scene.model().bodies.len(), &self.errors, self.tolerance);
         self.run(py, self.cost.of_one(), |batch| {
             batch.run_pieces(length.max(1), results, |scratch, states, results| {
-                scratch.workspace.tolerance = tolerance;
                 let (width, mut last) = (results.len() / states.len().max(1), None);
+                let mut own: Option<(StateModel<'_>, Scene, Scratch)> = None;
                 for (at, i) in states.enumerate() {
                     last = last.filter(|_| i % length != 0);
                     let (before, rest) = results.split_at_mut(at * width);
                     let (previous, out) = (last.map(|last| &before[last * width..][..width]), &mut rest[..width]);
-                    let outcome = wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces[0])
-                        .and_then(|()| kernel(scene, scratch, &|k: usize| arguments[k].state(i), previous, out));
+                    let mut run = |scene: &Scene, scratch: &mut Scratch| {
+                        scratch.workspace.tolerance = tolerance;
+                        wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces[0])?;
+                        kernel(scene, scratch, &|k: usize| arguments[k].state(i), previous, &mut *out)
+                    };
+                    let model = models.of(i);
+                    own = own.filter(|own| own.0 == model);
+                    let outcome = match &mut own {
+                        _ if model.is_of_scene() => run(scene, scratch),
+                        Some((_, scene, scratch)) => run(scene, scratch),
+                        None => scene.with_state_model(&model).and_then(|scene| {
+                            let scratch = Scratch::new(&scene);
+                            let (_, scene, scratch) = own.insert((model, scene, scratch));
+                            run(scene, scratch)
+                        }),
+                    };
                     if let Err(error) = outcome {
                         errors.note(Fault { state: i, error })?;
                         out.fill(f64::NAN);

@@ -17,7 +17,7 @@ impl PyScene {
 
 methods! {
     /// Center of mass of all moving links, in the base frame.
-    #[doc = parameters!(q errors)]
+    #[doc = parameters!(q inertias errors)]
     #[doc = section!(Returns)]
     /// c : (..., 3) ndarray
     ///     Center of mass, m, from the origin of the base frame.
@@ -31,10 +31,10 @@ methods! {
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.center_of_mass(scene.neutral()).round(3)
     /// array([0.113, 0.147, 0.023])
-    fn center_of_mass(q; errors) => kinematic_quantity(&KinematicQuantity::CenterOfMass);
+    fn center_of_mass(q; inertias, errors) => kinematic_quantity(&KinematicQuantity::CenterOfMass);
 
     /// Velocity of the center of mass in the base frame: linear momentum divided by mass, in O(N).
-    #[doc = parameters!(q qd errors)]
+    #[doc = parameters!(q qd inertias errors)]
     #[doc = section!(Returns)]
     /// v : (..., 3) ndarray
     ///     Velocity, m/s.
@@ -44,10 +44,10 @@ methods! {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.center_of_mass_velocity(q, qd), scene.center_of_mass_jacobian(q) @ qd)
     /// True
-    fn center_of_mass_velocity(q, qd; errors) => kinematic_quantity(&KinematicQuantity::CenterOfMassVelocity);
+    fn center_of_mass_velocity(q, qd; inertias, errors) => kinematic_quantity(&KinematicQuantity::CenterOfMassVelocity);
 
     /// Acceleration of the center of mass in the base frame for joint accelerations qdd, without gravity, in O(N).
-    #[doc = parameters!(q qd qdd errors)]
+    #[doc = parameters!(q qd qdd inertias errors)]
     #[doc = section!(Returns)]
     /// a : (..., 3) ndarray
     ///     Acceleration, m/s^2. Multiplied by total_mass, it is the sum of the external forces, weight included.
@@ -58,11 +58,11 @@ methods! {
     /// >>> a = scene.center_of_mass_acceleration(q, still, [1.0, 0.0, 0.0])
     /// >>> np.allclose(a, scene.center_of_mass_jacobian(q)[:, 0])
     /// True
-    fn center_of_mass_acceleration(q, qd, qdd; errors)
+    fn center_of_mass_acceleration(q, qd, qdd; inertias, errors)
         => kinematic_quantity(&KinematicQuantity::CenterOfMassAcceleration);
 
     /// Jacobian J of the center of mass: its velocity in the base frame is J qd.
-    #[doc = parameters!(q errors)]
+    #[doc = parameters!(q inertias errors)]
     #[doc = section!(Returns)]
     /// J : (..., 3, nv) ndarray
     ///     Jacobian, m or 1: the linear rows of centroidal_momentum_matrix divided by the mass.
@@ -72,10 +72,10 @@ methods! {
     #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).center_of_mass_jacobian([0.3, 0.2, 0.1]).shape
     /// (3, 3)
-    fn center_of_mass_jacobian(q; errors) => kinematic_quantity(&KinematicQuantity::CenterOfMassJacobian);
+    fn center_of_mass_jacobian(q; inertias, errors) => kinematic_quantity(&KinematicQuantity::CenterOfMassJacobian);
 
     /// Centroidal momentum matrix A: A qd is (angular momentum about the center of mass, linear), in base axes.
-    #[doc = parameters!(q errors)]
+    #[doc = parameters!(q inertias errors)]
     #[doc = section!(Returns)]
     /// A : (..., 6, nv) ndarray
     ///     Matrix in SI units; angular rows first. Pinocchio's Ag has the linear rows first.
@@ -88,10 +88,10 @@ methods! {
     /// >>> A = scene.centroidal_momentum_matrix([0.3, 0.2, 0.1])
     /// >>> np.allclose(A[3:] / scene.total_mass, scene.center_of_mass_jacobian([0.3, 0.2, 0.1]))
     /// True
-    fn centroidal_momentum_matrix(q; errors) => kinematic_quantity(&KinematicQuantity::CentroidalMomentumMatrix);
+    fn centroidal_momentum_matrix(q; inertias, errors) => kinematic_quantity(&KinematicQuantity::CentroidalMomentumMatrix);
 
     /// Time derivative A' of the centroidal momentum matrix along qd: the momentum changes at A qdd + A' qd.
-    #[doc = parameters!(q qd errors)]
+    #[doc = parameters!(q qd inertias errors)]
     #[doc = section!(Returns)]
     /// dA : (..., 6, nv) ndarray
     ///     Matrix in SI units, with the rows of centroidal_momentum_matrix.
@@ -105,11 +105,11 @@ methods! {
     /// >>> ahead, behind = (scene.centroidal_momentum_matrix(q + h * qd) for h in (1e-6, -1e-6))
     /// >>> np.allclose(scene.centroidal_momentum_matrix_rate(q, qd), (ahead - behind) / 2e-6)
     /// True
-    fn centroidal_momentum_matrix_rate(q, qd; errors)
+    fn centroidal_momentum_matrix_rate(q, qd; inertias, errors)
         => kinematic_quantity(&KinematicQuantity::CentroidalMomentumMatrixRate);
 
     /// Derivatives of the centroidal momentum A qd with respect to q and qd; the second is A.
-    #[doc = parameters!(q qd errors)]
+    #[doc = parameters!(q qd inertias errors)]
     #[doc = section!(Returns)]
     /// dh : (..., 2, 6, nv) ndarray
     ///     dh/dq and dh/dqd in SI units, with the rows of centroidal_momentum_matrix.
@@ -127,6 +127,6 @@ methods! {
     /// >>> ahead, behind = (scene.centroidal_momentum_matrix(q + h) @ qd for h in (step, -step))
     /// >>> np.allclose(by_q[:, 1], (ahead - behind) / 2e-6)
     /// True
-    fn centroidal_momentum_derivatives(q, qd; errors)
+    fn centroidal_momentum_derivatives(q, qd; inertias, errors)
         => kinematic_quantity(&KinematicQuantity::CentroidalMomentumDerivatives);
 }

@@ -146,7 +146,7 @@ impl PyLoops {
     #[doc = parameters!(q)]
     /// qd : (..., nv) array_like, optional
     ///     Joint velocities, rad/s or m/s.
-    #[doc = entries!(compliance errors)]
+    #[doc = entries!(compliance models errors)]
     #[doc = section!(Returns)]
     /// projection : Projection
     ///     Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
@@ -172,13 +172,15 @@ impl PyLoops {
     /// >>> closed = scene.loops.project([0.0, 0.1, 0.3])
     /// >>> np.allclose(scene.loops.error(closed.q), 0.0)
     /// True
-    #[pyo3(signature = (q, qd=None, *, compliance=None, errors="raise"))]
+    #[pyo3(signature = (q, qd=None, *, compliance=None, inertias=None, armature=None, errors="raise"))]
     fn project<'py>(
         &self,
         py: Python<'py>,
         q: &Object<'py>,
         qd: Option<&Object<'py>>,
         compliance: Option<&Object<'py>>,
+        inertias: Option<&Object<'py>>,
+        armature: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         let of = self.as_scene();
@@ -190,7 +192,8 @@ impl PyLoops {
         inputs.extend(compliance.map(|compliance| of.compliance(compliance)).transpose()?);
         let is_compliant = compliance.is_some();
         let width = nq + if is_moving { nv } else { 0 };
-        let call = of.call(inputs, 5 * of.cost_of_rows(), errors)?;
+        let keywords = Keywords { errors, inertias, armature, ..Keywords::none() };
+        let call = of.call_by(inputs, 5 * of.cost_of_rows(), &keywords)?;
         let mut output = call.output(py, &[width + 1], None, super::output::Output::new)?;
         call.each_state(py, output.numbers()?, |scene, scratch, given, out| {
             let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
@@ -218,7 +221,7 @@ methods! {
     #[doc = parameters!(q qd qdd)]
     /// actuated : iterable of str or (nv,) array_like of bool, optional
     ///     Names of the actuated joints, or a mask; the torque of all others is zero. None: all joints.
-    #[doc = entries!(form tolerance wrenches errors)]
+    #[doc = entries!(form tolerance wrenches models errors)]
     #[doc = section!(Returns)]
     /// dynamics : ConstrainedInverseDynamics
     ///     Named tuple: tau (..., nv); forces and rank as in dynamics; residual (...), the largest entry of
@@ -235,13 +238,14 @@ methods! {
     /// >>> dynamics = scene.loops.inverse_dynamics(q, qd, qdd, actuated=["j0", "j1"])
     /// >>> float(dynamics.tau[2])
     /// 0.0
-    fn inverse_dynamics(q, qd, qdd; actuated, form, tolerance, wrenches, errors) |scene, py, keywords| {
+    fn inverse_dynamics(q, qd, qdd; actuated, form, tolerance, wrenches, inertias, armature,
+        errors) |scene, py, keywords| {
         let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         let nv = scene.scene.nv();
         let motors = keywords.actuated.map(|actuated| scene.joint_mask("actuated", actuated)).transpose()?;
         let motors = motors.unwrap_or_default();
-        let call = scene.through_connections([("q", q), ("qd", qd), ("qdd", qdd)], wrenches, (form, errors))?;
-        let call = call.accepting(tolerance);
+        let call = scene.call_by(scene.inputs([("q", q), ("qd", qd), ("qdd", qdd)])?, scene.cost_of_rows(), keywords)?;
+        let call = call.with(scene.errors(errors, Some(form))?);
         let results =
             call.array(py, &[nv + scene.scene.constraint_rows() + 2], |scene, scratch, [q, qd, qdd], out| {
                 let (workspace, rows, forces) = scratch.through_connections(scene, form);
@@ -259,7 +263,7 @@ methods! {
     }
 
     /// Inverse mass matrix through the connections: M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
-    #[doc = parameters!(q form tolerance errors)]
+    #[doc = parameters!(q form tolerance models errors)]
     #[doc = section!(Returns)]
     /// inverse : (..., nv, nv) ndarray
     ///     Change of the joint accelerations per joint torque, SI units; symmetric, of rank nv minus that of J.
@@ -271,13 +275,13 @@ methods! {
     /// >>> inverse = scene.loops.mass_matrix_inverse([0.0, 0.1, 0.1])
     /// >>> np.allclose(scene.loops.jacobian([0.0, 0.1, 0.1]) @ inverse, 0.0)
     /// True
-    fn mass_matrix_inverse(q; form, tolerance, errors) |scene, py| {
+    fn mass_matrix_inverse(q; form, tolerance, inertias, armature, errors) |scene, py, keywords| {
         let form = read_judged(&scene.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         scene.check_dense("loops.mass_matrix_inverse", "loops.dynamics, which multiplies by it")?;
         let nv = scene.scene.nv();
         let cost = scene.cost_of_rows().saturating_add(nv.saturating_pow(3));
-        let call = scene.call([scene.configuration("q", q)?], cost, errors)?.with(scene.errors(errors, Some(form))?);
-        call.accepting(tolerance).array(py, &[nv, nv], |scene, scratch, [q], out| {
+        let call = scene.call_by([scene.configuration("q", q)?], cost, keywords)?;
+        call.with(scene.errors(errors, Some(form))?).array(py, &[nv, nv], |scene, scratch, [q], out| {
             let (workspace, rows, _) = scratch.through_connections(scene, form);
             scene.constrained_mass_matrix_inverse(workspace, rows, q, out)
         }).map(Bound::into_any)
@@ -344,18 +348,6 @@ impl PyScene {
         let mut output = call.output::<f64>(py, &[width], None, Output::unwritten)?;
         call.in_chunks(py, algorithm, output.numbers()?, None)?;
         Ok(output.finish().into_any())
-    }
-
-    /// Creates a call with a state and wrenches.
-    fn through_connections<'a, 'py, const N: usize>(
-        &'a self,
-        given: [(&'static str, &Object<'py>); N],
-        wrenches: Option<&Object<'py>>,
-        (form, errors): (Form, &str),
-    ) -> PyResult<BatchCall<'a, 'py>> {
-        let wrenches = Wrench::read(&self.scene, wrenches)?;
-        let call = BatchCall::new(self, self.inputs(given)?, wrenches, Cost::of(self.cost_of_rows()))?;
-        Ok(call.with(self.errors(errors, Some(form))?))
     }
 
     /// Creates a dict from connection names to the slices of their rows.

@@ -3,6 +3,7 @@
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::choice::read_judged;
 use super::cost::WORTH_DETACHING;
+use super::evaluate::Keywords;
 use super::groups::PyContacts;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
@@ -188,10 +189,11 @@ impl PyScene {
     }
 }
 
-#[pymethods]
-impl PyContacts {
+methods! {
+    in PyContacts;
+
     /// J M^-1 J^T of the points of all contacts: their velocities, in the base frame, due to unit impulses on them.
-    #[doc = parameters!(q form tolerance errors)]
+    #[doc = parameters!(q form tolerance models errors)]
     #[doc = section!(Returns)]
     /// gram : (..., contacts, 3, contacts, 3) ndarray
     ///     Velocity of contact i along axis a of the base frame due to a unit impulse on contact j along axis b, 1/kg,
@@ -210,25 +212,16 @@ impl PyContacts {
     /// array([[3. , 0. , 0. ],
     ///        [0. , 3. , 0. ],
     ///        [0. , 0. , 0.5]])
-    #[pyo3(signature = (q, *, form="auto", tolerance=None, errors="raise"))]
-    fn gram<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
-        errors: &str,
-    ) -> Array<'py> {
-        let of = self.as_scene();
+    fn gram(q; form, tolerance, inertias, armature, errors) |of, py, keywords| {
         let form = read_judged(&of.scene, (form, tolerance), Algorithm::MassMatrixInverse)?;
         let contacts = of.scene.contacts().len();
         memory::room("q", memory::bytes_of::<f64>(&[3 * contacts, 3 * contacts]))?;
         let cost = of.cost_of_contacts().saturating_add(of.size().saturating_mul(contacts).saturating_mul(200));
-        let call = of.call([of.configuration("q", q)?], cost, errors)?.with(of.errors(errors, Some(form))?);
-        call.accepting(tolerance).array(py, &[contacts, 3, contacts, 3], |scene, scratch, [q], out| {
+        let call = of.call_by([of.configuration("q", q)?], cost, keywords)?.with(of.errors(errors, Some(form))?);
+        call.array(py, &[contacts, 3, contacts, 3], |scene, scratch, [q], out| {
             scratch.workspace.form = form;
             scene.contact_gram(&mut scratch.workspace, q, out)
-        })
+        }).map(Bound::into_any)
     }
 }
 

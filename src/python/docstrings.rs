@@ -54,11 +54,16 @@ dgravity : (..., 3) array_like, optional
     External forces by link name (links on fixed joints too): (moment, force) at the origin and in the frame of
     the link, N m and N."
     };
-    (models) => {
+    (inertias) => {
         "inertias : (..., bodies, 10) array_like, optional
     Inertial parameters of each state instead of those of the scene, in the order of Scene.inertial_parameters: a
-    model per state.
-armature : (..., nv) array_like or float, optional
+    model per state."
+    };
+    (models) => {
+        concat!(entry!(inertias), "\n", entry!(armature))
+    };
+    (armature) => {
+        "armature : (..., nv) array_like or float, optional
     Armature of each state instead of that of the scene, kg m^2 or kg."
     };
     (form) => {

@@ -1,6 +1,7 @@
 //! Kinematic quantities, and methods that evaluate states one at a time, from the arguments of a call to its result.
 
 use super::bad_states::is_nan;
+use super::call::BatchCall;
 use super::cost::{Cost, WORTH_RELEASING};
 use super::evaluate::Keywords;
 use super::object::Object;
@@ -21,17 +22,17 @@ impl PyScene {
         py: Python<'py>,
         what: &KinematicQuantity<'_>,
         values: [&Object<'py>; N],
-        &Keywords { errors, .. }: &Keywords<'_, 'py>,
+        keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let (entry, mut room) = (what.entry(), [0; 4]);
         if what.is_by_coordinates() {
             self.scene.check_independent()?;
         }
-        if entry.needs_mass {
+        if entry.needs_mass && !keywords.has_models() {
             self.scene.check_has_mass()?;
         }
         let shape = entry.shape(&self.scene.sizes(), &mut room);
-        if !is_nan(errors)? {
+        if !is_nan(keywords.errors)? && !keywords.has_models() {
             let kernel = |scene: &Scene, scratch: &mut Scratch, state: [&[f64]; N], out: &mut [f64]| {
                 let evaluator = scratch.evaluator.get_or_insert_with(|| scene.evaluator());
                 let of = |k: usize| state.get(k).copied().unwrap_or_default();
@@ -45,11 +46,21 @@ impl PyScene {
                 return Ok(result);
             }
         }
-        let names = entry.arguments.iter().map(|&(name, _)| name);
-        let call = self.call(self.inputs(names.zip(values))?, self.cost_of(what), errors)?;
+        let call = self.call_of_quantity(what, values, keywords)?;
         let mut output = call.output(py, shape, None, Output::unwritten)?;
         call.quantity_in_chunks(py, what, output.numbers()?)?;
         output.finish_or_scalar()
+    }
+
+    /// A call of a kinematic quantity, with the models of the states.
+    pub(super) fn call_of_quantity<'py, const N: usize>(
+        &self,
+        what: &KinematicQuantity<'_>,
+        values: [&Object<'py>; N],
+        keywords: &Keywords<'_, 'py>,
+    ) -> PyResult<BatchCall<'_, 'py>> {
+        let names = what.entry().arguments.iter().map(|&(name, _)| name);
+        self.call_by(self.inputs(names.zip(values))?, self.cost_of(what), keywords)
     }
 
     /// Approximate time of a kinematic quantity of one state, ns.

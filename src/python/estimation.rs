@@ -1,15 +1,13 @@
 //! The method `Scene.estimate`: conditional means given measured joint torques (section 2).
 
 use super::axis::Axis;
-use super::bad_states::Errors;
 use super::call::BatchCall;
 use super::choice::renamed;
-use super::cost::Cost;
+use super::evaluate::Keywords;
 use super::input::{Input, is_bare};
 use super::object::{Object, imported};
 use super::scene::PyScene;
 use super::scratch::{Estimation, Scratch};
-use super::wrenches::Wrench;
 use crate::dynamics::{Estimate, EstimateCovariance, Measurements};
 use crate::error::Error;
 use crate::operators::BatchEstimate;
@@ -46,7 +44,7 @@ impl PyScene {
     ///     Prior mean a0 of the joint accelerations, zero by default.
     /// acceleration_variance : float, default 1
     ///     s: prior variance of the acceleration of 1 kg m^2, (rad/s^2)^2, and of 1 kg, (m/s^2)^2.
-    #[doc = entries!(wrenches)]
+    #[doc = entries!(wrenches models)]
     /// covariance : bool, default False
     ///     If true, compute the covariances of the errors too.
     /// method : {"sequential", "batch"}, default "sequential"
@@ -74,11 +72,11 @@ impl PyScene {
     /// >>> scene.estimate(q, qd, tau, measured=["j0"], covariance=True).acceleration_variance.shape
     /// (3,)
     #[pyo3(signature = (q, qd, tau=None, *, noise=None, measured=None, prior_acceleration=None,
-                        acceleration_variance=1.0, wrenches=None, covariance=false, method="sequential",
-                        errors="raise", torque=None),
+                        acceleration_variance=1.0, wrenches=None, inertias=None, armature=None, covariance=false,
+                        method="sequential", errors="raise", torque=None),
            text_signature = "($self, q, qd, tau, *, noise=0.0, measured=None, prior_acceleration=None, \
-                             acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', \
-                             errors='raise')")]
+                             acceleration_variance=1.0, wrenches=None, inertias=None, armature=None, \
+                             covariance=False, method='sequential', errors='raise')")]
     fn estimate<'py>(
         &self,
         py: Python<'py>,
@@ -90,6 +88,8 @@ impl PyScene {
         prior_acceleration: Option<&Object<'py>>,
         acceleration_variance: f64,
         wrenches: Option<&Object<'py>>,
+        inertias: Option<&Object<'py>>,
+        armature: Option<&Object<'py>>,
         covariance: bool,
         method: &str,
         errors: &str,
@@ -104,14 +104,13 @@ impl PyScene {
         let dense = self.is_dense(method)?;
         let measured = measured.map(|measured| self.joint_mask("measured", measured)).transpose()?;
         let has_prior = prior_acceleration.is_some();
-        let errors = Errors::read(errors)?;
         self.scene.check_prior(acceleration_variance)?;
         let (torque, unknown) = with_mask("tau", tau, self.rates(), Input::new)?;
         let (noise, hidden) = match noise {
             Some(noise) => with_mask("noise", noise, self.rates(), Input::spread)?,
             None => (Input::filled(py, "noise", 0.0, nv)?, Input::filled(py, "noise", 0.0, nv)?),
         };
-        let inputs = vec![
+        let inputs = [
             self.configuration("q", q)?,
             self.rate("qd", qd)?,
             torque,
@@ -123,10 +122,10 @@ impl PyScene {
                 None => Input::filled(py, "prior_acceleration", 0.0, nv)?,
             },
         ];
-        let wrenches = Wrench::read(&self.scene, wrenches)?;
         let bodies = (cost::MEANS + usize::from(covariance) * cost::COVARIANCES) * self.size();
         let cost = if dense { cost::DENSE * nv * nv * nv } else { bodies };
-        let call = BatchCall::new(self, inputs, wrenches, Cost::of(cost))?.with(errors);
+        let call =
+            self.call_by(inputs, cost, &Keywords { errors, wrenches, inertias, armature, ..Keywords::none() })?;
         let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
         let mut results = call.scratch_results(py, width)?;
         let numbers = results.numbers()?;

@@ -62,7 +62,7 @@ impl PyScene {
 
 methods! {
     /// Kinetic energy qd^T M qd / 2, including armature, and potential energy.
-    #[doc = parameters!(q qd errors)]
+    #[doc = parameters!(q qd models errors)]
     #[doc = section!(Returns)]
     /// energy : Energy
     ///     Named tuple (kinetic, potential), each (...), J. The potential energy is zero with the center of mass at the
@@ -75,9 +75,8 @@ methods! {
     /// >>> energy = scene.energy([0.3, 0.2, 0.1], [1.0, 0.0, 0.0])
     /// >>> round(float(energy.kinetic), 3), round(float(energy.potential), 3)
     /// (0.123, 7.357)
-    fn energy(q, qd; errors) |scene, py| {
-        let inputs = [scene.configuration("q", q)?, scene.rate("qd", qd)?];
-        let call = scene.call(inputs, scene.cost_of(&KinematicQuantity::Energy), errors)?;
+    fn energy(q, qd; inertias, armature, errors) |scene, py, keywords| {
+        let call = scene.call_of_quantity(&KinematicQuantity::Energy, [q, qd], keywords)?;
         let mut both = call.scratch_results(py, 2)?;
         call.quantity_in_chunks(py, &KinematicQuantity::Energy, both.numbers()?)?;
         let parts = call.pieces(py, both.numbers()?, &[[0; 0]; 2])?;
@@ -85,7 +84,7 @@ methods! {
     }
 
     /// Kinetic energy qd^T M qd / 2, including armature, in O(N).
-    #[doc = parameters!(q qd errors)]
+    #[doc = parameters!(q qd models errors)]
     #[doc = section!(Returns)]
     /// kinetic : (...) ndarray
     ///     Kinetic energy, J.
@@ -95,10 +94,10 @@ methods! {
     /// >>> q, qd = np.array([0.3, 0.2, 0.1]), np.array([1.0, 0.5, 0.2])
     /// >>> np.allclose(scene.kinetic_energy(q, qd), qd @ scene.mass_matrix(q) @ qd / 2)
     /// True
-    fn kinetic_energy(q, qd; errors) => kinematic_quantity(&KinematicQuantity::KineticEnergy);
+    fn kinetic_energy(q, qd; inertias, armature, errors) => kinematic_quantity(&KinematicQuantity::KineticEnergy);
 
     /// Potential energy of gravity of all moving links, in O(N): minus gravity times the first moment of mass.
-    #[doc = parameters!(q errors)]
+    #[doc = parameters!(q inertias errors)]
     #[doc = section!(Returns)]
     /// potential : (...) ndarray
     ///     Potential energy, J; zero with the center of mass at the origin of the base frame.
@@ -110,10 +109,10 @@ methods! {
     /// >>> weight = scene.total_mass * np.array(scene.gravity)
     /// >>> np.allclose(scene.potential_energy(q), -weight @ scene.center_of_mass(q))
     /// True
-    fn potential_energy(q; errors) => kinematic_quantity(&KinematicQuantity::PotentialEnergy);
+    fn potential_energy(q; inertias, errors) => kinematic_quantity(&KinematicQuantity::PotentialEnergy);
 
     /// Spatial momentum of all moving links in the base frame: (angular about its origin, linear).
-    #[doc = parameters!(q qd errors)]
+    #[doc = parameters!(q qd inertias errors)]
     #[doc = section!(Returns)]
     /// h : (..., 6) ndarray
     ///     Momentum, N m s and N s; armature does not contribute.
@@ -123,5 +122,5 @@ methods! {
     /// >>> q, qd = [0.3, 0.2, 0.1], [1.0, 0.5, 0.2]
     /// >>> np.allclose(scene.momentum(q, qd)[3:], scene.total_mass * scene.center_of_mass_velocity(q, qd))
     /// True
-    fn momentum(q, qd; errors) => kinematic_quantity(&KinematicQuantity::Momentum);
+    fn momentum(q, qd; inertias, errors) => kinematic_quantity(&KinematicQuantity::Momentum);
 }

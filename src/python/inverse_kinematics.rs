@@ -3,6 +3,7 @@
 use super::choice::choose;
 use super::counts::{count, count_or, number};
 use super::errors::warn_as;
+use super::evaluate::Keywords;
 use super::input::Input;
 use super::object::{Object, imported};
 use super::output::{self, Output};
@@ -64,6 +65,7 @@ impl PyScene {
     ///     Largest number of steps from each start.
     /// metric : {"coordinates", "mass"}, default "coordinates"
     ///     Metric of the damping: coordinates, or kinetic energy, so that joints that carry more mass move less.
+    #[doc = entries!(models)]
     /// covariance : bool, default False
     ///     If true, compute the covariance of q.
     /// seed : int, default 0
@@ -92,10 +94,11 @@ impl PyScene {
     /// >>> found.reached, np.allclose(scene.placement(found.q, "flange"), goal)
     /// (True, True)
     #[pyo3(signature = (tasks, q0=None, *, follow=false, starts=None, posture=None, limits=true, tolerance=1e-9,
-                        iterations=None, metric="coordinates", covariance=false, seed=None, errors="raise"),
+                        iterations=None, metric="coordinates", inertias=None, armature=None, covariance=false,
+                        seed=None, errors="raise"),
            text_signature = "($self, tasks, q0=None, *, follow=False, starts=None, posture=None, limits=True, \
-                             tolerance=1e-9, iterations=100, metric='coordinates', covariance=False, seed=0, \
-                             errors='raise')")]
+                             tolerance=1e-9, iterations=100, metric='coordinates', inertias=None, armature=None, \
+                             covariance=False, seed=0, errors='raise')")]
     fn inverse_kinematics<'py>(
         &self,
         py: Python<'py>,
@@ -108,6 +111,8 @@ impl PyScene {
         tolerance: f64,
         iterations: Option<&Object<'py>>,
         metric: &str,
+        inertias: Option<&Object<'py>>,
+        armature: Option<&Object<'py>>,
         covariance: bool,
         seed: Option<&Object<'py>>,
         errors: &str,
@@ -128,7 +133,7 @@ impl PyScene {
         }
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let width = nq + BESIDE + if covariance { nv * nv } else { 0 };
-        let call = self.call(inputs, COST, errors)?;
+        let call = self.call_by(inputs, COST, &Keywords { errors, inertias, armature, ..Keywords::none() })?;
         let mut results = call.output(py, &[width], None, Output::new)?;
         let numbers = results.numbers()?;
         let length = call.batch.last().copied().filter(|_| follow).unwrap_or(1);
@@ -177,7 +182,7 @@ impl PyScene {
     /// velocity : float or (..., nv) array_like, optional
     ///     Velocity limits instead of those of the joints, rad/s or m/s; inf: none. A floating base has limits only
     ///     here.
-    #[doc = entries!(errors)]
+    #[doc = entries!(inertias errors)]
     #[doc = section!(Returns)]
     /// qd : (..., nv) ndarray
     ///     Joint velocities, rad/s or m/s.
@@ -197,7 +202,8 @@ impl PyScene {
     /// ...     q += 0.01 * scene.inverse_kinematics_rates(task, q, dt=0.01, gain=0.2)
     /// >>> scene.placement(q, "flange")[:3, 3].round(3)
     /// array([0.5, 0.1, 0.4])
-    #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true, velocity=None, errors="raise"))]
+    #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true, velocity=None, inertias=None,
+                        errors="raise"))]
     fn inverse_kinematics_rates<'py>(
         &self,
         py: Python<'py>,
@@ -208,6 +214,7 @@ impl PyScene {
         damping: f64,
         limits: bool,
         velocity: Option<&Object<'py>>,
+        inertias: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         let options = RateOptions { dt, gain, damping, limits, velocity: None };
@@ -224,7 +231,7 @@ impl PyScene {
         let is_limited = velocity.is_some();
         let far = self.far_target(&fixed, &inputs[1..])?;
         inputs.extend(velocity.map(|given| Input::spread("velocity", given, self.rates())).transpose()?);
-        let call = self.call(inputs, COST_OF_RATES, errors)?;
+        let call = self.call_by(inputs, COST_OF_RATES, &Keywords { errors, inertias, ..Keywords::none() })?;
         let mut results = call.output(py, &[self.scene.nv()], None, Output::new)?;
         let numbers = results.numbers()?;
         call.each_state(py, numbers, |scene, scratch, of, out| {

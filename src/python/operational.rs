@@ -31,7 +31,7 @@ methods! {
     #[doc = parameters!(q)]
     /// links : str or sequence of str
     ///     Link name or m link names; links on the base and repeated names are allowed.
-    #[doc = entries!(task_frames form tolerance errors)]
+    #[doc = entries!(task_frames form tolerance models errors)]
     #[doc = section!(Returns)]
     /// inverse : (..., 6m, 6m) ndarray
     ///     Change of the stacked (angular, linear) accelerations of the frames per wrench (moment, force) on them, each
@@ -48,14 +48,15 @@ methods! {
     /// >>> np.allclose(scene.operational_inverse_inertia(q, "link2"), J @ scene.mass_matrix_inverse(q) @ J.T)
     /// True
     #[pyo3(text_signature = "($self, q, links, *, at=None, rotation=None, form='auto', tolerance=None, \
-                             errors='raise')")]
-    fn operational_inverse_inertia(q, links; at, rotation, form, tolerance, errors, xyz) |scene, py, keywords| {
+                             inertias=None, armature=None, errors='raise')")]
+    fn operational_inverse_inertia(q, links; at, rotation, form, tolerance, inertias, armature, errors,
+        xyz) |scene, py, keywords| {
         let (form, task) = scene.task(links, keywords)?;
         let frames = task.frames();
         let width = 6 * frames.len();
         memory::room("links", memory::bytes_of::<f64>(&[width, width]))?;
-        let call = scene.call([scene.configuration("q", q)?], scene.cost_of_task(frames.len()), errors)?;
-        call.accepting(tolerance).array(py, &[width, width], |scene, scratch, [q], out| {
+        let call = scene.call_by([scene.configuration("q", q)?], scene.cost_of_task(frames.len()), keywords)?;
+        call.array(py, &[width, width], |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());
@@ -71,7 +72,7 @@ methods! {
     /// directions : (k, 6m) array_like, optional
     ///     S: each row is a direction in the stacked (angular, linear) velocities of the frames; all 6m by default. The
     ///     same for the whole batch.
-    #[doc = entries!(form tolerance errors)]
+    #[doc = entries!(form tolerance models errors)]
     #[doc = section!(Returns)]
     /// inertia : (..., k, k) ndarray
     ///     Inertia, SI units; exactly symmetric and positive definite.
@@ -87,8 +88,9 @@ methods! {
     /// >>> inertia.diagonal().round(1)
     /// array([ 4.3, 25.3, 39. ])
     #[pyo3(text_signature = "($self, q, links, *, at=None, rotation=None, directions=None, form='auto', \
-                             tolerance=None, errors='raise')")]
-    fn operational_inertia(q, links; at, rotation, directions, form, tolerance, errors, xyz) |scene, py, keywords| {
+                             tolerance=None, inertias=None, armature=None, errors='raise')")]
+    fn operational_inertia(q, links; at, rotation, directions, form, tolerance, inertias, armature, errors,
+        xyz) |scene, py, keywords| {
         let (form, task) = scene.task(links, keywords)?;
         let frames = task.frames();
         let width = 6 * frames.len();
@@ -104,8 +106,8 @@ methods! {
         Self::check_task_room(if directions.is_some() { "directions" } else { "links" }, [k, width.max(k)])?;
         let of_inverse = cost::INVERSE.saturating_mul(k.saturating_pow(3));
         let cost = scene.cost_of_task(frames.len()).saturating_add(of_inverse);
-        let call = scene.call([scene.configuration("q", q)?], cost, errors)?;
-        call.accepting(tolerance).array(py, &[k, k], |scene, scratch, [q], out| {
+        let call = scene.call_by([scene.configuration("q", q)?], cost, keywords)?;
+        call.array(py, &[k, k], |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());

@@ -123,7 +123,7 @@ methods! {
     #[doc = parameters!(q qd qdd)]
     /// cotangent : (..., nv) array_like
     ///     Gradient of a scalar function with respect to tau.
-    #[doc = entries!(dq dqd dqdd wrenches errors)]
+    #[doc = entries!(dq dqd dqdd wrenches inertias errors)]
     #[doc = section!(Returns)]
     /// product : InverseDynamicsGradients
     ///     Changes of the gradients with respect to q, qd and qdd, each (..., nv); the other fields are None.
@@ -139,13 +139,13 @@ methods! {
     /// >>> ahead, behind = (scene.inverse_dynamics_vjp(q + h * dq, qd, qdd, c).q for h in (1e-6, -1e-6))
     /// >>> np.allclose(product.q, (ahead - behind) / 2e-6)
     /// True
-    fn inverse_dynamics_hvp(q, qd, qdd, cotangent, dq, dqd, dqdd; wrenches, errors) => hessian(false);
+    fn inverse_dynamics_hvp(q, qd, qdd, cotangent, dq, dqd, dqdd; wrenches, inertias, errors) => hessian(false);
 
     /// Hessian of cotangent . qdd times a direction, in O(N): change of the gradients of forward_dynamics_vjp.
     #[doc = parameters!(q qd tau)]
     /// cotangent : (..., nv) array_like
     ///     Gradient of a scalar function with respect to qdd.
-    #[doc = entries!(dq dqd dtau form tolerance_of_derivatives wrenches errors)]
+    #[doc = entries!(dq dqd dtau form tolerance_of_derivatives wrenches models errors)]
     #[doc = section!(Returns)]
     /// product : ForwardDynamicsGradients
     ///     Changes of the gradients with respect to q, qd and tau, each (..., nv); the other fields are None.
@@ -160,7 +160,8 @@ methods! {
     /// >>> product = scene.forward_dynamics_hvp(q, qd, tau, c, zero, zero, dtau)
     /// >>> np.allclose(product.tau, 0.0)     # qdd is linear in tau
     /// True
-    fn forward_dynamics_hvp(q, qd, tau, cotangent, dq, dqd, dtau; form, tolerance, wrenches, errors) => hessian(true);
+    fn forward_dynamics_hvp(q, qd, tau, cotangent, dq, dqd, dtau; form, tolerance, wrenches, inertias, armature,
+        errors) => hessian(true);
 }
 
 /// The named tuple of the gradients of forward or inverse dynamics.

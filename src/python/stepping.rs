@@ -93,10 +93,10 @@ keywords! {
         armature: Option<Object<'py>> = None;
         stiffness: Option<Object<'py>> = None;
         rest: Option<Object<'py>> = None;
+        inertias: Option<Object<'py>> = None;
     }
     given {
         pd: Option<Object<'py>> = None;
-        inertias: Option<Object<'py>> = None;
         contact_friction: Option<Object<'py>> = None;
         contact_restitution: Option<Object<'py>> = None;
         damping: Option<Object<'py>> = None;
@@ -255,7 +255,7 @@ pub(super) fn about<'py>(
     fields.set_item("dt", settings.dt)?;
     fields.set_item("method", settings.method.name())?;
     let own = scene.get();
-    let Properties { armature, stiffness, rest, .. } = &own.properties_of_scene(&settings.properties);
+    let Properties { armature, stiffness, rest, inertias, .. } = &own.properties_of_scene(&settings.properties);
     for (name, numbers, width) in [
         ("armature", armature, own.scene.nv()),
         ("stiffness", stiffness, own.scene.nv()),
@@ -263,6 +263,11 @@ pub(super) fn about<'py>(
     ] {
         let of_states = if numbers.len() == width { &[][..] } else { batch };
         fields.set_item(name, from_numbers(py, numbers, &[of_states, &[width]].concat())?)?;
+    }
+    let bodies = body_names(&own.scene).len();
+    if !inertias.is_empty() {
+        let of_states = if inertias.len() == 10 * bodies { &[][..] } else { batch };
+        fields.set_item("inertias", from_numbers(py, inertias, &[of_states, &[bodies, 10]].concat())?)?;
     }
     Ok(fields)
 }

@@ -6,7 +6,7 @@ import pytest
 import phipsi
 import tolerances
 
-from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, SceneError, ShapeError
+from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, SceneError, ShapeError, SimulationError
 
 BATCH = 9
 
@@ -178,6 +178,119 @@ def test_every_function_of_a_batch_of_models_is_that_of_one_scene_per_model(name
             tolerances.assert_near(one, other, 1e-9 * tolerances.size(other, 1.0))
 
 
+#: Number of the arrays q, qd and qdd that each quantity reads.
+QUANTITIES = {
+    "energy": 2,
+    "kinetic_energy": 2,
+    "potential_energy": 1,
+    "momentum": 2,
+    "center_of_mass": 1,
+    "center_of_mass_velocity": 2,
+    "center_of_mass_acceleration": 3,
+    "center_of_mass_jacobian": 1,
+    "centroidal_momentum_matrix": 1,
+    "centroidal_momentum_matrix_rate": 2,
+    "centroidal_momentum_derivatives": 2,
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("method", QUANTITIES)
+def test_every_quantity_of_a_batch_of_models_is_that_of_one_scene_per_model(name, method):
+    scene = SCENES[name]()
+    inertias, _ = population(scene, BATCH)
+    arguments, quantity = states(scene, BATCH)[: QUANTITIES[method]], getattr(scene, method)
+    found, bare = np.asarray(quantity(*arguments, inertias=inertias)), np.asarray(quantity(*arguments))
+    found, bare = (of.T if method == "energy" else of for of in (found, bare))
+    for i in range(BATCH):
+        alone = [argument[i] for argument in arguments]
+        expected = getattr(one_scene(scene, inertias[i]), method)(*alone)
+        tolerances.assert_near(found[i], expected, tolerances.recursion(scene.nv, tolerances.size(expected)))
+        tolerances.assert_same_bits(quantity(*alone, inertias=inertias[i]), found[i])
+    assert np.abs(found - bare).max() > 1e-3 * np.abs(bare).max()
+    tolerances.assert_same_bits(quantity(*arguments), getattr(SCENES[name](), method)(*arguments))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_quantities_with_models_are_the_sums_over_the_links(name):
+    scene = SCENES[name]()
+    inertias, armature = population(scene, BATCH)
+    q, qd, _ = states(scene, BATCH)
+    kinetic, potential = scene.energy(q, qd, inertias=inertias, armature=armature)
+    center, momentum = scene.center_of_mass(q, inertias=inertias), scene.momentum(q, qd, inertias=inertias)
+    velocity, matrix = scene.center_of_mass_velocity(q, qd, inertias=inertias), scene.centroidal_momentum_matrix(q, inertias=inertias)
+    for i in range(BATCH):
+        mass = dense(scene, q[i], qd[i], inertias[i], armature[i])[0]
+        bound = tolerances.recursion(scene.nv, tolerances.size(mass, qd[i]) ** 2)
+        tolerances.assert_near(kinetic[i], qd[i] @ mass @ qd[i] / 2, bound)
+        alone = scene.kinetic_energy(q[i], qd[i], inertias=inertias[i], armature=armature[i])
+        tolerances.assert_same_bits(alone, kinetic[i])
+        poses, linear, moment, angular = scene.placements(q[i]), np.zeros(3), np.zeros(3), np.zeros(3)
+        for link, (m, *mc, xx, xy, yy, xz, yz, zz) in zip(scene.body_names, inertias[i], strict=True):
+            tensor, (turn, place) = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), (poses[link][:3, :3], poses[link][:3, 3])
+            spin, speed = np.split(scene.velocity(q[i], qd[i], link), 2)
+            of_link = turn @ (m * speed + np.cross(spin, mc))
+            moment += m * place + turn @ mc
+            linear += of_link
+            angular += turn @ (tensor @ spin + np.cross(mc, speed)) + np.cross(place, of_link)
+        total = inertias[i, :, 0].sum()
+        tolerances.assert_near(center[i], moment / total, bound)
+        tolerances.assert_near(potential[i], -np.dot(scene.gravity, moment), bound)
+        tolerances.assert_near(momentum[i], [*angular, *linear], bound)
+        tolerances.assert_near(velocity[i], linear / total, bound)
+        tolerances.assert_near(matrix[i] @ qd[i], [*(angular - np.cross(moment / total, linear)), *linear], bound)
+
+
+def test_models_give_mass_to_a_scene_without_mass():
+    builder = phipsi.SceneBuilder().link("base").link("arm").joint("turn", "revolute", "base", "arm", axis="z", armature=1.0)
+    scene, point = builder.build(), np.array([[2.0, 1.0, 0, 0, 0, 0, 0.5, 0, 0, 0.5]])
+    tolerances.assert_near(scene.center_of_mass([0.0], inertias=point), [0.5, 0, 0], tolerances.product(1, 1.0))
+    with pytest.raises(ArgumentError, match="mass"):
+        scene.center_of_mass([0.0], inertias=np.zeros((1, 10)))
+    with pytest.warns(BadStateWarning, match="mass"):
+        found = scene.center_of_mass([0.0], inertias=np.stack([point, 0.0 * point]), errors="nan")
+    tolerances.assert_near(found[0], [0.5, 0, 0], tolerances.product(1, 1.0))
+    assert np.isnan(found[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("own", "error", "match"),
+    [
+        ({"inertias": np.zeros((2, 10))}, ShapeError, "inertias"),
+        ({"inertias": np.zeros((2, 3, 9))}, ShapeError, "inertias"),
+        ({"inertias": np.full((3, 10), np.nan)}, NotFiniteError, "inertias"),
+        ({"inertias": np.full((3, 10), -1.0)}, ArgumentError, "link0"),
+        ({"inertias": np.zeros((4, 3, 10))}, ShapeError, "inertias"),
+        ({"armature": np.zeros((2, 4))}, ShapeError, "armature"),
+        ({"armature": [0.1, -0.1, 0.1]}, ArgumentError, "j1"),
+        ({"armature": np.nan}, NotFiniteError, "armature"),
+    ],
+)
+def test_what_is_wrong_in_a_model_of_a_quantity_is_named(own, error, match):
+    scene = phipsi.scenes.chain(3)
+    q, qd, _ = states(scene, 2)
+    with pytest.raises(error, match=match):
+        scene.energy(q, qd, **own)
+
+
+def test_armature_of_states_adds_the_kinetic_energy_of_the_rotors():
+    scene = phipsi.scenes.chain(4).with_properties(armature=0.3)
+    q, qd, _ = states(scene, BATCH)
+    armature = population(scene, BATCH)[1]
+    found, bare = scene.kinetic_energy(q, qd, armature=armature), scene.kinetic_energy(q, qd)
+    expected = bare + ((armature - 0.3) * qd**2).sum(axis=-1) / 2
+    tolerances.assert_near(found, expected, tolerances.recursion(4, tolerances.size(expected)))
+    inertias = scene.inertial_parameters
+    again = scene.kinetic_energy(q, qd, inertias=inertias)
+    tolerances.assert_near(again, bare, tolerances.recursion(4, tolerances.size(bare)))
+    tolerances.assert_same_bits(scene.energy(q, qd, armature=armature).kinetic, found)
+
+
+def test_armature_is_no_argument_of_quantities_without_it():
+    with pytest.raises(TypeError, match="armature"):
+        phipsi.scenes.chain(3).momentum(np.zeros(3), np.zeros(3), armature=1.0)
+
+
 def test_one_armature_for_all_states_and_one_inertia_for_all_states_broadcast():
     scene = phipsi.scenes.chain(5)
     inertias, armature = population(scene, BATCH)
@@ -280,6 +393,94 @@ def test_a_simulated_population_is_one_simulation_per_model(name):
     assert np.ptp(path.q[:, -1] - path.q[:, 0], axis=0).max() > 0.05
 
 
+def of_gear(found):
+    return found.tau, found.forces["gear"]
+
+
+#: Tasks of inverse kinematics, and options by which results depend on the metric.
+REACH, BALANCE = phipsi.tasks.Position("flange", (0.3, 0.2, 0.4)), phipsi.tasks.CenterOfMass((0.1, 0.1, 0.1))
+STEPS = {"iterations": 3, "starts": 1, "limits": False}
+
+#: Functions that compute one state after another: a scene, and the results for q and six arrays of rates.
+ONE_AFTER_ANOTHER = {
+    "inverse hvp": ("free", lambda scene, q, v, inertias, armature: scene.inverse_dynamics_hvp(q, *v, inertias=inertias)[:3]),
+    "forward hvp": ("free", lambda scene, q, v, **own: scene.forward_dynamics_hvp(q, *v, **own)[:3]),
+    "hvp of a loop": ("loop", lambda scene, q, v, **own: scene.forward_dynamics_hvp(q, *v, form="covariance", **own)[:3]),
+    "inverse inertia": ("stops", lambda scene, q, v, **own: [scene.operational_inverse_inertia(q, ["flange", "link3"], **own)]),
+    "inertia": ("stops", lambda scene, q, v, **own: [scene.operational_inertia(q, "flange", directions=np.eye(6)[3:], **own)]),
+    "gram": ("ground", lambda scene, q, v, **own: [scene.contacts.gram(q, **own)]),
+    "inverse of a loop": ("loop", lambda scene, q, v, **own: [scene.loops.mass_matrix_inverse(q, **own)]),
+    "torques of a loop": ("loop", lambda scene, q, v, **own: of_gear(scene.loops.inverse_dynamics(q, v[0], v[1], actuated=["j0", "j1"], **own))),
+    "estimate": ("free", lambda scene, q, v, **own: scene.estimate(q, *v[:2], noise=0.1, covariance=True, **own)),
+    "projection": ("loop", lambda scene, q, v, **own: scene.loops.project(q + 0.05 * v[2], v[3], **own)[:2]),
+    "inverse kinematics": ("stops", lambda scene, q, v, **own: [scene.inverse_kinematics(REACH, q, metric="mass", **STEPS, **own).q]),
+    "center of mass": ("stops", lambda scene, q, v, **own: [scene.inverse_kinematics(BALANCE, q, **STEPS, **own).q]),
+    "rates": ("stops", lambda scene, q, v, inertias, armature: [scene.inverse_kinematics_rates(BALANCE, q, dt=0.1, inertias=inertias)]),
+    "dense estimate": ("free", lambda scene, q, v, **own: scene.estimate(q, *v[:2], noise=0.1, method="batch", **own)[:3]),
+}
+
+
+@pytest.mark.parametrize("name", ONE_AFTER_ANOTHER)
+def test_functions_of_one_state_after_another_with_models_are_those_of_one_scene_per_model(name):
+    of, function = ONE_AFTER_ANOTHER[name]
+    scene = PATHS[of]()
+    inertias, armature = population(scene, BATCH)
+    q, *v = states(scene, BATCH)
+    v += [*np.random.default_rng(4).normal(size=(4, BATCH, scene.nv))]
+    if of == "loop":
+        q, v[0] = scene.loops.project(q, v[0])[:2]
+        v[1] = scene.loops.project(q, v[1]).qd if name == "torques of a loop" else v[1]
+    found, bare = function(scene, q, v, inertias=inertias, armature=armature), function(scene, q, v, inertias=None, armature=None)
+    for i in range(BATCH):
+        alone, own = (q[i], [rates[i] for rates in v]), {"inertias": inertias[i], "armature": armature[i]}
+        one = one_scene(scene, inertias[i]).with_properties(armature=armature[i])
+        expected, again = function(one, *alone, inertias=None, armature=None), function(scene, *alone, **own)
+        for of_all, of_scene, of_state in zip(found, expected, again, strict=True):
+            tolerances.assert_near(of_all[i], of_scene, 1e-9 * tolerances.size(of_scene))
+            tolerances.assert_same_bits(of_state, of_all[i])
+    assert max(np.abs(one - other).max() for one, other in zip(found, bare, strict=True)) > 1e-3
+    again = function(scene, q[0], [rates[0] for rates in v], inertias=inertias, armature=armature)
+    assert again[0].shape == found[0].shape
+
+
+def test_the_operational_inertia_of_models_is_that_of_their_mass_matrices():
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    inertias, armature = population(scene, BATCH)
+    q = states(scene, BATCH)[0]
+    found = scene.operational_inverse_inertia(q, "flange", inertias=inertias, armature=armature)
+    for i in range(BATCH):
+        mass, J = dense(scene, q[i], np.zeros(6), inertias[i], armature[i])[0], scene.jacobian(q[i], "flange")
+        tolerances.assert_near(found[i], J @ np.linalg.solve(mass, J.T), tolerances.inverse(np.linalg.cond(mass), tolerances.size(found[i])))
+
+
+@pytest.mark.parametrize(
+    ("own", "error", "match"),
+    [
+        ({"inertias": np.zeros((2, 10))}, ShapeError, "inertias"),
+        ({"inertias": np.full((3, 10), np.nan)}, NotFiniteError, "inertias"),
+        ({"inertias": np.full((3, 10), -1.0)}, ArgumentError, "link0"),
+        ({"armature": [0.1, -0.1, 0.1]}, ArgumentError, "j1"),
+        ({"armature": np.zeros((2, 4))}, ShapeError, "armature"),
+    ],
+)
+def test_what_is_wrong_in_a_model_of_one_state_is_named(own, error, match):
+    scene = phipsi.scenes.chain(3)
+    q = states(scene, 2)[0]
+    with pytest.raises(error, match=match):
+        scene.operational_inverse_inertia(q, "link2", **own)
+
+
+def test_a_model_that_is_wrong_makes_its_state_invalid_alone():
+    scene = phipsi.scenes.chain(3)
+    q, inertias = states(scene, 3)[0], np.repeat(np.array(scene.inertial_parameters)[None], 3, axis=0)
+    inertias[1, 2, 0] = -1.0
+    with pytest.warns(BadStateWarning, match="link2"):
+        found = scene.operational_inverse_inertia(q, "link2", inertias=inertias, errors="nan")
+    expected = scene.operational_inverse_inertia(q, "link2")
+    assert np.isnan(found[1]).all()
+    tolerances.assert_near(found[::2], expected[::2], 1e-9 * tolerances.size(expected))
+
+
 @pytest.mark.parametrize("name", ["free", "friction", "loop"])
 def test_gradients_of_a_simulated_population_are_those_of_each_model(name):
     scene, count = PATHS[name](), 3
@@ -301,7 +502,7 @@ def test_gradients_of_a_simulated_population_are_those_of_each_model(name):
     assert np.abs(found.parameters).max() > 1e-4
 
 
-def test_a_population_in_a_file_and_a_pickle():
+def test_a_population_in_a_file_and_a_pickle(tmp_path):
     import pickle
 
     scene = phipsi.scenes.chain(3)
@@ -315,8 +516,28 @@ def test_a_population_in_a_file_and_a_pickle():
     mover.step(steps=10)
     tolerances.assert_same_bits(again.q, mover.q)
     tolerances.assert_near(path.error_estimate(), np.zeros((4, 21)), 1e-3)
+    file = tmp_path / "population.npz"
+    path.save(file)
+    loaded = phipsi.Trajectory.load(file, scene)
+    tolerances.assert_same_bits(loaded.inertias, inertias)
+    tolerances.assert_same_bits(loaded.energy().total, path.energy().total)
+    tolerances.assert_same_bits(loaded.vjp(path.q, parameters=True).parameters, path.vjp(path.q, parameters=True).parameters)
+    expected = scene.energy(path.q, path.qd, inertias=inertias[:, None], armature=armature[:, None])
+    tolerances.assert_near(path.energy().kinetic, expected.kinetic, tolerances.recursion(3, tolerances.size(expected.kinetic)))
     with pytest.raises(ArgumentError, match="models that differ"):
         scene.simulate(q, qd, dt=1e-3, steps=5, inertias=inertias, covariance=np.zeros((3, 10, 10)))
+
+
+def test_the_trajectory_of_a_population_that_stopped_has_its_energies():
+    scene = phipsi.scenes.chain(3)
+    inertias, _ = population(scene, 2)
+    mover = scene.simulator(np.full((2, 3), 0.3), np.zeros(3), dt=1e-2, inertias=inertias)
+    with pytest.raises(SimulationError) as stopped:
+        mover.step(np.full((2, 3), 1e200), steps=10)
+    path = stopped.value.trajectory
+    expected = scene.potential_energy(path.q, inertias=inertias[:, None])
+    tolerances.assert_same_bits(path.energy().potential, expected)
+    assert np.abs(expected - scene.potential_energy(path.q)).max() > 0.1
 
 
 def test_what_is_wrong_names_the_link_and_the_joint():
@@ -422,6 +643,18 @@ def test_what_is_wrong_with_models_of_mimic_joints_names_the_joint():
         scene.forward_dynamics_vjp(q, q, q, q, inertias=inertias)
 
 
+def test_quantities_of_mimic_joints_with_models_are_those_of_scenes():
+    scene = phipsi.SceneBuilder().link("a").link("b", 1.0).link("c", 1.0).joint("one", "revolute", "a", "b", axis=(1, 0, 0))
+    scene = scene.joint("two", "revolute", "b", "c", axis=(1, 0, 0), xyz=(0, 0, 1), mimic="one").build(mimic="couple")
+    q, qd, inertias = [0.1], [0.4], np.stack([scale * scene.inertial_parameters for scale in (1.0, 2.0, 3.0)])
+    for method, arguments in {"energy": [q, qd], "center_of_mass_jacobian": [q], "momentum": [q, qd]}.items():
+        found = np.asarray(getattr(scene, method)(*arguments, inertias=inertias))
+        expected = [getattr(scene.with_inertial_parameters(own), method)(*arguments) for own in inertias]
+        tolerances.assert_near(found, np.stack(expected, axis=-1 if method == "energy" else 0), tolerances.product(3, tolerances.size(found)))
+    with pytest.raises(ArgumentError, match="mimic"):
+        scene.kinetic_energy(q, qd, armature=0.1)
+
+
 def sliding(friction=0.5, restitution=0.2, shape=True):
     """A block on a floor: by a collider, or by four named points."""
     builder = phipsi.SceneBuilder().link("block", 1.0, inertia=0.01 * np.eye(3))
@@ -456,6 +689,30 @@ def test_contacts_of_each_state_have_its_friction_and_restitution(shape):
     same = scene.simulate(start, speed, contact_friction=0.5, contact_restitution=0.2, **run)
     if not shape:
         tolerances.assert_near(same.q, scene.simulate(start, speed, **run).q, 1e-9)
+
+
+def test_smoothed_contacts_of_a_population_carry_the_weight_of_each_model():
+    scene, count, run = sliding(restitution=0.0, shape=False), 4, {"dt": 2e-3, "smoothing": 1e-3}
+    inertias, _ = population(scene, count)
+    friction, weight = np.repeat([[0.1], [0.3], [0.5], [1.0]], 4, axis=1), np.random.default_rng(2).normal(size=6)
+    start, speed = np.array([0, 0, 0.1005, 0, 0, 0, 1.0]), np.array([0.3, 0, 0, 0, 0, 0])
+    path = scene.simulate(start, speed, steps=20, inertias=inertias, contact_friction=friction, **run)
+    cotangents = np.zeros((21, 6))
+    cotangents[-1] = weight
+    found = path.vjp(cotangents, parameters=True)
+    for i in range(count):
+        member = one_scene(sliding(friction[i, 0], 0.0, shape=False), inertias[i])
+        one = member.simulate(start, speed, steps=20, **run)
+        tolerances.assert_near(path.q[i], one.q, 1e-9)
+        expected = one.vjp(cotangents, parameters=True)
+        for field in ("q", "qd", "parameters"):
+            of = getattr(expected, field)
+            tolerances.assert_near(getattr(found, field)[i], of, 1e-6 * tolerances.size(of))
+    inertias[:, :, 1:4] = 0.0
+    rest = scene.simulate(start, np.zeros(6), steps=600, record_every=600, inertias=inertias, **run)
+    tolerances.assert_near(scene.contacts.gaps(rest.q[:, -1]), np.full((count, 4), 1e-3), 1e-5)
+    with pytest.raises(ArgumentError, match="restitution 0.2 in state 1"):
+        scene.simulate(start, speed, steps=1, contact_restitution=np.repeat([[0.0], [0.2]], 4, axis=1), **run)
 
 
 def test_coefficients_of_contacts_are_checked():

@@ -16,7 +16,7 @@ from .._arguments import numbers
 from .._friction import check_coulomb
 from .._motion_parts import has_steps, with_steps
 from .._summary import summarized
-from .._trajectory_files import OF_MODELS
+from .._trajectory_files import OF_CONTACTS
 from ..errors import ArgumentError, InertiaWarning, ShapeError, UncertaintyWarning, of_argument, warn
 from ._allowed import Tangent, tangent_of_connections
 from ._manifold import lower_root
@@ -133,7 +133,8 @@ def _check_linear(path: Trajectory) -> None:
             "accuracy",
             f"found {given['accuracy']:g} with covariance; expected None: the bands are those of fixed steps",
         )
-    if any(given.get(name) is not None for name in OF_MODELS) or path.armature.ndim > 1 or path.stiffness.ndim > 1:
+    differ = path.inertias is not None or path.armature.ndim > 1 or path.stiffness.ndim > 1
+    if differ or any(given.get(name) is not None for name in OF_CONTACTS):
         raise of_argument(
             ArgumentError,
             "covariance",
