@@ -33,6 +33,7 @@ pub(crate) mod factor;
 mod finite;
 #[cfg(feature = "derivatives")]
 pub(crate) mod gradients;
+pub(crate) mod independent;
 pub(crate) mod instruction_set;
 pub(crate) mod own_model;
 #[cfg(feature = "derivatives")]

@@ -462,7 +462,7 @@ class Trajectory(TrajectoryFiles):
     def _arguments(self) -> dict[str, Any]:
         """Arguments of Scene.simulate, for Scene.simulate_vjp."""
         given = self._known()
-        if given.pop("accuracy") is not None:
+        if given.pop("accuracy", None) is not None:
             raise of_argument(ArgumentError, "accuracy", "found a simulation with error control; expected one with fixed steps, which have gradients")
         given = with_steps(given, lambda values: values[..., : self.steps, :])
         own = {"dt": self.dt, "steps": self.steps, "method": self.method, "record_every": self.record_every}

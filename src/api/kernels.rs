@@ -1,7 +1,7 @@
 //! The compiled kernels for one state that a workspace stores.
 
 use crate::algorithm::{Algorithm, Arguments};
-use crate::batch::evaluator::Kernels;
+use crate::batch::independent::Kernels;
 use crate::batch::instruction_set::InstructionSet;
 use crate::filter::Form;
 use crate::scene::Scene;

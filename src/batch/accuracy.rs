@@ -2,6 +2,7 @@
 
 use super::Fault;
 use super::evaluator::Evaluator;
+use super::independent::Checked;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments};
 use crate::error::check_length;
@@ -30,9 +31,9 @@ impl Scene {
         check_length("accuracy", accuracy.len(), states.len()).map_err(|error| Fault { state: 0, error })?;
         if form == Form::Auto {
             let auto = Algorithm::ForwardDynamics(form);
-            evaluator.checked.workspace.estimates_error = true;
+            evaluator.independent().checked.workspace.estimates_error = true;
             let outcome = self.evaluate_each(evaluator, auto, states, out, |state, found| accuracy[state] = found());
-            evaluator.checked.workspace.estimates_error = false;
+            evaluator.independent().checked.workspace.estimates_error = false;
             return outcome;
         }
         self.evaluate(evaluator, Algorithm::ForwardDynamics(form), states, out)?;
@@ -40,18 +41,14 @@ impl Scene {
         // The general recursion estimates the error of these forms. Its results are equally accurate, but differ in the
         // last bits.
         let mut again = vec![f64::NAN; self.nv()];
-        let checked = &mut evaluator.checked;
+        let mut checked = Checked::new(self);
         checked.workspace.estimates_error = true;
         for (i, (state, accuracy)) in states.iter().zip(accuracy).enumerate() {
-            if let Err(error) = crate::interrupt::check() {
-                checked.workspace.estimates_error = false;
-                return Err(Fault { state: i, error });
-            }
-            if self.evaluate_checked(checked, Algorithm::ForwardDynamics(form), state, &mut again).is_ok() {
+            crate::interrupt::check().map_err(|error| Fault { state: i, error })?;
+            if self.evaluate_checked(&mut checked, Algorithm::ForwardDynamics(form), state, &mut again).is_ok() {
                 *accuracy = checked.workspace.accuracy;
             }
         }
-        checked.workspace.estimates_error = false;
         Ok(())
     }
 }

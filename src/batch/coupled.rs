@@ -1,25 +1,26 @@
 //! States of a scene with mimic joints: the kernels of the tree with a row per joint that follows another.
 
 use super::Fault;
-use super::evaluator::Evaluator;
+use super::independent::Independent;
 use super::instruction_set::InstructionSet;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::dynamics::coupled::{Ask, Found};
 use crate::error::{Error, check_length};
+use crate::model::StateModel;
 use crate::scene::{Coupling, Scene};
 
 /// The evaluator of the tree with its rows, and that without gravity, created at first use.
 pub(super) struct CoupledEvaluator {
-    pub tied: Evaluator,
-    weightless: Option<Evaluator>,
+    pub tied: Independent,
+    weightless: Option<Independent>,
 }
 
 impl CoupledEvaluator {
     /// For an instruction set; None without mimic joints.
-    pub fn of(arm: InstructionSet, scene: &Scene) -> Option<Box<Self>> {
+    pub fn of(arm: InstructionSet, scene: &Scene) -> Option<Self> {
         let coupling = scene.coupling()?;
-        Some(Box::new(Self { tied: Evaluator::on(arm, coupling.tied()), weightless: None }))
+        Some(Self { tied: Independent::new(arm, coupling.tied()), weightless: None })
     }
 
     /// As [`Scene::evaluate`].
@@ -34,12 +35,13 @@ impl CoupledEvaluator {
         let Self { tied, weightless } = self;
         let ask: &mut Ask<'_> = &mut |is_weightless, algorithm, states, out, found| {
             let found = |state: usize, accuracy: &dyn Fn() -> Accuracy| found(state, accuracy());
-            if !is_weightless {
-                return coupling.tied().evaluate_each(tied, algorithm, states, out, found);
-            }
-            let (scene, arm) = (coupling.weightless(), tied.instruction_set());
-            let evaluator = weightless.get_or_insert_with(|| Evaluator::on(arm, scene));
-            scene.evaluate_each(evaluator, algorithm, states, out, found)
+            let (scene, evaluator) = if is_weightless {
+                let scene = coupling.weightless();
+                (scene, weightless.get_or_insert_with(|| Independent::new(tied.arm, scene)))
+            } else {
+                (coupling.tied(), &mut *tied)
+            };
+            scene.evaluate_independent(evaluator, algorithm, (states, scene.width(algorithm)), out, found)
         };
         scene.evaluate_coupled(coupling, ask, algorithm, states, out, found)
     }
@@ -55,12 +57,6 @@ impl CoupledEvaluator {
         let at = |state: usize| move |error: Error| Fault { state, error };
         let (tied, width) = (coupling.tied(), what.width(scene.nv()));
         check_length("out", out.len(), width * states.len()).map_err(at(0))?;
-        if states.iter().any(|state| !state.model.is_of_scene()) {
-            let mut each = states.iter().zip(out.chunks_exact_mut(width.max(1))).enumerate();
-            return each.try_for_each(|(i, (state, out))| {
-                scene.quantity_of_model(&mut scene.workspace(), what, state, out).map_err(at(i))
-            });
-        }
         let mut expanded = Vec::with_capacity(states.len());
         for (i, state) in states.iter().enumerate() {
             scene.check_coordinates("q", state.q).map_err(at(i))?;
@@ -68,16 +64,23 @@ impl CoupledEvaluator {
                 scene.check_rates(name, rates).map_err(at(i))?;
             }
             let rates = |at: usize, x: &[f64]| if at < what.reads() { coupling.rates(x) } else { Vec::new() };
-            expanded.push([coupling.configuration(state.q), rates(1, state.qd), rates(2, state.u)]);
+            let armature = match state.model.armature {
+                [] => Vec::new(),
+                armature => scene.check_armature(armature).map(|()| coupling.armature(armature)).map_err(at(i))?,
+            };
+            expanded.push([coupling.configuration(state.q), rates(1, state.qd), rates(2, state.u), armature]);
         }
-        let asked: Vec<Arguments<'_>> =
-            expanded.iter().map(|[q, qd, u]| Arguments { q, qd, u, ..Arguments::default() }).collect();
+        let mut asked: Vec<Arguments<'_>> = Vec::with_capacity(states.len());
+        for ([q, qd, u, armature], state) in expanded.iter().zip(states) {
+            let model = StateModel { armature, ..state.model };
+            asked.push(Arguments { q, qd, u, model, ..Arguments::default() });
+        }
         if what.rows_of_columns().is_none() {
-            return tied.evaluate_kinematic_quantity(&mut self.tied, what, &asked, out);
+            return tied.quantity_independent(&mut self.tied, what, &asked, out);
         }
         let of_tree = what.width(tied.nv());
         let mut results = vec![f64::NAN; of_tree * states.len()];
-        tied.evaluate_kinematic_quantity(&mut self.tied, what, &asked, &mut results)?;
+        tied.quantity_independent(&mut self.tied, what, &asked, &mut results)?;
         for (from, to) in results.chunks_exact(of_tree.max(1)).zip(out.chunks_exact_mut(width.max(1))) {
             coupling.reduce_columns(from, to);
         }

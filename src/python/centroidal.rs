@@ -1,6 +1,6 @@
 //! Methods of `Scene`: mass, center of mass, and centroidal momentum.
 
-use super::evaluate::Keywords;
+use super::keywords::Keywords;
 use super::object::Object;
 use super::scene::PyScene;
 use crate::algorithm::KinematicQuantity;

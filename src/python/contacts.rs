@@ -3,9 +3,9 @@
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::choice::read_judged;
 use super::cost::WORTH_DETACHING;
-use super::evaluate::Keywords;
 use super::groups::PyContacts;
 use super::interrupts::detached_checked;
+use super::keywords::Keywords;
 use super::object::{Object, imported};
 use super::output::{Array, from_numbers};
 use super::scene::PyScene;

@@ -3,7 +3,7 @@
 use super::call::BatchCall;
 use super::cost::Cost;
 use super::errors::asked_by;
-use super::evaluate::Keywords;
+use super::keywords::Keywords;
 use super::object::{Object, imported};
 use super::output::{Output, three_matrices};
 use super::scene::PyScene;

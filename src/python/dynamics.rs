@@ -1,7 +1,7 @@
 //! Methods of `Scene`: forces, accelerations, and the mass matrix.
 
-use super::evaluate::Keywords;
 use super::fresh;
+use super::keywords::Keywords;
 use super::object::Object;
 use super::scene::PyScene;
 use crate::algorithm::Algorithm;

@@ -3,7 +3,7 @@
 use super::bad_states::is_nan;
 use super::call::BatchCall;
 use super::cost::{Cost, WORTH_RELEASING};
-use super::evaluate::Keywords;
+use super::keywords::Keywords;
 use super::object::Object;
 use super::output::Output;
 use super::scene::PyScene;

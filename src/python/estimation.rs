@@ -3,8 +3,8 @@
 use super::axis::Axis;
 use super::call::BatchCall;
 use super::choice::renamed;
-use super::evaluate::Keywords;
 use super::input::{Input, is_bare};
+use super::keywords::Keywords;
 use super::object::{Object, imported};
 use super::scene::PyScene;
 use super::scratch::{Estimation, Scratch};

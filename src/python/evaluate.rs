@@ -7,9 +7,9 @@ use super::choice::read_judged;
 use super::cost::Cost;
 use super::dtype::{Dtype, check_range, is_float32};
 use super::fresh::entries;
+use super::keywords::Keywords;
 use super::object::Object;
 use super::output::Output;
-use super::own_models::Models;
 use super::scene::PyScene;
 use super::scratch::Scratch;
 use super::wrenches::{self, Wrench};
@@ -20,56 +20,7 @@ use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scalar::MOST_LANES;
-use crate::scene::Scene;
 use pyo3::prelude::*;
-
-/// The keywords of the methods of `Scene`, and the link of those that have one; those that a method does not take have
-/// the values of [`Keywords::none`].
-#[derive(Default)]
-pub(super) struct Keywords<'a, 'py> {
-    pub errors: &'a str,
-    pub form: &'a str,
-    pub frame: &'a str,
-    pub kind: &'a str,
-    pub link: &'a str,
-    /// Largest accepted error estimate; None: the default.
-    pub tolerance: Option<f64>,
-    pub parameters: bool,
-    pub springs_and_damping: bool,
-    /// True if forward dynamics returns its accuracy.
-    pub return_info: bool,
-    pub wrenches: Option<&'a Object<'py>>,
-    pub out: Option<&'a Object<'py>>,
-    pub dtype: Option<&'a Object<'py>>,
-    pub inertias: Option<&'a Object<'py>>,
-    pub armature: Option<&'a Object<'py>>,
-    pub at: Option<&'a Object<'py>>,
-    pub rotation: Option<&'a Object<'py>>,
-    pub directions: Option<&'a Object<'py>>,
-    pub xyz: Option<&'a Object<'py>>,
-    pub compliance: Option<&'a Object<'py>>,
-    pub actuated: Option<&'a Object<'py>>,
-    pub dwrenches: Option<&'a Object<'py>>,
-    pub dparameters: Option<&'a Object<'py>>,
-    pub darmature: Option<&'a Object<'py>>,
-    pub dgravity: Option<&'a Object<'py>>,
-}
-
-impl<'py> Keywords<'_, 'py> {
-    /// The models of the states.
-    pub fn models(&self, scene: &Scene) -> PyResult<Models<'py>> {
-        Models::read(scene, self.inertias, self.armature)
-    }
-
-    /// True if the states have their own models.
-    pub fn has_models(&self) -> bool {
-        self.inertias.is_some() || self.armature.is_some()
-    }
-
-    pub fn none() -> Self {
-        Self { errors: "raise", form: "auto", kind: "spatial", ..Self::default() }
-    }
-}
 
 impl PyScene {
     /// Evaluates `algorithm` for every state of the arguments: q, qd and u, as many as its row of the table has.

@@ -1,7 +1,7 @@
 //! Methods of `Scene`: forward kinematics of all links, energy and momentum.
 
 use super::errors::asked_by;
-use super::evaluate::Keywords;
+use super::keywords::Keywords;
 use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;

@@ -3,8 +3,8 @@
 use super::choice::choose;
 use super::counts::{count, count_or, number};
 use super::errors::warn_as;
-use super::evaluate::Keywords;
 use super::input::Input;
+use super::keywords::Keywords;
 use super::object::{Object, imported};
 use super::output::{self, Output};
 use super::scene::PyScene;

@@ -1,8 +1,8 @@
 //! Methods of `Scene`: pose, velocity, acceleration and Jacobian of one link, in O(depth).
 
 use super::choice::{choose, names};
-use super::evaluate::Keywords;
 use super::input::triple;
+use super::keywords::Keywords;
 use super::object::Object;
 use super::scene::PyScene;
 use crate::algorithm::KinematicQuantity;

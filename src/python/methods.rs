@@ -1,7 +1,7 @@
 //! The declarations of methods whose arguments are arrays of a state and the keywords that many methods share.
 
 /// Methods of `Scene` for Python: `fn name(arrays; keywords) => function(what);` calls a function of the scene with
-/// `what`, the arrays and the [`Keywords`](super::evaluate::Keywords); `|scene, py, keywords| body` has its own body.
+/// `what`, the arrays and the [`Keywords`](super::keywords::Keywords); `|scene, py, keywords| body` has its own body.
 /// Arrays are positional; the keywords have the types and defaults of the rules `@typed`. `link` among the arrays is a
 /// str. `in PyLoops;` before them: methods of a group of the scene.
 macro_rules! methods {

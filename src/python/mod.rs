@@ -56,6 +56,7 @@ mod identification;
 mod input;
 mod interrupts;
 mod inverse_kinematics;
+mod keywords;
 mod links;
 mod motion;
 mod object;

@@ -1,8 +1,8 @@
 //! Methods of `Scene`: operational space.
 
 use super::choice::{names, read_judged, renamed};
-use super::evaluate::Keywords;
 use super::input::{one_or_each, rows};
+use super::keywords::Keywords;
 use super::object::Object;
 use super::scene::PyScene;
 use super::scratch::Scratch;

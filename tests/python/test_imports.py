@@ -47,7 +47,7 @@ ROOMS = (
     "python",
 )
 #: Largest number of files in one module that import each other.
-LARGEST_CIRCLE = 2
+LARGEST_CIRCLE = 1
 
 Module = tuple[str, ...]
 USE = re.compile(r"^[ \t]*(pub(?:\([^)]*\))? )?use ([^;]+);", re.MULTILINE)
