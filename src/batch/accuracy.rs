@@ -31,9 +31,9 @@ impl Scene {
         check_length("accuracy", accuracy.len(), states.len()).map_err(|error| Fault { state: 0, error })?;
         if form == Form::Auto {
             let auto = Algorithm::ForwardDynamics(form);
-            evaluator.independent().checked.workspace.estimates_error = true;
+            evaluator.independent.checked.workspace.estimates_error = true;
             let outcome = self.evaluate_each(evaluator, auto, states, out, |state, found| accuracy[state] = found());
-            evaluator.independent().checked.workspace.estimates_error = false;
+            evaluator.independent.checked.workspace.estimates_error = false;
             return outcome;
         }
         self.evaluate(evaluator, Algorithm::ForwardDynamics(form), states, out)?;

@@ -2,7 +2,6 @@
 
 use super::Fault;
 use super::independent::Independent;
-use super::instruction_set::InstructionSet;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::dynamics::coupled::{Ask, Found};
@@ -10,63 +9,52 @@ use crate::error::{Error, check_length};
 use crate::model::StateModel;
 use crate::scene::{Coupling, Scene};
 
-/// The evaluator of the tree with its rows, and that without gravity, created at first use.
-pub(super) struct CoupledEvaluator {
-    pub tied: Independent,
-    weightless: Option<Independent>,
-}
-
-impl CoupledEvaluator {
-    /// For an instruction set; None without mimic joints.
-    pub fn of(arm: InstructionSet, scene: &Scene) -> Option<Self> {
-        let coupling = scene.coupling()?;
-        Some(Self { tied: Independent::new(arm, coupling.tied()), weightless: None })
-    }
-
-    /// As [`Scene::evaluate`].
-    pub fn evaluate(
-        &mut self,
-        (scene, coupling): (&Scene, &Coupling),
+impl Scene {
+    /// As [`Scene::evaluate`], by the kernels of the tree with its rows; those without gravity are created at first use.
+    pub(super) fn evaluate_on_tied(
+        &self,
+        coupling: &Coupling,
+        (tied, weightless): (&mut Independent, &mut Option<Box<Independent>>),
         algorithm: Algorithm,
         states: &[Arguments<'_>],
         out: &mut [f64],
         found: &mut Found<'_>,
     ) -> Result<(), Fault> {
-        let Self { tied, weightless } = self;
         let ask: &mut Ask<'_> = &mut |is_weightless, algorithm, states, out, found| {
             let found = |state: usize, accuracy: &dyn Fn() -> Accuracy| found(state, accuracy());
             let (scene, evaluator) = if is_weightless {
                 let scene = coupling.weightless();
-                (scene, weightless.get_or_insert_with(|| Independent::new(tied.arm, scene)))
+                (scene, &mut **weightless.get_or_insert_with(|| Box::new(Independent::new(tied.arm, scene))))
             } else {
                 (coupling.tied(), &mut *tied)
             };
             scene.evaluate_independent(evaluator, algorithm, (states, scene.width(algorithm)), out, found)
         };
-        scene.evaluate_coupled(coupling, ask, algorithm, states, out, found)
+        self.evaluate_coupled(coupling, ask, algorithm, states, out, found)
     }
 
-    /// As [`Scene::evaluate_kinematic_quantity`].
-    pub fn kinematic_quantity(
-        &mut self,
-        (scene, coupling): (&Scene, &Coupling),
+    /// As [`Scene::evaluate_kinematic_quantity`], by the kernels of the tree.
+    pub(super) fn quantity_on_tied(
+        &self,
+        coupling: &Coupling,
+        kernels: &mut Independent,
         what: &KinematicQuantity<'_>,
         states: &[Arguments<'_>],
         out: &mut [f64],
     ) -> Result<(), Fault> {
         let at = |state: usize| move |error: Error| Fault { state, error };
-        let (tied, width) = (coupling.tied(), what.width(scene.nv()));
+        let (tied, width) = (coupling.tied(), what.width(self.nv()));
         check_length("out", out.len(), width * states.len()).map_err(at(0))?;
         let mut expanded = Vec::with_capacity(states.len());
         for (i, state) in states.iter().enumerate() {
-            scene.check_coordinates("q", state.q).map_err(at(i))?;
+            self.check_coordinates("q", state.q).map_err(at(i))?;
             for (name, rates) in [("qd", state.qd), ("qdd", state.u)].iter().take(what.reads() - 1) {
-                scene.check_rates(name, rates).map_err(at(i))?;
+                self.check_rates(name, rates).map_err(at(i))?;
             }
             let rates = |at: usize, x: &[f64]| if at < what.reads() { coupling.rates(x) } else { Vec::new() };
             let armature = match state.model.armature {
                 [] => Vec::new(),
-                armature => scene.check_armature(armature).map(|()| coupling.armature(armature)).map_err(at(i))?,
+                armature => self.check_armature(armature).map(|()| coupling.armature(armature)).map_err(at(i))?,
             };
             expanded.push([coupling.configuration(state.q), rates(1, state.qd), rates(2, state.u), armature]);
         }
@@ -76,11 +64,11 @@ impl CoupledEvaluator {
             asked.push(Arguments { q, qd, u, model, ..Arguments::default() });
         }
         if what.rows_of_columns().is_none() {
-            return tied.quantity_independent(&mut self.tied, what, &asked, out);
+            return tied.quantity_independent(kernels, what, &asked, out);
         }
         let of_tree = what.width(tied.nv());
         let mut results = vec![f64::NAN; of_tree * states.len()];
-        tied.quantity_independent(&mut self.tied, what, &asked, &mut results)?;
+        tied.quantity_independent(kernels, what, &asked, &mut results)?;
         for (from, to) in results.chunks_exact(of_tree.max(1)).zip(out.chunks_exact_mut(width.max(1))) {
             coupling.reduce_columns(from, to);
         }

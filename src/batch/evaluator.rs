@@ -1,13 +1,12 @@
 //! Evaluation of states by the fastest kernels of this processor: one state at a time, or in lanes.
 
 use super::Fault;
-use super::coupled::CoupledEvaluator;
 use super::independent::Independent;
 use super::instruction_set::InstructionSet;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, KinematicQuantity};
 use crate::error::Error;
-use crate::scene::Scene;
+use crate::scene::{Coupling, Scene};
 
 /// Scratch for the algorithms of one scene on one thread: for one state, and for the number of states that fit in a
 /// register.
@@ -16,13 +15,10 @@ use crate::scene::Scene;
 pub struct Evaluator {
     /// Identity of the scene.
     identity: u64,
-    kind: Kind,
-}
-
-enum Kind {
-    Independent(Independent),
-    /// A scene with mimic joints.
-    Coupled(Box<CoupledEvaluator>),
+    /// With mimic joints, the kernels of the tree with its rows.
+    pub(super) independent: Independent,
+    /// With mimic joints, those without gravity, created at first use.
+    weightless: Option<Box<Independent>>,
 }
 
 impl std::fmt::Debug for Evaluator {
@@ -45,38 +41,20 @@ impl Evaluator {
     #[must_use]
     pub fn on(arm: InstructionSet, scene: &Scene) -> Self {
         let arm = if arm.available() { arm } else { InstructionSet::Baseline };
-        let kind = match CoupledEvaluator::of(arm, scene) {
-            Some(coupled) => Kind::Coupled(Box::new(coupled)),
-            None => Kind::Independent(Independent::new(arm, scene)),
-        };
-        Self { identity: scene.identity(), kind }
-    }
-
-    /// The kernels: with mimic joints, those of the tree with their rows.
-    pub(super) fn independent(&mut self) -> &mut Independent {
-        match &mut self.kind {
-            Kind::Independent(independent) => independent,
-            Kind::Coupled(coupled) => &mut coupled.tied,
-        }
-    }
-
-    fn kernels(&self) -> &Independent {
-        match &self.kind {
-            Kind::Independent(independent) => independent,
-            Kind::Coupled(coupled) => &coupled.tied,
-        }
+        let independent = Independent::new(arm, scene.coupling().map_or(scene, Coupling::tied));
+        Self { identity: scene.identity(), independent, weightless: None }
     }
 
     /// The instruction set of the kernels.
     #[must_use]
     pub fn instruction_set(&self) -> InstructionSet {
-        self.kernels().arm
+        self.independent.arm
     }
 
     /// The largest number of states per call of a kernel.
     #[must_use]
     pub fn lanes(&self) -> usize {
-        self.kernels().lanes()
+        self.independent.lanes()
     }
 
     /// Runs the kernel alone on one state, or on at most one state per lane. All states must have equal shapes; lengths
@@ -84,7 +62,7 @@ impl Evaluator {
     /// bits; [`Scene::evaluate`] recomputes them.
     #[doc(hidden)]
     pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
-        self.independent().run(algorithm, states, out)
+        self.independent.run(algorithm, states, out)
     }
 }
 
@@ -134,13 +112,12 @@ impl Scene {
         for (state, arguments) in states.iter().enumerate().filter(|(_, state)| state.tolerance.is_some()) {
             self.check_tolerance(algorithm, arguments.tolerance).map_err(|error| Fault { state, error })?;
         }
-        match (self.coupling(), &mut evaluator.kind) {
-            (Some(coupling), Kind::Coupled(coupled)) => {
-                let mut found = |state: usize, accuracy: Accuracy| found(state, &|| accuracy);
-                coupled.evaluate((self, coupling), algorithm, states, out, &mut found)
-            }
-            _ => self.evaluate_independent(evaluator.independent(), algorithm, (states, width), out, found),
-        }
+        let Evaluator { independent, weightless, .. } = evaluator;
+        let Some(coupling) = self.coupling() else {
+            return self.evaluate_independent(independent, algorithm, (states, width), out, found);
+        };
+        let mut found = |state: usize, accuracy: Accuracy| found(state, &|| accuracy);
+        self.evaluate_on_tied(coupling, (independent, weightless), algorithm, states, out, &mut found)
     }
 
     /// Computes a kinematic quantity of any number of states, with u = qdd. Writes the results one after another to
@@ -167,9 +144,9 @@ impl Scene {
         if what.is_by_coordinates() {
             self.check_independent().map_err(|error| Fault { state: 0, error })?;
         }
-        match (self.coupling(), &mut evaluator.kind) {
-            (Some(coupling), Kind::Coupled(coupled)) => coupled.kinematic_quantity((self, coupling), what, states, out),
-            _ => self.quantity_independent(evaluator.independent(), what, states, out),
+        match self.coupling() {
+            Some(coupling) => self.quantity_on_tied(coupling, &mut evaluator.independent, what, states, out),
+            None => self.quantity_independent(&mut evaluator.independent, what, states, out),
         }
     }
 
