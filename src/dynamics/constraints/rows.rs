@@ -18,7 +18,7 @@ use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::constraint::{Constraint, Constraints, Coupled, Tie};
-use crate::spatial::{RigidShift, angular, column, cross, dot, less, linear, scaled, square};
+use crate::spatial::{RigidShift, angular, column, cross, dot, linear, scaled, square, sum3};
 use crate::workspace::Workspace;
 use ends::{Ends, of_anchored, relative_motion};
 use nalgebra::Vector6;
@@ -167,16 +167,16 @@ impl<T: Real> ConnectionRows<T> {
             RowTie::Anchored(frame, anchor) => {
                 let point = point_along(scene, scratch, path, *anchor);
                 motions_along(scene, scratch, (path, qd), motions);
-                let along = of_anchored((frame, &point), &motions[ends[0].unwrap_or_default()]);
-                let apart = less(&frame.lever, &point.into());
-                let reach = square(&frame.lever) + square(&apart);
+                let [apart, moving, turning] = of_anchored((frame, &point), &motions[ends[0].unwrap_or_default()]);
+                let reach = square(&frame.lever) + square(&apart.into());
                 for (i, to) in own.iter_mut().enumerate() {
-                    let force = column(&frame.rotation, i).into();
+                    let axis = column(&frame.rotation, i);
+                    (to.error, to.rate, to.gamma) = (sum3(axis, apart), sum3(axis, moving), sum3(axis, turning));
+                    let force = axis.into();
                     let [x, y, z] = cross(&point.into(), &force).into();
                     to.forces[0] = [x, y, z, force[0], force[1], force[2]];
                     to.sizes[0] = halves(&to.forces[0]);
                     to.moments[0] = reach;
-                    [to.error, to.rate, to.gamma] = along[i];
                 }
             }
             RowTie::Joints(coupled, JointRow { torques, curvature }) => {

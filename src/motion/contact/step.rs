@@ -77,6 +77,14 @@ pub(super) struct ContactStep {
     frozen: Vec<usize>,
 }
 
+/// An attempt to make a part without contact forces.
+enum Flight {
+    /// It was made; false if its end is not accepted.
+    Made(bool),
+    /// A contact acts; with the velocities J v at the start if the contacts are placed there.
+    None(Option<DVector<f64>>),
+}
+
 impl ContactStep {
     pub fn new(scene: &Scene, settings: &StepSettings, form: Form) -> Self {
         let limits = if settings.stops() { limit_rows(scene) } else { Vec::new() };
@@ -103,15 +111,16 @@ impl ContactStep {
         accepted: &RangeInclusive<f64>,
     ) -> Result<bool, (String, Error)> {
         s.are_sides_given = false;
-        if let Some(made) = self.fly((scene, settings), s, kept, accepted) {
-            return Ok(made);
-        }
+        let start = match self.fly((scene, settings), s, kept, accepted) {
+            Flight::Made(made) => return Ok(made),
+            Flight::None(start) => start,
+        };
         if settings.limited.is_empty() {
-            return self.on_pieces((scene, settings), s, kept, accepted);
+            return self.on_pieces((scene, settings), s, kept, (accepted, start));
         }
         let (totals, passing) = (s.totals, self.division.passing.clone());
         self.frozen.clear();
-        let mut outcome = self.on_pieces((scene, settings), s, kept, accepted);
+        let mut outcome = self.on_pieces((scene, settings), s, kept, (accepted, start));
         let (mut pieces, mut at, mut before) = (pieces(settings, s), 0, None);
         for round in 0.. {
             let found = std::mem::take(&mut self.contradicted);
@@ -132,36 +141,35 @@ impl ContactStep {
             give(settings, s, &pieces);
             s.totals = totals;
             self.division.passing.clone_from(&passing);
-            outcome = self.on_pieces((scene, settings), s, kept, accepted);
+            outcome = self.on_pieces((scene, settings), s, kept, (accepted, None));
         }
         s.totals[UNSETTLED] += f64::from(u8::from(!self.frozen.is_empty()));
         outcome
     }
 
-    /// A part in which no contact acts: a step of the tree, by its method. `None` if a contact acts, or rests at the
-    /// start.
+    /// A part in which no contact acts, and none rests at its start: a step of the tree, by its method.
     fn fly(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
         s: &mut Scratch<f64>,
         kept: &mut [f64],
         accepted: &RangeInclusive<f64>,
-    ) -> Option<bool> {
+    ) -> Flight {
         let Self { rows, division, flight, record, .. } = self;
         let is_flight = settings.given.accuracy.is_none() && division.struck.is_none();
-        let free = settings.free.as_ref().filter(|_| is_flight)?;
+        let Some(free) = settings.free.as_ref().filter(|_| is_flight) else { return Flight::None(None) };
         let points = scene.contact_points();
         rows.place(&s.model, points, &s.q);
         let start = rows.velocities(&s.model, points, &s.v);
         let gaps = rows.gaps.clone();
         let opens = |i: usize| gaps[i] > TOUCHING || start[3 * i + 2] > 0.0;
         if division.rests(&s.model, &gaps[..points.len()], &start) || !(0..points.len()).all(opens) {
-            return None;
+            return Flight::None(Some(start));
         }
         let flight = flight.get_or_insert_with(|| Box::new(CheckedState::new(scene, free, self.form)));
         take_lane(&mut flight.scratch, s, 0);
         if flight.step(scene, free, &mut |_, _, _| ()).is_err() {
-            return None;
+            return Flight::None(None);
         }
         // A tip can pass a surface and return.
         let straight = rows.velocities(&s.model, points, &displacement(&s.model, &s.q, &flight.scratch.q_next));
@@ -173,10 +181,10 @@ impl ContactStep {
         division.pass(&mut acting, &gaps, |i| bounce(&points[i], start[3 * i + 2], rest_speed));
         if !acting.is_empty() {
             division.passing = before;
-            return None;
+            return Flight::None(None);
         }
         if !division.end(&rows.gaps, accepted) {
-            return Some(false);
+            return Flight::Made(false);
         }
         s.q_next.copy_from_slice(&flight.scratch.q_next);
         s.v_next.copy_from_slice(&flight.scratch.v_next);
@@ -188,16 +196,17 @@ impl ContactStep {
             *record = Some(StepRecord { flies: true, moving: s.v_next.clone(), before, ..StepRecord::default() });
         }
         keep(kept, &Outcome::default(), points.len());
-        Some(true)
+        Flight::Made(true)
     }
 
     /// As [`ContactStep::part`], for given pieces. Stops, without an effect on `kept`, if its end contradicts them.
+    /// `placed`: the velocities J v at the start, if the contacts are placed there.
     fn on_pieces(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
         s: &mut Scratch<f64>,
         kept: &mut [f64],
-        accepted: &RangeInclusive<f64>,
+        (accepted, placed): (&RangeInclusive<f64>, Option<DVector<f64>>),
     ) -> Result<bool, (String, Error)> {
         self.contradicted.clear();
         step(Baseline, (settings, &settings.scheme), s, &mut self.solver);
@@ -212,9 +221,11 @@ impl ContactStep {
         let at_start = (&s.model, &mut self.solver.workspace);
         let [free, end] = pulls.as_mut().map_or([None, None], |pulls| pulls.each_mut().map(Some));
         onto_connections(scene, at_start, &mut self.rows, (&s.q, &mut s.v_next), free)?;
-        self.rows.place(&s.model, points, &s.q);
+        let start = placed.unwrap_or_else(|| {
+            self.rows.place(&s.model, points, &s.q);
+            self.rows.velocities(&s.model, points, &s.v)
+        });
         check_normals(scene, &self.rows.gaps)?;
-        let start = self.rows.velocities(&s.model, points, &s.v);
         let free = self.rows.velocities(&s.model, points, &s.v_next);
         let before = StepStart { gaps: self.rows.gaps.clone(), axes: self.rows.axes.clone(), start, free };
         let v_free = self.record.is_some().then(|| s.v_next.clone());

@@ -5,7 +5,7 @@ use crate::kinematics::FrameMotion;
 use crate::kinematics::pair::{Pair, PairRows, RelativeMotion, pair_rows};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, column, cross_add, less, sum3};
+use crate::spatial::{RigidShift, cross_add, less};
 use nalgebra::Vector6;
 
 /// The steps of a path on which the forces of a connection act.
@@ -81,9 +81,9 @@ fn motion_of_end<T: Real>(
     motion
 }
 
-/// Errors, their time derivatives and gamma of an anchored point along each axis of its frame, from the motion of its
-/// body and the point of the base in the frame of the body: at this point u = v + w x p is the velocity of the body, and
-/// J' qd = a + dw x p + u x w.
+/// The error of an anchored point, its time derivative and gamma in the frame of its body, from the motion of the body
+/// and the point of the base there: at this point u = v + w x p is the velocity of the body, and J' qd = a + dw x p +
+/// u x w.
 #[inline(always)]
 pub(super) fn of_anchored<T: Real>(
     (frame, point): (&RigidShift<T>, &[T; 3]),
@@ -97,10 +97,6 @@ pub(super) fn of_anchored<T: Real>(
     ];
     let (w, dw, here) = (w.into(), dw.into(), (*point).into());
     let moving = cross_add(&w, &here, &v.into());
-    let turning: [T; 3] = cross_add(&moving, &w, &cross_add(&dw, &here, &a.into())).into();
-    let (apart, moving): ([T; 3], [T; 3]) = (less(&frame.lever, &here).into(), moving.into());
-    std::array::from_fn(|i| {
-        let axis = column(&frame.rotation, i);
-        [sum3(axis, apart), sum3(axis, moving), sum3(axis, turning)]
-    })
+    let turning = cross_add(&moving, &w, &cross_add(&dw, &here, &a.into()));
+    [less(&frame.lever, &here).into(), moving.into(), turning.into()]
 }
