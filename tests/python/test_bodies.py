@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import phipsi
 import pytest
-from phipsi.errors import ArgumentError, ShapeError
+from phipsi.errors import ShapeError
 from tolerances import STEP, assert_near, central_difference, size
 
 
@@ -21,6 +21,11 @@ def gripper() -> phipsi.Scene:
     return builder.build(mimic="couple")
 
 
+def heavier(scene: phipsi.Scene, name: str, by: float) -> phipsi.Scene:
+    link = scene.link(name)
+    return scene.with_inertias({name: (link.mass * (1.0 + by), link.com, link.inertia * (1.0 + by))})
+
+
 def test_names_of_bodies_are_those_of_the_rows_of_parameters() -> None:
     scene = gripper()
     assert scene.joint_names == ("palm", "left", "tip")
@@ -29,10 +34,6 @@ def test_names_of_bodies_are_those_of_the_rows_of_parameters() -> None:
 
     def end(robot: phipsi.Scene) -> float:
         return float(weights @ robot.simulate(q, qd, dt=1e-3, steps=40, method="rk4").q[-1])
-
-    def heavier(name: str, by: float) -> phipsi.Scene:
-        link = scene.link(name)
-        return scene.with_inertias({name: (link.mass * (1.0 + by), link.com, link.inertia * (1.0 + by))})
 
     path = scene.simulate(q, qd, dt=1e-3, steps=40, method="rk4")
     bar = np.zeros_like(path.qd)
@@ -45,7 +46,7 @@ def test_names_of_bodies_are_those_of_the_rows_of_parameters() -> None:
         about = link.inertia + link.mass * (link.com @ link.com * np.eye(3) - np.outer(link.com, link.com))
         own = np.array([link.mass, *(link.mass * link.com), about[0, 0], about[0, 1], about[1, 1], about[0, 2], about[1, 2], about[2, 2]])
         h = STEP
-        expected = (end(heavier(name, h)) - end(heavier(name, -h))) / (2.0 * h)
+        expected = (end(heavier(scene, name, h)) - end(heavier(scene, name, -h))) / (2.0 * h)
         assert_near(row @ own, expected, central_difference(10.0 * size(q)))
         sizes.append(abs(expected))
     # No two rows can be exchanged unnoticed.
@@ -55,12 +56,19 @@ def test_names_of_bodies_are_those_of_the_rows_of_parameters() -> None:
 @pytest.mark.parametrize("shape", [(2, 10), (3, 10), (4, 10)])
 def test_arguments_by_bodies_have_the_same_rows(shape: tuple[int, ...]) -> None:
     scene, zero = gripper(), np.zeros(3)
-    # The products do not support parameters of coupled joints; the shape is that of body_names nevertheless.
     fits = shape[0] == len(scene.body_names)
-    with pytest.raises(ArgumentError if fits else ShapeError, match="mimic" if fits else r"expected \(..., 4, 10\)"):
-        scene.inverse_dynamics_jvp(zero, zero, zero, zero, zero, zero, dparameters=np.zeros(shape))
+    product = lambda changes: scene.inverse_dynamics_jvp(zero, zero, zero, zero, zero, zero, dparameters=changes)  # noqa: E731
+    if not fits:
+        with pytest.raises(ShapeError, match=r"expected \(..., 4, 10\)"):
+            product(np.zeros(shape))
     if fits:
         assert not scene.inverse_dynamics_variance(zero, zero, zero, parameters=np.zeros((*shape, 10))).any()
+        for row, name in enumerate(scene.body_names):
+            changes = np.zeros(shape)
+            changes[row] = scene.inertial_parameters[row]
+            ends = [heavier(scene, name, h).inverse_dynamics(zero, zero, zero) for h in (STEP, -STEP)]
+            assert np.max(np.abs(product(changes))) > 0.1
+            assert_near(product(changes), (ends[0] - ends[1]) / (2.0 * STEP), central_difference(size(ends[0])))
         return
     with pytest.raises(ShapeError, match=r"expected \(4, 10, 10\)"):
         scene.inverse_dynamics_variance(zero, zero, zero, parameters=np.zeros((*shape, 10)))
