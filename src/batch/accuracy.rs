@@ -2,7 +2,6 @@
 
 use super::Fault;
 use super::evaluator::Evaluator;
-use super::independent::Checked;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments};
 use crate::error::check_length;
@@ -41,14 +40,18 @@ impl Scene {
         // The general recursion estimates the error of these forms. Its results are equally accurate, but differ in the
         // last bits.
         let mut again = vec![f64::NAN; self.nv()];
-        let mut checked = Checked::new(self);
+        let checked = &mut evaluator.independent.checked;
         checked.workspace.estimates_error = true;
         for (i, (state, accuracy)) in states.iter().zip(accuracy).enumerate() {
-            crate::interrupt::check().map_err(|error| Fault { state: i, error })?;
-            if self.evaluate_checked(&mut checked, Algorithm::ForwardDynamics(form), state, &mut again).is_ok() {
+            if let Err(error) = crate::interrupt::check() {
+                checked.workspace.estimates_error = false;
+                return Err(Fault { state: i, error });
+            }
+            if self.evaluate_checked(checked, Algorithm::ForwardDynamics(form), state, &mut again).is_ok() {
                 *accuracy = checked.workspace.accuracy;
             }
         }
+        checked.workspace.estimates_error = false;
         Ok(())
     }
 }

@@ -35,10 +35,6 @@ pub(super) struct Checked {
 }
 
 impl Checked {
-    pub fn new(scene: &Scene) -> Self {
-        Self { workspace: Workspace::new(scene.model()), inverse: None }
-    }
-
     /// The accuracy of accelerations that the kernels accepted with this tolerance and this estimated error.
     fn accepted(&self, error: f64, given: Option<f64>, qdd: &[f64]) -> Accuracy {
         let tolerance = Tolerance { given, ..self.workspace.accepted_error() }.of_covariance(f64::EPSILON);
@@ -49,7 +45,8 @@ impl Checked {
 impl Independent {
     /// For an instruction set that this processor has.
     pub fn new(arm: InstructionSet, scene: &Scene) -> Self {
-        Self { arm, kernels: Kernels::new(arm, scene), checked: Checked::new(scene) }
+        let checked = Checked { workspace: Workspace::new(scene.model()), inverse: None };
+        Self { arm, kernels: Kernels::new(arm, scene), checked }
     }
 
     /// The largest number of states per call of a kernel.

@@ -5,6 +5,7 @@ import pytest
 
 import phipsi
 import tolerances
+from conftest import OF_MASS
 
 from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, SceneError, ShapeError, SimulationError
 
@@ -179,19 +180,7 @@ def test_every_function_of_a_batch_of_models_is_that_of_one_scene_per_model(name
 
 
 #: Number of the arrays q, qd and qdd that each quantity reads.
-QUANTITIES = {
-    "energy": 2,
-    "kinetic_energy": 2,
-    "potential_energy": 1,
-    "momentum": 2,
-    "center_of_mass": 1,
-    "center_of_mass_velocity": 2,
-    "center_of_mass_acceleration": 3,
-    "center_of_mass_jacobian": 1,
-    "centroidal_momentum_matrix": 1,
-    "centroidal_momentum_matrix_rate": 2,
-    "centroidal_momentum_derivatives": 2,
-}
+QUANTITIES = {"energy": 2, "kinetic_energy": 2, "potential_energy": 1, "momentum": 2, **OF_MASS}
 
 
 @pytest.mark.parametrize("name", SCENES)
