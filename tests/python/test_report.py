@@ -552,6 +552,12 @@ def test_marks_of_an_axis_are_few_and_inside() -> None:
             assert 2 <= len(values) <= plotting.MOST_POWERS, (low, high, names)
             assert all(low <= value <= high for value in values) and list(values) == sorted(set(values))
             assert len(set(names)) == len(names)
+    for low, high in np.exp(np.random.default_rng(1).uniform([-18.0, 0.02], [-4.0, 9.0], (300, 2)).cumsum(1)):
+        # A label has digits of 6 px, and an axis of a narrow page is 280 px long.
+        ticks = plotting.Axis.times("", low, high).ticks or ()
+        centers = 280.0 * np.log([value / low for value, _ in ticks]) / np.log(high / low)
+        halves = np.array([3.0 * len(name) for _, name in ticks])
+        assert len(ticks) >= 2 and np.all(np.diff(centers) > halves[1:] + halves[:-1] + 3.0), (low, high, ticks)
     assert [name for _, name in plotting.Axis.powers("", 1e-16, 1e-14).ticks or ()] == ["10⁻¹⁶", "10⁻¹⁵", "10⁻¹⁴"]
 
 

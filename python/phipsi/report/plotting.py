@@ -22,6 +22,8 @@ COLORS = ("#0072b2", "#009e73", "#d55e00", "#aa3377", "#56b4e9", "#e69f00", "#4d
 INK, SOFT, GRAY, FAINT = "#2b2f33", "#6b7279", "#8a9199", "#d9dde1"
 #: Largest number of ticks of an axis, with powers of ten and with longer labels, for narrow screens.
 MOST_POWERS, MOST_TICKS = 8, 5
+#: Length of an axis on a narrow screen, and width of a character of its labels, px.
+NARROW, DIGIT = 280.0, 6.5
 #: Possible positions of ticks in a decade of a logarithmic axis, finest first.
 STEPS = ((1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 
@@ -57,22 +59,23 @@ class Axis:
 
 
 def log_ticks(low: float, high: float, name: Callable[[float], str]) -> list[tuple[float, str]]:
-    """Ticks of a logarithmic axis with their labels: the finest of at most MOST_TICKS."""
+    """Ticks of a logarithmic axis with their labels: the finest of at most MOST_TICKS whose labels do not overlap."""
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    found: list[float] = []
-    for steps in STEPS:
-        found = [value for e in exponents for m in steps if low <= (value := m * 10.0**e) <= high]
-        if len(found) <= MOST_TICKS:
-            break
-    if len(found) > MOST_TICKS:
-        every = math.ceil(len(found) / MOST_TICKS)
-        found = [value for value in found if round(math.log10(value)) % every == 0]
-    if len(found) < 3:
-        # The range is less than a decade: equidistant ticks.
-        size = 10.0 ** math.floor(math.log10((high - low) / MOST_TICKS))
-        step = next(m * size for m in (1.0, 2.0, 5.0, 10.0) if (high - low) / (m * size) <= MOST_TICKS)
-        found = [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
-    return [(value, name(value)) for value in found]
+    found = [[m * 10.0**e for e in exponents for m in steps] for steps in STEPS]
+    found += [[10.0**e for e in exponents if e % every == 0] for every in range(2, len(exponents))]
+    # For a range below a decade: equidistant.
+    size = 10.0 ** math.floor(math.log10((high - low) / MOST_TICKS))
+    found += [[k * m * size for k in range(1, math.floor(high / (m * size)) + 1)] for m in (1.0, 2.0, 5.0, 10.0, 20.0)]
+    ticks = [[(value, name(value)) for value in values if low <= value <= high] for values in found]
+    legible = [row for row in ticks if len(row) <= MOST_TICKS and _fit(row, math.log(high / low))]
+    return next((row for row in legible if len(row) > 2), max(legible, key=len, default=[]))
+
+
+def _fit(ticks: Sequence[tuple[float, str]], length: float) -> bool:
+    """Whether the labels do not overlap on an axis of NARROW pixels, for the logarithm of its range."""
+    pairs = zip(ticks, ticks[1:], strict=False)
+    apart = [NARROW * math.log(b / a) / length - DIGIT * (len(left) + len(right) + 2) / 2 for (a, left), (b, right) in pairs]
+    return all(gap > 0.0 for gap in apart)
 
 
 def _number(value: float) -> str:
