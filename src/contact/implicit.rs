@@ -21,8 +21,13 @@
 //!
 //! so that a change of G has the term (P `p_bar`)* B dG p1 in addition to those at p0: the null space of G turns, and p
 //! with it ([`Turning`]). The rows of P are those of velocities that vanish, with constant A and B.
+//!
+//! On springs, a contact that sticks at the boundary of its cone slides by a velocity of the size eps: A and B of order
+//! zero do not determine the limit then. The derivatives are those on springs with a small eps
+//! ([`Cone::at_boundary`]).
 
 use super::gram::add_rows;
+use super::held::Held;
 use super::law::{Cone, Limits};
 use super::newton::PROXIMAL;
 use nalgebra::{DMatrix, DVector, Dyn, LU, Matrix2, Matrix3, Vector2, Vector3};
@@ -35,6 +40,14 @@ const FALLS: f64 = 0.5;
 /// solution or from P.
 const SPRINGS: f64 = 1e-6;
 const CORRECTIONS: usize = 3;
+
+/// Compliance of the springs for contacts at the boundary of another mode, and the distance from it relative to the
+/// largest free velocity.
+const STIFF: f64 = 1e-7;
+const AT_BOUNDARY: f64 = 1e-9;
+
+/// Largest number of Newton steps on these springs.
+const STIFF_STEPS: usize = 30;
 
 /// A projection P below this fraction of the cotangent is rounding: the impulses are unique.
 const UNIQUE: f64 = 1e-10;
@@ -131,6 +144,34 @@ impl Cone {
         (0..self.len()).map(of).collect()
     }
 
+    /// The same contacts on stiff springs, with the impulses that Newton's method finds from `p`; `None` if it does not
+    /// converge.
+    pub(super) fn on_stiff_springs(
+        &self,
+        p: &DVector<f64>,
+        c: &DVector<f64>,
+        limits: &Limits,
+    ) -> Option<(Self, DVector<f64>)> {
+        let (springs, mut found) = (self.on_springs(STIFF), p.clone());
+        for _ in 0..STIFF_STEPS {
+            if springs.residual(&found, c, limits) <= springs.floor(&found, c, limits) {
+                return Some((springs, found));
+            }
+            let modes = springs.modes(&found, c, limits);
+            let defect = springs.defect_in(&modes, &found, c, limits);
+            found -= springs.linearized(&modes, &found, c).matrix.lu().solve(&defect)?;
+        }
+        None
+    }
+
+    /// As [`Cone::on_stiff_springs`] if the impulses are redundant and a contact with an impulse is at the boundary of
+    /// another mode; else `None`.
+    pub fn at_boundary(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Option<(Self, DVector<f64>)> {
+        let margins = self.margins(p, c, limits);
+        let near = (0..self.len()).any(|i| p[3 * i + 2] > 0.0 && margins[i] <= AT_BOUNDARY * c.amax());
+        if near && Held::of(self).is_none() { self.on_stiff_springs(p, c, limits) } else { None }
+    }
+
     /// F in the given modes, N s.
     fn defect_in(&self, modes: &[Mode], p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
         let (u, x) = (self.velocities(p, c), self.targets(p, c));
@@ -195,13 +236,25 @@ impl Cone {
     /// residual. `None` if the matrix is singular, or if the result is in other modes or has a larger residual.
     pub fn polished(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Option<(DVector<f64>, f64)> {
         let modes = self.modes(p, c, limits);
+        let (best, residual) = self.polished_in(&modes, PROXIMAL, (p, c, limits))?;
+        (self.modes(&best, c, limits) == modes).then_some((best, residual))
+    }
+
+    /// Newton's method in the given modes from `p`, until the residual no longer decreases; returns the impulses and
+    /// their residual. `None` if the matrix is singular.
+    fn polished_in(
+        &self,
+        modes: &[Mode],
+        proximal: f64,
+        (p, c, limits): (&DVector<f64>, &DVector<f64>, &Limits),
+    ) -> Option<(DVector<f64>, f64)> {
         let (mut best, mut residual) = (p.clone(), self.residual(p, c, limits));
         for _ in 0..STEPS {
             if residual <= self.floor(&best, c, limits) {
                 break;
             }
-            let step = self.linearized(&modes, &best, c).on_springs(PROXIMAL).lu();
-            let next = &best - step.solve(&self.defect_in(&modes, &best, c, limits))?;
+            let step = self.linearized(modes, &best, c).on_springs(proximal).lu();
+            let next = &best - step.solve(&self.defect_in(modes, &best, c, limits))?;
             let left = self.residual(&next, c, limits);
             if !(left < residual) {
                 break;
@@ -212,7 +265,18 @@ impl Cone {
                 break;
             }
         }
-        (self.modes(&best, c, limits) == modes).then_some((best, residual))
+        Some((best, residual))
+    }
+
+    /// The impulses on stiff springs, moved to those without springs; `None` if Newton's method does not converge.
+    pub(super) fn shared_at_boundary(
+        &self,
+        p: &DVector<f64>,
+        c: &DVector<f64>,
+        limits: &Limits,
+    ) -> Option<DVector<f64>> {
+        let (springs, shared) = self.on_stiff_springs(p, c, limits)?;
+        self.polished_in(&springs.modes(&shared, c, limits), STIFF, (&shared, c, limits)).map(|(p, _)| p)
     }
 }
 
@@ -225,6 +289,12 @@ impl Linearization {
             own += b * (part * self.spring);
         }
         matrix
+    }
+
+    /// As [`Linearization::cotangents`] if the impulses are unique.
+    pub fn cotangents_of_unique(&self, p_bar: &DVector<f64>) -> Option<LawCotangents> {
+        let x = self.matrix.transpose().lu().solve(p_bar)?;
+        x.iter().all(|x| x.is_finite()).then(|| self.of_solution(&-x, None))
     }
 
     /// Cotangents of the data for a cotangent `p_bar` of the impulses; `None` if the matrix is singular.
@@ -242,13 +312,17 @@ impl Linearization {
         let turning = if redundant { Some(Turning { z: -&along, s: self.beside_springs()? }) } else { None };
         let right = if redundant { p_bar - along * self.spring } else { p_bar.clone() };
         let x = -corrected(&factor, &self.matrix.transpose(), &right)?;
-        let velocities = self.by_velocities(&x);
+        Some(self.of_solution(&x, turning))
+    }
+
+    fn of_solution(&self, x: &DVector<f64>, turning: Option<Turning>) -> LawCotangents {
+        let velocities = self.by_velocities(x);
         let along = |by: &[Vector3<f64>]| -> Vec<f64> {
             by.iter().enumerate().map(|(i, by)| by.dot(&x.fixed_rows::<3>(3 * i))).collect()
         };
         let least = self.by_least.iter().enumerate().map(|(i, by)| by * x[3 * i + 2]).collect();
         let (friction, energy) = (along(&self.by_friction), along(&self.by_energy));
-        Some(LawCotangents { velocities, friction, least, energy, turning })
+        LawCotangents { velocities, friction, least, energy, turning }
     }
 
     /// B* x.

@@ -7,7 +7,7 @@ use super::interior::Interior;
 use super::law::{Cone, Limits};
 use super::newton::PROXIMAL;
 use super::path::Path;
-use super::report::{Effort, SolveReport};
+use super::report::{Effort, SolveReport, TOLERANCE};
 use nalgebra::{DVector, Matrix3};
 
 /// Largest number of consecutive Newton steps, and the factor by which each must reduce the residual.
@@ -52,6 +52,9 @@ const CORRECTIONS: usize = 4;
 
 /// Compliance of the springs of these steps, for which rounding errors of the shares are a tenth of those of the others.
 const SOFTER: f64 = 1e-5;
+
+/// Impulses with at most this residual share their loads evenly, whatever their residual was before.
+const ROUNDING: f64 = 1e-13;
 
 /// The proximal term of Newton's method on springs, relative to their compliance. A larger one would determine the
 /// rate of convergence.
@@ -368,12 +371,14 @@ impl Cone {
     /// Impulses that satisfy the law, with the precision that rounding allows. Those of redundant contacts are otherwise
     /// those of equal springs up to the tolerance over the compliance, and each determines the rebound of its contact.
     pub fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
-        let Some((mut shared, _)) = self.on_springs(SOFTER).polished(&p, c, limits) else { return p };
-        for _ in 0..CORRECTIONS {
-            let Some(next) = self.newton(&shared, c, limits, SOFTER) else { return p };
-            shared = next;
-        }
-        let before = self.residual(&p, c, limits).max(self.floor(&p, c, limits));
-        if self.residual(&shared, c, limits) <= before { shared } else { p }
+        let shared = match self.on_springs(SOFTER).polished(&p, c, limits) {
+            Some((soft, left)) if left <= TOLERANCE => {
+                (0..CORRECTIONS).try_fold(soft, |p, _| self.newton(&p, c, limits, SOFTER))
+            }
+            // In its modes, the springs are not those of the law: contacts are at the boundary of another mode.
+            _ => self.shared_at_boundary(&p, c, limits),
+        };
+        let most = self.residual(&p, c, limits).max(self.floor(&p, c, limits)).max(ROUNDING);
+        shared.filter(|shared| self.residual(shared, c, limits) <= most).unwrap_or(p)
     }
 }

@@ -154,7 +154,7 @@ CONTACT_GRADIENT = 1e-6
 """Largest error of a gradient through contact inside one mode, relative to the largest gradient of its kind."""
 REDUNDANT_GRADIENT = 1e-4
 """Largest error of a gradient through redundant contacts beside differences with a step of 1e-4, relative to the largest of
-its kind: the rounding error of the shares, 1e-16 over the compliance of 1e-6, over the step.
+its kind: the rounding error of the shares, 1e-16 over the compliance of 1e-7, over the step, and a multiple of the compliance.
 """
 EQUAL_SPRINGS = 1e-5
 """Relative error of the forces of redundant contacts beside those of equal springs: rounding errors of gaps over the

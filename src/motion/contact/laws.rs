@@ -19,6 +19,7 @@ use super::record::{Laws, StepRecord};
 use crate::contact::{Cone, LawCotangents, Limits, Turning};
 use crate::error::Error;
 use nalgebra::DVector;
+use std::borrow::Cow;
 
 /// Impulses p, their response y = M^-1 J* p, and m = M^-1 times the cotangent of y.
 pub(super) struct Response {
@@ -43,10 +44,18 @@ pub(super) struct Chain {
     pub energy: Vec<f64>,
 }
 
-/// An impact, to rounding in its modes.
-struct Hit {
-    first: DVector<f64>,
-    second: Option<DVector<f64>>,
+/// A solve of the law, to rounding in its modes; on stiff springs if redundant contacts are at a boundary of their modes.
+struct Solved<'a> {
+    cone: Cow<'a, Cone>,
+    impulses: DVector<f64>,
+    c: DVector<f64>,
+    limits: Limits,
+}
+
+/// An impact.
+struct Hit<'a> {
+    first: Solved<'a>,
+    second: Option<Solved<'a>>,
     /// The factor of expansion, and the impulses p1 + s p2.
     kept: f64,
     all: DVector<f64>,
@@ -64,7 +73,7 @@ impl Chain {
         let (cone, m) = (&laws.cone, 3 * near.len());
         let nothing = || DVector::zeros(m);
         let none = vec![0.0; s.v.len()];
-        let hit = record.hit.as_ref().map(|hit| Hit::polished(laws, &hit.phases, hit.expansion_kept));
+        let hit = record.hit.as_ref().map(|hit| Hit::new(laws, &hit.phases, hit.expansion_kept));
         let struck = hit.as_ref().map_or_else(nothing, |hit| hit.all.clone());
         let mut chain = Self {
             evaluations: Vec::new(),
@@ -85,9 +94,9 @@ impl Chain {
             let of = cone.linearized_relaxed(&laws.held, &laws.c, energies).cotangents(&of_struck);
             (laws.held.clone(), of.ok_or_else(|| singular(at, near))?)
         } else {
-            let held = polished(cone, &laws.held, &laws.c, &Limits::beside(&laws.c));
-            let of = law((at, near), cone, &held, &laws.c, &Limits::beside(&laws.c), &of_struck)?;
-            (held, of)
+            let held = Solved::new(cone, &laws.held, (&laws.c, Limits::beside(&laws.c)));
+            let of = held.cotangents((at, near), &of_struck)?;
+            (held.impulses, of)
         };
         let all = &struck + &held;
         let y = at.respond(near, &none, &all);
@@ -102,8 +111,9 @@ impl Chain {
             chain.responses.push(Response { p: held, y: y_held, m: m_held });
             let z = at.solve(of_last);
             let bar = at.velocities(near, &z.v);
-            let slower = polished(cone, slower, c, &Limits::beside(c));
-            let of = law((at, near), cone, &slower, c, &Limits::beside(c), &bar)?;
+            let slower = Solved::new(cone, slower, (c, Limits::beside(c)));
+            let of = slower.cotangents((at, near), &bar)?;
+            let slower = slower.impulses;
             let y = at.respond(near, &none, &(&struck + &slower));
             chain.evaluations.push((of.velocities.clone(), sum(&record.v_free, &y.v)));
             chain.turn(at, near, &of);
@@ -140,21 +150,21 @@ impl Chain {
         &mut self,
         at: &mut At<'_>,
         (s, record, laws): (&Scratch<f64>, &StepRecord, &Laws),
-        hit: &Hit,
+        hit: &Hit<'_>,
         (torque, mut forces, mut of_all): (&[f64], DVector<f64>, DVector<f64>),
     ) -> Result<(), (String, Error)> {
         let (near, cone, none) = (&record.near[..], &laws.cone, vec![0.0; s.v.len()]);
         let middle: Vec<f64> = s.v.iter().zip(&record.v_free).map(|(a, b)| a + laws.part * (b - a)).collect();
-        let (y_all, y_first) = (at.respond(near, &none, &hit.all), at.respond(near, &none, &hit.first));
+        let (y_all, y_first) = (at.respond(near, &none, &hit.all), at.respond(near, &none, &hit.first.impulses));
         let mut of_middle = DVector::zeros(3 * near.len());
         if let (Some(second), true) = (&hit.second, hit.kept < 1.0) {
             // p (u + G p/2) = 0 determines s.
             let change = cone.g.times(&hit.all);
-            let along = (&laws.middle + &change).dot(second);
+            let along = (&laws.middle + &change).dot(&second.impulses);
             if along == 0.0 {
                 return Err(singular(at, near));
             }
-            let part = -second.dot(&of_all) / along;
+            let part = -second.impulses.dot(&of_all) / along;
             let half: Vec<f64> = middle.iter().zip(&y_all.v).map(|(v, y)| v + 0.5 * y).collect();
             self.evaluations.push((&hit.all * part, half));
             of_middle += &hit.all * part;
@@ -166,30 +176,29 @@ impl Chain {
         let mut of_first = of_all.clone();
         let mut forces = DVector::zeros(3 * near.len());
         if let Some(second) = &hit.second {
-            let (limits, c) = (hit.bound(laws), &laws.middle + cone.g.times(&hit.first));
-            let of = law((at, near), cone, second, &c, &limits, &(of_all * hit.kept))?;
-            let y = at.respond(near, &none, second);
+            let of = second.cotangents((at, near), &(of_all * hit.kept))?;
+            let y = at.respond(near, &none, &second.impulses);
             let before = sum(&middle, &y_first.v);
             self.evaluations.push((of.velocities.clone(), sum(&before, &y.v)));
             self.turn(at, near, &of);
             self.add(&of);
             for (k, least) in of.least.iter().enumerate() {
-                self.restitution[k] += least * hit.first[3 * k + 2];
+                self.restitution[k] += least * hit.first.impulses[3 * k + 2];
                 of_first[3 * k + 2] += least * laws.rebound[k];
             }
             let m = at.respond(near, &none, &of.velocities);
-            self.responses.push(Response { p: second.clone(), y, m });
+            self.responses.push(Response { p: second.impulses.clone(), y, m });
             of_first += cone.g.times(&of.velocities);
             forces += of.velocities;
         }
-        let of = law((at, near), cone, &hit.first, &laws.middle, &Limits::beside(&laws.middle), &of_first)?;
+        let of = hit.first.cotangents((at, near), &of_first)?;
         self.evaluations.push((of.velocities.clone(), sum(&middle, &y_first.v)));
         self.turn(at, near, &of);
         self.add(&of);
         forces += of.velocities;
         of_middle += &forces;
         let m = at.respond(near, &none, &forces);
-        self.responses.push(Response { p: hit.first.clone(), y: y_first, m });
+        self.responses.push(Response { p: hit.first.impulses.clone(), y: y_first, m });
         self.of_free += &of_middle * laws.part;
         self.of_start += of_middle * (1.0 - laws.part);
         Ok(())
@@ -210,43 +219,44 @@ impl Chain {
     }
 }
 
-impl Hit {
-    fn polished(laws: &Laws, phases: &(DVector<f64>, Option<DVector<f64>>), kept: f64) -> Self {
+impl<'a> Hit<'a> {
+    fn new(laws: &'a Laws, phases: &(DVector<f64>, Option<DVector<f64>>), kept: f64) -> Self {
         let (cone, c) = (&laws.cone, &laws.middle);
-        let first = polished(cone, &phases.0, c, &Limits::beside(c));
-        let mut hit = Self { first, second: None, kept, all: DVector::zeros(0) };
-        let limits = hit.bound(laws);
-        hit.second = phases.1.as_ref().map(|second| {
-            let between = c + cone.g.times(&hit.first);
-            polished(cone, second, &between, &limits)
-        });
-        hit.all = hit.second.as_ref().map_or_else(|| hit.first.clone(), |second| &hit.first + second * kept);
-        hit
-    }
-
-    /// The lower bounds of the expansion.
-    fn bound(&self, laws: &Laws) -> Limits {
-        let least = laws.rebound.iter().enumerate().map(|(k, e)| e * self.first[3 * k + 2].max(0.0)).collect();
-        Limits { least, ..Limits::beside(&laws.middle) }
+        let first = Solved::new(cone, &phases.0, (c, Limits::beside(c)));
+        let least = laws.rebound.iter().enumerate().map(|(k, e)| e * first.impulses[3 * k + 2].max(0.0)).collect();
+        let limits = Limits { least, ..Limits::beside(c) };
+        let between = c + cone.g.times(&first.impulses);
+        let second = phases.1.as_ref().map(|second| Solved::new(cone, second, (&between, limits)));
+        let more = second.iter().map(|second| &second.impulses * kept);
+        let all = more.fold(first.impulses.clone(), |sum, more| sum + more);
+        Self { first, second, kept, all }
     }
 }
 
-/// The impulses to rounding in their modes.
-fn polished(cone: &Cone, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
-    cone.polished(p, c, limits).map_or_else(|| p.clone(), |(p, _)| p)
-}
+impl<'a> Solved<'a> {
+    fn new(cone: &'a Cone, p: &DVector<f64>, (c, limits): (&DVector<f64>, Limits)) -> Self {
+        let p = cone.polished(p, c, &limits).map_or_else(|| p.clone(), |(p, _)| p);
+        let (cone, impulses) = match cone.at_boundary(&p, c, &limits) {
+            Some((springs, p)) => (Cow::Owned(springs), p),
+            None => (Cow::Borrowed(cone), p),
+        };
+        Self { cone, impulses, c: c.clone(), limits }
+    }
 
-/// The cotangents of the data of a solve for a cotangent `bar` of its impulses.
-fn law(
-    (at, near): (&At<'_>, &[usize]),
-    cone: &Cone,
-    p: &DVector<f64>,
-    c: &DVector<f64>,
-    limits: &Limits,
-    bar: &DVector<f64>,
-) -> Result<LawCotangents, (String, Error)> {
-    let modes = cone.modes(p, c, limits);
-    cone.linearized(&modes, p, c).cotangents(bar).ok_or_else(|| singular(at, near))
+    /// The cotangents of the data of the solve for a cotangent `bar` of its impulses.
+    fn cotangents(
+        &self,
+        (at, near): (&At<'_>, &[usize]),
+        bar: &DVector<f64>,
+    ) -> Result<LawCotangents, (String, Error)> {
+        let Self { cone, impulses, c, limits } = self;
+        let linear = cone.linearized(&cone.modes(impulses, c, limits), impulses, c);
+        let of = match cone {
+            Cow::Owned(_) => linear.cotangents_of_unique(bar),
+            Cow::Borrowed(_) => linear.cotangents(bar),
+        };
+        of.ok_or_else(|| singular(at, near))
+    }
 }
 
 fn singular(at: &At<'_>, near: &[usize]) -> (String, Error) {
