@@ -207,7 +207,7 @@ impl<T: Vectorized> Chunk<T> {
         }
         let Numbers { model, sweeps, places, .. } = &*self.numbers;
         let own = self.own_model.get_or_insert_with(|| Box::new(OwnModel::new(places, model, sweeps)));
-        own_model::load(target, own, (model, sweeps), &in_lanes(states))
+        own_model::load(target, own, (model, sweeps), states)
     }
 
     /// Gathers forces on bodies into lanes; empty if no state has any.
@@ -278,7 +278,7 @@ fn gather<'a, T: Vectorized>(
 
 /// The state of each lane; lanes without a state repeat the last one.
 #[inline(always)]
-fn in_lanes<'a>(states: &'a [Arguments<'a>]) -> [&'a Arguments<'a>; MOST_LANES] {
+pub(super) fn in_lanes<'a>(states: &'a [Arguments<'a>]) -> [&'a Arguments<'a>; MOST_LANES] {
     std::array::from_fn(|lane| &states[lane.min(states.len() - 1)])
 }
 
