@@ -1,5 +1,6 @@
 //! Methods of `Scene`: simulation.
 
+use super::choice::of_unknown;
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
@@ -326,8 +327,10 @@ impl PyScene {
            text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, \
                              friction_speed=0.01)")]
     fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Object<'py>> {
+        let py = slf.py();
         slf.get().scene.check_no_contacts("ode")?;
-        imported!(slf.py(), "phipsi._ode", "Ode")?.call((slf,), given)
+        let made = imported!(py, "phipsi._ode", "Ode")?.call((slf,), given);
+        made.map_err(|error| of_unknown(py, "Scene.ode", given, error))
     }
 }
 

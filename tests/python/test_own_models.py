@@ -715,6 +715,28 @@ def test_coefficients_of_contacts_are_checked():
         phipsi.scenes.chain(2).simulate([0, 0], [0, 0], dt=1e-3, steps=1, contact_restitution=0.1)
 
 
+#: Functions with one model for all states.
+OF_ONE_MODEL = {
+    "factor": lambda scene, q, own: scene.factor(q, **own),
+    "random_model": lambda scene, q, own: scene.random_model(q, **own),
+    "ode": lambda scene, q, own: scene.ode(**own),
+    "optimize": lambda scene, q, own: scene.optimize(q, dt=0.01, steps=2, costs=[], **own),
+    "observer": lambda scene, q, own: scene.observer(1e-3, [], q=q, torque_noise=0.1, **own),
+    "momentum_observer": lambda scene, q, own: scene.momentum_observer(1e-3, torque_noise=0.1, bandwidth=1.0, **own),
+    "identify": lambda scene, q, own: scene.identify(q, q, q, q, **own),
+    "excitation": lambda scene, q, own: scene.excitation(1.0, **own),
+}
+
+
+@pytest.mark.parametrize("name", OF_ONE_MODEL)
+def test_functions_of_one_model_name_the_scene_of_a_model(name):
+    scene = phipsi.scenes.chain(3)
+    for own, instead in (({"inertias": scene.inertial_parameters}, "with_inertial_parameters"), ({"armature": 0.1}, "with_properties")):
+        (keyword,) = own
+        with pytest.raises(TypeError, match=rf"Scene.{name}\(\) got an unexpected keyword argument '{keyword}'; .* scene.{instead}\({keyword}"):
+            OF_ONE_MODEL[name](scene, np.zeros(3), own)
+
+
 def spread(scene):
     """Covariance of the inertial parameters: each body is heavier by 1 %, independently of the others."""
     return 1e-4 * np.einsum("bi,bj->bij", scene.inertial_parameters, scene.inertial_parameters)

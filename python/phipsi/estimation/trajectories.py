@@ -190,10 +190,6 @@ class _Propagation:
             assert joints is not None
             self.joints += [(row, column) for column in covariance_root(f"joints[{row}]", joints[row]).T]
         self.damping, self.friction = (self._own(name) for name in ("damping", "friction"))
-        #: Inertias and armature of each state, for all its rows; empty for those of the scene.
-        self.model = path._own_inertias
-        if not np.array_equal(path.armature, self.scene.armature):
-            self.model["armature"] = of_rows(path.armature)
         # Without friction the speed does not act, except in the derivative by friction.
         exact = None if np.any(self.friction > 0.0) else FRICTION_SPEED
         self.speed = self.given.get("friction_speed") or exact
@@ -223,9 +219,8 @@ class _Propagation:
 
     def _tangent(self, rows: _Index) -> Tangent:
         """Tangent space of the connections at rows."""
-        return tangent_of_connections(
-            self.scene, self.whole.q[..., rows, :], self.whole.qd[..., rows, :], **self.model
-        )
+        path = self.whole
+        return tangent_of_connections(self.scene, path.q[..., rows, :], path.qd[..., rows, :], **path._own_inertias)
 
     def _every_step(self) -> Trajectory:
         """The same simulation with a row for each step."""
@@ -489,7 +484,7 @@ class _Propagation:
             given["friction_speed"] = self.speed
         q, qd = self.scene.integrate(q, start[..., :nv]), qd + start[..., nv:]
         if self.rigid:
-            closed = self.scene.loops.project(q[..., None, :], qd[..., None, :], **self.model)
+            closed = self.scene.loops.project(q[..., None, :], qd[..., None, :], **path._own_inertias)
             assert closed.qd is not None
             q, qd = closed.q[..., 0, :], closed.qd[..., 0, :]
         return scene.simulate(
