@@ -465,7 +465,9 @@ within_target! {
     ) -> u64 {
         let Chunk { numbers: constants, arguments, quantities, .. } = chunk;
         let Numbers { model, quaternions, places, .. } = &**constants;
-        let Some(has_models) = own_model::have_models(states) else { return u64::MAX };
+        // Quantities of frames do not depend on models.
+        let has_models = if what.frame().is_some() { Some(false) } else { own_model::have_models(states) };
+        let Some(has_models) = has_models else { return u64::MAX };
         let ([q, qd, qdd], given) = (arguments, in_lanes(states));
         let mut fault = gather_state([&mut *q, qd, qdd], &given);
         let nearness = nearness(quaternions, q);

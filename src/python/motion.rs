@@ -115,8 +115,8 @@ impl PyScene {
     ///     Simulated time, s, instead of steps.
     /// covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
     ///     Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
-    ///     alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
-    ///     An error for impacts on stops, accuracy and functions tau.
+    ///     alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order, of
+    ///     each state by its own model. An error for impacts on stops, accuracy and functions tau.
     /// targets : (..., steps, nq) array_like, optional
     ///     Target of pd in each step, instead of pd.target.
     /// target_rates : (..., steps, nv) array_like, optional
