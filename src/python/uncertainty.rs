@@ -111,12 +111,14 @@ methods_in_python! {
     ///     Configurations. Leading axes broadcast.
     /// qd, qdd : (..., nv)
     ///     Joint velocities, rad/s or m/s, and accelerations.
-    /// parameters, joints, torque, friction_speed, errors
+    /// parameters, joints, torque
     ///     As in forward_dynamics_variance; torque: the variance of what is added to the torque, of a sensor's noise
     ///     for instance.
     /// inertias, armature : array_like, optional
     ///     Model of each state, as in inverse_dynamics. Variances are the same for all models, because torques are
     ///     linear in the parameters.
+    /// friction_speed, errors
+    ///     As in forward_dynamics_variance.
     ///
     /// Returns
     /// -------
