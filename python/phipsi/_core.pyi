@@ -4315,6 +4315,8 @@ class Scene:
         friction_speed: float,
         links: list[str] | None,
         wrenches: Any,
+        inertias: Any,
+        armature: Any,
         errors: str,
     ) -> _Array: ...
     def _sensor_prediction(

@@ -336,8 +336,9 @@ class _Propagation:
         batch, rows = path.q.shape[:-2], (len(path) - 1) * every
         given = given | {"steps": every, "record_every": every, "parameters": len(columns) > 0} | path._own_inertias
         # The properties are those of a state, not of a row.
-        own = {"damping": self.damping, "friction": self.friction}
-        given |= {name: of_rows(np.asarray(own.get(name, given[name]))) for name in OF_STATES if given.get(name) is not None}
+        read = {"damping": self.damping, "friction": self.friction}
+        differ = [name for name in OF_STATES if given.get(name) is not None]
+        given |= {name: of_rows(np.asarray(read.get(name, given[name]))) for name in differ}
         if given.get("pd") is not None:
             # So are the targets.
             given["pd"] = tuple(part if np.ndim(part) < 2 else np.asarray(part)[..., None, :] for part in given["pd"])
