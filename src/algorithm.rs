@@ -575,19 +575,6 @@ pub struct Arguments<'a> {
 }
 
 impl Arguments<'_> {
-    /// Returns an error if the state has its own model, for a function without one.
-    pub(crate) fn check_of_scene(&self, function: &str) -> Result<(), Error> {
-        if self.model.is_of_scene() {
-            return Ok(());
-        }
-        let found = format!("models of states in {function}");
-        Err(Error::argument(
-            "inertias, armature",
-            found,
-            "none: a scene for each model by with_inertias, with_properties",
-        ))
-    }
-
     /// The arguments that an algorithm takes; the others become empty.
     #[must_use]
     pub fn read_by(self, algorithm: Algorithm) -> Self {

@@ -252,7 +252,8 @@ def compile(  # noqa: A001  # phipsi.compile
     Parameters
     ----------
     scene : Scene
-        The scene; its constants are folded into the code.
+        The scene; its constants are folded into the code. For other inertias, compile
+        scene.with_inertial_parameters(inertias).
     functions : str, or iterable of str or tuple, optional
         Names of functions as in Scene.to_c, and functions of one link: ("placement", link), ("jacobian", link) or ("jacobian", link, frame). None: all with code for the scene that are not of a link.
     device : {"cpu", "cuda"}, default "cpu"

@@ -956,8 +956,8 @@ class Scene:
             Simulated time, s, instead of steps.
         covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
             Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
-            alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
-            An error for impacts on stops, accuracy and functions tau.
+            alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order, of
+            each state by its own model. An error for impacts on stops, accuracy and functions tau.
         targets : (..., steps, nq) array_like, optional
             Target of pd in each step, instead of pd.target.
         target_rates : (..., steps, nv) array_like, optional
@@ -4041,6 +4041,8 @@ class Scene:
         torque: ArrayLike | None = None,
         links: None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         friction_speed: float = 0.01,
         errors: _Errors = "raise",
     ) -> _Array:
@@ -4073,6 +4075,8 @@ class Scene:
             Links whose accelerations are wanted too.
         wrenches : dict, optional
             As in forward_dynamics; they are known.
+        inertias, armature : array_like, optional
+            Model of each state, as in forward_dynamics.
         friction_speed : float
             Speed below which friction is viscous, as in identify.
         errors : str
@@ -4114,6 +4118,8 @@ class Scene:
         joints: Mapping[str, ArrayLike] | ArrayLike | None = None,
         torque: ArrayLike | None = None,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         friction_speed: float = 0.01,
         errors: _Errors = "raise",
     ) -> AccelerationVariance: ...
@@ -4126,6 +4132,8 @@ class Scene:
         parameters: ArrayLike | object | None = None,
         joints: Mapping[str, ArrayLike] | ArrayLike | None = None,
         torque: ArrayLike | None = None,
+        inertias: ArrayLike | None = None,
+        armature: ArrayLike | None = None,
         friction_speed: float = 0.01,
         errors: _Errors = "raise",
     ) -> _Array:
@@ -4140,9 +4148,14 @@ class Scene:
             Configurations. Leading axes broadcast.
         qd, qdd : (..., nv)
             Joint velocities, rad/s or m/s, and accelerations.
-        parameters, joints, torque, friction_speed, errors
+        parameters, joints, torque
             As in forward_dynamics_variance; torque: the variance of what is added to the torque, of a sensor's noise
             for instance.
+        inertias, armature : array_like, optional
+            Model of each state, as in inverse_dynamics. Variances are the same for all models, because torques are
+            linear in the parameters.
+        friction_speed, errors
+            As in forward_dynamics_variance.
 
         Returns
         -------
@@ -4302,6 +4315,8 @@ class Scene:
         friction_speed: float,
         links: list[str] | None,
         wrenches: Any,
+        inertias: Any,
+        armature: Any,
         errors: str,
     ) -> _Array: ...
     def _sensor_prediction(

@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 
 from . import _core
 
-__all__ = ["HINTS", "KEYWORDS", "METHODS", "REMOVED", "RENAMED", "Elsewhere", "missing", "of_keyword", "teach"]
+__all__ = ["HINTS", "KEYWORDS", "METHODS", "REMOVED", "RENAMED", "Elsewhere", "missing", "of_keyword", "teach", "unknown_keywords"]
 
 #: Former and present names of attributes of a scene.
 RENAMED = {
@@ -84,6 +84,8 @@ KEYWORDS = {
     "child_link": ("child",), "min": ("lower",), "max": ("upper",), "lower_limit": ("lower",), "upper_limit": ("upper",), "max_velocity": ("velocity",),
     "max_effort": ("effort",), "max_torque": ("effort",), "geometry": ("shape",), "rng": ("seed",), "random_state": ("seed",), "visual": ("shape",), "every": ("record_every",), "tol": ("tolerance",),
 }  # fmt: skip
+#: The model of each state, for methods that have one for all, and what replaces it.
+MODELS = {"inertias": "with_inertial_parameters(inertias)", "armature": "with_properties(armature=armature)"}
 #: Former keywords, and what replaces them.
 REMOVED = {"baumgarte": "each step is projected onto the connections"}
 
@@ -140,9 +142,22 @@ def of_keyword(method: str, name: str) -> str:
 
     if name in REMOVED:
         return f"; it was removed: {REMOVED[name]}"
+    known = _keywords(method)
+    likely = [one for one in KEYWORDS.get(name, ()) if one in known]
+    if name in MODELS and method.startswith("Scene.") and not likely:
+        return f"; it has one model for all states, that of the scene: use scene.{MODELS[name]}"
+    likely = likely or difflib.get_close_matches(name, known, 1)
+    return f"; use {' or '.join(map(repr, likely))}" if likely else ""
+
+
+def unknown_keywords(method: str, given: dict[str, Any] | None) -> dict[str, Any]:
+    """The given keywords that a method of a compiled class does not have."""
+    known = _keywords(method)
+    return {name: value for name, value in (given or {}).items() if name not in known}
+
+
+def _keywords(method: str) -> list[str]:
     of: Any = _core
     for part in method.split("."):
         of = getattr(of, part)
-    known = [one for one in inspect.signature(of).parameters if one != "self"]
-    likely = [one for one in KEYWORDS.get(name, ()) if one in known] or difflib.get_close_matches(name, known, 1)
-    return f"; use {' or '.join(map(repr, likely))}" if likely else ""
+    return [one for one in inspect.signature(of).parameters if one != "self"]

@@ -28,6 +28,7 @@ from ._motion_parts import (
     contact_wrenches,
     efforts,
     first_rows,
+    of_rows,
     shape_contacts,
     with_steps,
 )
@@ -56,11 +57,6 @@ __all__ = [
 ]
 
 _Array = NDArray[np.float64]
-
-
-def _of_rows(values: _Array) -> _Array:
-    """Numbers per degree of freedom, of all states or of each, for arrays with an axis of rows."""
-    return values if values.ndim < 2 else values[..., None, :]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -185,7 +181,7 @@ class Trajectory(TrajectoryFiles):
         True
         """
         energy = self.scene.energy(self.q, self.qd, **self._own_inertias)
-        rotors = 0.5 * ((_of_rows(self.armature) - self.scene.armature) * self.qd**2).sum(axis=-1)
+        rotors = 0.5 * ((of_rows(self.armature) - self.scene.armature) * self.qd**2).sum(axis=-1)
         return MotionEnergy(np.asarray(energy.kinetic + rotors), np.asarray(energy.potential), self._springs())
 
     def energy_audit(self) -> EnergyAudit:
@@ -309,9 +305,9 @@ class Trajectory(TrajectoryFiles):
         given, scene, v = self._known(by_function=True), self.scene, self.qd
 
         def own(name: str, usual: _Array) -> _Array:
-            return usual if given.get(name) is None else _of_rows(np.asarray(_core._numbers(name, given[name], scene, False)))
+            return usual if given.get(name) is None else of_rows(np.asarray(_core._numbers(name, given[name], scene, False)))
 
-        u = -own("damping", scene.damping) * v - _of_rows(self.stiffness) * self._displacement(self.rest, self.q)
+        u = -own("damping", scene.damping) * v - of_rows(self.stiffness) * self._displacement(self.rest, self.q)
         speed = self.friction_speed
         direction = v / np.sqrt(v**2 + speed**2) if speed > 0.0 else np.sign(v)
         return transmitted(scene, u + efforts(self, given), v, direction, own("friction", scene.friction))
@@ -357,7 +353,7 @@ class Trajectory(TrajectoryFiles):
             return {}
         own: dict[str, Any] = self._own_inertias
         if self.armature.ndim > 1:
-            own["armature"] = _of_rows(self.armature)
+            own["armature"] = of_rows(self.armature)
         elif not np.array_equal(self.armature, scene.armature):
             scene = scene.with_properties(armature=self.armature)
         given = {} if self.given is None or "compliance" not in self.given else {"compliance": self.given["compliance"]}
@@ -384,7 +380,7 @@ class Trajectory(TrajectoryFiles):
     def _springs(self) -> _Array:
         # Joints without a spring have no energy at any distance, whose square can overflow.
         displacement = self._displacement(self.rest, self.q)
-        springs: _Array = 0.5 * (_of_rows(self.stiffness) * displacement * displacement).sum(axis=-1)
+        springs: _Array = 0.5 * (of_rows(self.stiffness) * displacement * displacement).sum(axis=-1)
         return springs
 
     def momentum(self) -> _Array:

@@ -488,6 +488,11 @@ def with_steps(given: dict[str, Any], change: Callable[[_Array], _Array]) -> dic
     return given | changed
 
 
+def of_rows(values: _Array) -> _Array:
+    """Numbers of all states or of each, for arrays with an axis of rows."""
+    return values if values.ndim < 2 else values[..., None, :]
+
+
 def has_steps(wrench: ArrayLike) -> bool:
     """True for a wrench of Scene.simulate that changes from step to step."""
     shape = np.shape(wrench)

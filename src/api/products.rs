@@ -5,6 +5,7 @@ use super::declared::algorithms;
 use crate::algorithm::{Algorithm, Arguments, FORWARD_DYNAMICS_JVP, INVERSE_DYNAMICS_JVP, Products};
 use crate::dynamics::derivatives::{self, HessianScratch};
 use crate::error::{Error, check_length};
+use crate::model::StateModel;
 use crate::scene::{Coupling, Scene};
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
@@ -66,7 +67,11 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        state.check_of_scene("inverse_dynamics_hvp")?;
+        if !state.model.is_of_scene() {
+            let own = self.with_state_model(&state.model)?;
+            let state = Arguments { model: StateModel::default(), ..*state };
+            return own.inverse_dynamics_hvp(&mut own.hessian_scratch(), &state, direction, out);
+        }
         self.check_product_state(Products::gradient(None), state, (scratch.identity(), out.len()))?;
         for ((name, _), direction) in INVERSE_DYNAMICS_JVP.seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
@@ -96,7 +101,13 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        state.check_of_scene("forward_dynamics_hvp")?;
+        if !state.model.is_of_scene() {
+            let own = self.with_state_model(&state.model)?;
+            let state = Arguments { model: StateModel::default(), ..*state };
+            let mut of_own = own.workspace().in_form(workspace.form);
+            of_own.tolerance = workspace.tolerance;
+            return own.forward_dynamics_hvp(&mut of_own, &mut own.hessian_scratch(), &state, direction, out);
+        }
         let which = Products::gradient(Some(workspace.form));
         self.check_product(workspace, which, state, (scratch.identity(), out.len()))?;
         for ((name, _), direction) in FORWARD_DYNAMICS_JVP.seeds().iter().zip(direction) {

@@ -207,7 +207,7 @@ impl<T: Vectorized> Chunk<T> {
         }
         let Numbers { model, sweeps, places, .. } = &*self.numbers;
         let own = self.own_model.get_or_insert_with(|| Box::new(OwnModel::new(places, model, sweeps)));
-        own_model::load(target, own, (model, sweeps), &in_lanes(states))
+        own_model::load(target, own, (model, sweeps), states)
     }
 
     /// Gathers forces on bodies into lanes; empty if no state has any.
@@ -278,7 +278,7 @@ fn gather<'a, T: Vectorized>(
 
 /// The state of each lane; lanes without a state repeat the last one.
 #[inline(always)]
-fn in_lanes<'a>(states: &'a [Arguments<'a>]) -> [&'a Arguments<'a>; MOST_LANES] {
+pub(super) fn in_lanes<'a>(states: &'a [Arguments<'a>]) -> [&'a Arguments<'a>; MOST_LANES] {
     std::array::from_fn(|lane| &states[lane.min(states.len() - 1)])
 }
 
@@ -465,7 +465,9 @@ within_target! {
     ) -> u64 {
         let Chunk { numbers: constants, arguments, quantities, .. } = chunk;
         let Numbers { model, quaternions, places, .. } = &**constants;
-        let Some(has_models) = own_model::have_models(states) else { return u64::MAX };
+        // Quantities of frames do not depend on models.
+        let has_models = if what.frame().is_some() { Some(false) } else { own_model::have_models(states) };
+        let Some(has_models) = has_models else { return u64::MAX };
         let ([q, qd, qdd], given) = (arguments, in_lanes(states));
         let mut fault = gather_state([&mut *q, qd, qdd], &given);
         let nearness = nearness(quaternions, q);

@@ -175,13 +175,14 @@ impl Scene {
         let (width, nv) = (what.width(self.nv()), self.nv());
         check_length("out", out.len(), width * states.len()).map_err(|error| Fault { state: 0, error })?;
         let Independent { kernels, checked, .. } = evaluator;
-        let (reads, lengths) = (what.reads(), [self.nq(), nv, nv]);
+        // Quantities of frames do not depend on models.
+        let (reads, lengths, is_of_frame) = (what.reads(), [self.nq(), nv, nv], what.frame().is_some());
         let mut run = |first: usize, states: &[Arguments<'_>], out: &mut [f64]| {
             let fits = |state: &Arguments<'_>| {
                 let given = [state.q.len(), state.qd.len(), state.u.len()];
                 let model = &state.model;
                 (0..3).all(|k| given[k] == if k < reads { lengths[k] } else { 0 })
-                    && (model.is_of_scene() || self.requirements(Algorithm::BiasTorque).fits(model))
+                    && (is_of_frame || model.is_of_scene() || self.requirements(Algorithm::BiasTorque).fits(model))
             };
             let doubt = if states.iter().all(fits) { kernels.kinematic_quantity(what, states, out) } else { u64::MAX };
             for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 1) {

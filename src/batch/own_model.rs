@@ -1,5 +1,6 @@
 //! The models of states in lanes, for batches whose states differ in inertia or armature.
 
+use super::chunk::in_lanes;
 use super::instruction_set::{Vectorized, within_target};
 use crate::algorithm::Arguments;
 use crate::dynamics::sweeps::{AxisPermutation, SweepModel};
@@ -92,7 +93,7 @@ fn fault_below_zero<T: Vectorized>(mut least: T) -> T {
 
 /// The model of the states of a chunk.
 #[derive(Debug)]
-pub(super) struct OwnModel<T: Vectorized> {
+pub(crate) struct OwnModel<T: Vectorized> {
     pub model: Model<T>,
     pub sweeps: SweepModel<T>,
     inertias: OwnInertias<T>,
@@ -138,7 +139,7 @@ impl<T: Vectorized> OwnBodies<T> {
 
 /// True if the states have their own models; None if they differ in what these contain.
 #[inline]
-pub(super) fn have_models(states: &[Arguments<'_>]) -> Option<bool> {
+pub(crate) fn have_models(states: &[Arguments<'_>]) -> Option<bool> {
     let lengths = |state: &Arguments<'_>| [state.model.inertias.len(), state.model.armature.len()];
     let first = lengths(&states[0]);
     states.iter().all(|state| lengths(state) == first).then_some(first != [0; 2])
@@ -157,11 +158,12 @@ fn load_armature<T: Vectorized>(noise: &mut [T], scene: &[T], states: &[&Argumen
 
 within_target! {
     /// Loads the models of the states; returns the lanes whose numbers are invalid.
-    pub(super) fn load<'a, T>(
+    pub(crate) fn load<'a, T>(
         own: &'a mut OwnModel<T>,
         scene: (&'a Model<T>, &'a SweepModel<T>),
-        states: &'a [&'a Arguments<'a>; MOST_LANES],
+        states: &'a [Arguments<'a>],
     ) -> u64 {
+        let states = &in_lanes(states);
         let OwnModel { model, sweeps, inertias, differs } = own;
         let mut fault = T::zero();
         if !states[0].model.inertias.is_empty() {

@@ -9,7 +9,9 @@ use super::variance::{
     BodyMotions, Factored, JointCovariance, TorqueVariance, VarianceScratch, Variances, base_to_tip, tip_to_base,
     torques_tip_to_base,
 };
+use crate::algorithm::Arguments;
 use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, take_states, within_target};
+use crate::batch::own_model::{self, InertiaPlaces, OwnModel};
 use crate::dynamics::sweeps::{SweepModel, SweepScratch, refactor};
 use crate::filter::riccati::Measured;
 use crate::kinematics::Frame;
@@ -36,9 +38,6 @@ pub(crate) struct Question<'a> {
     pub frames: &'a [Frame<f64>],
 }
 
-/// A state: q, qd and qdd.
-pub(crate) type Accelerated<'a> = [&'a [f64]; 3];
-
 /// Variances of some states at once.
 pub(crate) trait VarianceLanes: Send {
     /// The number of states.
@@ -47,9 +46,9 @@ pub(crate) trait VarianceLanes: Send {
     /// Takes the constants of a question, before the first run and for each other question.
     fn ask(&mut self, question: &Question<'_>);
 
-    /// Variances (nv), then the covariance (6, 6) of each frame, of each state; a bit for each state that is to be
-    /// recomputed.
-    fn run(&mut self, states: &[Accelerated<'_>], out: &mut [f64]) -> u64;
+    /// Variances (nv), then the covariance (6, 6) of each frame, of each state, whose u is qdd; a bit for each state
+    /// that is to be recomputed.
+    fn run(&mut self, states: &[Arguments<'_>], out: &mut [f64]) -> u64;
 }
 
 /// Numbers of a call, and the roots computed from them.
@@ -122,6 +121,8 @@ struct Kernel<T: Vectorized, I> {
     /// The roots that `numbers` has in the scalar of the lanes.
     given: Option<Arc<ParameterRoots<f64>>>,
     numbers: Numbers<T>,
+    places: InertiaPlaces,
+    own_model: Option<Box<OwnModel<T>>>,
     scratch: Scratch<T>,
 }
 
@@ -170,7 +171,7 @@ impl<T: Vectorized, I> Kernel<T, I> {
             friction_speed: nan,
             frames: Vec::new(),
         };
-        Self { target, given: None, numbers, scratch }
+        Self { target, given: None, numbers, places: InertiaPlaces::new(scene), own_model: None, scratch }
     }
 }
 
@@ -198,11 +199,21 @@ impl<T: Vectorized + Send, I: Target> VarianceLanes for Kernel<T, I> {
         scratch.results.resize(nv + 36 * frames.len(), nan);
     }
 
-    fn run(&mut self, states: &[Accelerated<'_>], out: &mut [f64]) -> u64 {
+    fn run(&mut self, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
         if states.is_empty() || out.is_empty() {
             return 0;
         }
-        in_lanes(self.target, &self.numbers, &mut self.scratch, states, out)
+        let Self { target, numbers, places, own_model, scratch, .. } = self;
+        let scene = (&numbers.model, &numbers.sweeps);
+        match own_model::have_models(states).filter(|_| numbers.forward) {
+            Some(true) => {
+                let own = own_model.get_or_insert_with(|| Box::new(OwnModel::new(places, scene.0, scene.1)));
+                let invalid = own_model::load(*target, own, scene, states);
+                invalid | in_lanes(*target, numbers, (&own.model, &own.sweeps), scratch, states, out)
+            }
+            // Torques do not depend on models, and the states of a call have the same parts of them.
+            _ => in_lanes(*target, numbers, scene, scratch, states, out),
+        }
     }
 }
 
@@ -211,17 +222,18 @@ within_target! {
     #[inline(always)]
     fn in_lanes<'a, T>(
         numbers: &'a Numbers<T>,
+        scene: (&'a Model<T>, &'a SweepModel<T>),
         scratch: &'a mut Scratch<T>,
-        states: &'a [Accelerated<'a>],
+        states: &'a [Arguments<'a>],
         out: &'a mut [f64],
     ) -> u64 {
         let count = states.len();
-        take_states(&mut scratch.q, count, |i| states[i][0]);
-        take_states(&mut scratch.qd, count, |i| states[i][1]);
-        take_states(&mut scratch.variance.qdd, count, |i| states[i][2]);
+        take_states(&mut scratch.q, count, |i| states[i].q);
+        take_states(&mut scratch.qd, count, |i| states[i].qd);
+        take_states(&mut scratch.variance.qdd, count, |i| states[i].u);
         let Scratch { variance, q, qd, .. } = &mut *scratch;
         variance.motions.base_to_tip(&numbers.model, (q, qd, &variance.qdd));
-        variances(numbers, scratch);
+        variances(numbers, scene, scratch);
         T::put_lanes(&scratch.results, out);
         let width = scratch.results.len();
         let mut doubt = 0;
@@ -236,8 +248,12 @@ within_target! {
 }
 
 #[inline(always)]
-fn variances<T: Vectorized>(numbers: &Numbers<T>, scratch: &mut Scratch<T>) {
-    let Numbers { model, sweeps, parameters, .. } = numbers;
+fn variances<T: Vectorized>(
+    numbers: &Numbers<T>,
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &mut Scratch<T>,
+) {
+    let parameters = &numbers.parameters;
     let Scratch { variance, qd, store, bodies, results, .. } = scratch;
     let (joints, of_frames) = results.split_at_mut(model.nv());
     let torque =

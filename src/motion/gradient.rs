@@ -171,9 +171,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let changes: Mutex<Vec<ModeChange>> = Mutex::new(Vec::new());
         let shapes: Mutex<Vec<ShapeGradients>> = Mutex::new(Vec::new());
         let outcome = Batch { states, cost, pool: &pool, make }.run_pieces(GRAIN, &mut all, |reverser, range, out| {
-            let lanes = if population.is_some() { 1 } else { reverser.lanes() };
-            for from in range.clone().step_by(lanes) {
-                let to = (from + lanes).min(range.end);
+            let mut from = range.start;
+            while from < range.end {
+                let to = (from + reverser.lanes()).min(range.end);
+                // The states of one model are in lanes.
+                let to = population.map_or(to, |population| population.alike(from..to));
                 let out = &mut out[(from - range.start) * width..(to - range.start) * width];
                 let states = from..to;
                 let member = population.map(|population| population.of(from));
@@ -192,6 +194,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
                         *fault = Some(found);
                     }
                 }
+                from = to;
             }
             Ok(())
         });

@@ -14,19 +14,23 @@ use crate::batch::own_model::{InertiaPlaces, OwnInertias};
 use crate::error::Error;
 use crate::model::StateModel;
 use crate::scene::Scene;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The models of all states.
 #[derive(Debug)]
 pub(super) struct Population {
+    /// Each model once where it is that of consecutive states.
     members: Vec<Member>,
+    /// The index of the model of each state.
+    of_states: Vec<usize>,
     /// Present for trees with other inertias that lanes load.
     pub places: Option<InertiaPlaces>,
     /// True if the steps load the numbers into lanes.
     pub in_lanes: bool,
 }
 
-/// The model of one state.
+/// The model of some consecutive states.
 #[derive(Debug)]
 pub(super) struct Member {
     pub settings: StepSettings,
@@ -41,8 +45,7 @@ pub(super) struct Member {
 impl Population {
     /// The models of `states` states of a scene, whose settings are those of all states together.
     pub fn new(scene: &Scene, all: &StepSettings, properties: &Properties, states: usize) -> Self {
-        let member = |state: usize| {
-            let mut own = properties.of_state((scene.tree().nv(), states), state);
+        let member = |mut own: Properties| {
             let inertias = std::mem::take(&mut own.inertias);
             let contacts = [std::mem::take(&mut own.contact_friction), std::mem::take(&mut own.contact_restitution)];
             let settings = settings_of_state(scene.tree(), all, own);
@@ -50,21 +53,37 @@ impl Population {
         };
         let in_lanes = all.is_vectorized() && !all.connected && !scene.tree().touches();
         let places = (in_lanes && !properties.inertias.is_empty()).then(|| InertiaPlaces::new(scene));
-        Self { members: (0..states).map(member).collect(), places, in_lanes }
+        let (mut members, mut of_states, mut last) = (Vec::new(), Vec::with_capacity(states), None);
+        for state in 0..states {
+            let own = properties.of_state((scene.tree().nv(), states), state);
+            if last.as_ref() != Some(&own) {
+                members.push(member(own.clone()));
+                last = Some(own);
+            }
+            of_states.push(members.len() - 1);
+        }
+        Self { members, of_states, places, in_lanes }
     }
 
     /// The model of a state.
     pub fn of(&self, state: usize) -> &Member {
-        &self.members[state]
+        &self.members[self.of_states[state]]
+    }
+
+    /// The end of those of consecutive states that have the model of the first.
+    pub fn alike(&self, states: Range<usize>) -> usize {
+        let of = &self.of_states[states.clone()];
+        states.start + of.partition_point(|member| *member == of[0])
     }
 
     /// Checks the inertias of every state, and makes the scenes and the contact laws of those that need them.
     pub fn check(&mut self, scene: &Scene) -> Result<(), Error> {
-        let states = self.members.len();
-        for (state, member) in self.members.iter_mut().enumerate() {
-            crate::interrupt::check_at(state, 256)?;
+        let states = self.of_states.len();
+        for (at, member) in self.members.iter_mut().enumerate() {
+            crate::interrupt::check_at(at, 256)?;
             let checked = if self.in_lanes { scene.check_inertias(&member.inertias) } else { member.prepare(scene) };
-            checked.map_err(|error| if states > 1 { error.in_state(state) } else { error })?;
+            let first = || self.of_states.partition_point(|&of| of < at);
+            checked.map_err(|error| if states > 1 { error.in_state(first()) } else { error })?;
         }
         Ok(())
     }

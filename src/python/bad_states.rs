@@ -82,11 +82,10 @@ impl Errors {
             if bad == 1 { "is" } else { "are" },
             told.join("; ")
         );
-        let warning = classes(py)?.getattr("BadStateWarning")?.call1((text,))?;
+        let classes = classes(py)?;
+        let warning = classes.getattr("BadStateWarning")?.call1((text,))?;
         warning.setattr("states", PyTuple::new(py, states)?)?;
         warning.setattr("reasons", PyTuple::new(py, reasons)?)?;
-        // Functions of a compiled module have no Python frame: level 1 is the line of the caller.
-        py.import("warnings")?.call_method1("warn", (warning,))?;
-        Ok(())
+        classes.getattr("warn")?.call1((warning,)).map(drop)
     }
 }

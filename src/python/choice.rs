@@ -18,6 +18,16 @@ pub(super) fn refuse_unknown(py: Python<'_>, method: &str, unknown: Option<&Boun
     Err(PyTypeError::new_err(format!("{method}() got an unexpected keyword argument '{name}'{hint}")))
 }
 
+/// The error of a function in Python that a method calls with its keywords: that of [`refuse_unknown`] if the method
+/// does not have one of them.
+pub(super) fn of_unknown(py: Python<'_>, method: &str, given: Option<&Bound<'_, PyDict>>, error: PyErr) -> PyErr {
+    let refused = || -> PyResult<()> {
+        let unknown = imported!(py, "phipsi._glossary", "unknown_keywords")?.call1((method, given))?;
+        refuse_unknown(py, method, Some(unknown.cast::<PyDict>()?))
+    };
+    if error.is_instance_of::<PyTypeError>(py) { refused().err().unwrap_or(error) } else { error }
+}
+
 /// Reads the argument `form`.
 pub(super) fn read_form(form: &str) -> Result<Form, Error> {
     choose("form", form, FORMS)

@@ -1,7 +1,7 @@
 //! The class `Factor`: K, L and D at one configuration or a batch of them, and the operators of the paper.
 
 use super::call::run;
-use super::choice::{choose, name_of, read_judged};
+use super::choice::{choose, name_of, read_judged, refuse_unknown};
 use super::errors::{asked_by, fault};
 use super::input::{self, Input};
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
@@ -20,7 +20,7 @@ use crate::operators::{Factor, KINDS, Operator};
 use crate::scene::{Model, Scene};
 use crate::workspace::Workspace;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyDict, PyTuple};
 use std::sync::{Arc, PoisonError, RwLock};
 
 /// The arguments from which pickle rebuilds a factor: scene, configurations, name of the form, tolerance.
@@ -176,13 +176,16 @@ impl PyScene {
     /// >>> factor = scene.factor([0.3, 0.2, 0.1])
     /// >>> np.allclose(factor.mul(factor.solve([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0])
     /// True
-    #[pyo3(signature = (q, *, form="auto", tolerance=None))]
+    #[pyo3(signature = (q, *, form="auto", tolerance=None, **unknown),
+           text_signature = "($self, q, *, form='auto', tolerance=None)")]
     fn factor<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
         form: &str,
         tolerance: Option<f64>,
+        unknown: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Object<'py>> {
+        refuse_unknown(slf.py(), "Scene.factor", unknown)?;
         imported!(slf.py(), "phipsi.operators", "Factor")?.call1((rebuild_factor(slf, q, form, tolerance)?,))
     }
 }

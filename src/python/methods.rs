@@ -89,7 +89,10 @@ macro_rules! methods_in_python {
                     $($argument: Option<&Object<'py>>,)*
                     how: Option<&Bound<'py, PyDict>>,
                 ) -> PyResult<Object<'py>> {
-                    imported!(slf.py(), $module, $function)?.call((slf, $($argument,)*), how)
+                    let py = slf.py();
+                    imported!(py, $module, $function)?.call((slf, $($argument,)*), how).map_err(|error| {
+                        crate::python::choice::of_unknown(py, concat!("Scene.", stringify!($name)), how, error)
+                    })
                 }
             )*
         }

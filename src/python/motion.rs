@@ -1,5 +1,6 @@
 //! Methods of `Scene`: simulation.
 
+use super::choice::of_unknown;
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
@@ -114,8 +115,8 @@ impl PyScene {
     ///     Simulated time, s, instead of steps.
     /// covariance : MotionUncertainty or (bodies, 10, 10) array_like, optional
     ///     Uncertainty of the start, the parameters and the torques, or the covariance of the inertial parameters
-    ///     alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order.
-    ///     An error for impacts on stops, accuracy and functions tau.
+    ///     alone. The trajectory then has .bands: standard deviations and covariances of each row, to first order, of
+    ///     each state by its own model. An error for impacts on stops, accuracy and functions tau.
     /// targets : (..., steps, nq) array_like, optional
     ///     Target of pd in each step, instead of pd.target.
     /// target_rates : (..., steps, nv) array_like, optional
@@ -326,8 +327,10 @@ impl PyScene {
            text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, \
                              friction_speed=0.01)")]
     fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Object<'py>> {
+        let py = slf.py();
         slf.get().scene.check_no_contacts("ode")?;
-        imported!(slf.py(), "phipsi._ode", "Ode")?.call((slf,), given)
+        let made = imported!(py, "phipsi._ode", "Ode")?.call((slf,), given);
+        made.map_err(|error| of_unknown(py, "Scene.ode", given, error))
     }
 }
 

@@ -1,7 +1,7 @@
 //! The class `RandomModel`: the spatially random model of a scene at one configuration.
 
 use super::axis::Axis;
-use super::choice::choose;
+use super::choice::{choose, refuse_unknown};
 use super::counts::{count, count_or, number};
 use super::errors::asked_by;
 use super::input::state;
@@ -15,6 +15,7 @@ use crate::report::emergence::{ROUTES, emergence};
 use crate::stochastic::{MassEstimate, Method, Points, RandomModel};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::ops::Range;
 
 /// Random forces on the bodies at one configuration, and the joint torques that they cause (1.1 to 1.6).
@@ -69,13 +70,16 @@ impl PyScene {
     /// >>> model = scene.random_model([0.3, 0.2, 0.1])
     /// >>> np.allclose(model.mass_matrix(method="sigma-points").mass_matrix, scene.mass_matrix([0.3, 0.2, 0.1]))
     /// True
-    #[pyo3(signature = (q, qd=None, *, acceleration_variance=1.0))]
+    #[pyo3(signature = (q, qd=None, *, acceleration_variance=1.0, **unknown),
+           text_signature = "($self, q, qd=None, *, acceleration_variance=1.0)")]
     fn random_model(
         slf: &Bound<'_, Self>,
         q: &Object<'_>,
         qd: Option<&Object<'_>>,
         acceleration_variance: f64,
+        unknown: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<PyRandomModel> {
+        refuse_unknown(slf.py(), "Scene.random_model", unknown)?;
         let q = state("q", q, slf.get().coordinates())?;
         let qd = qd.map(|qd| state("qd", qd, slf.get().rates())).transpose()?;
         rebuild_random_model(slf, q, qd, acceleration_variance)

@@ -7,6 +7,7 @@ use super::cost::Cost;
 use super::input::{FEW, fixed, shaped, wrong_shape};
 use super::object::{Object, imported};
 use super::output::{Array, Output};
+use super::own_models::Models;
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Arguments};
@@ -15,10 +16,11 @@ use crate::batch::evaluator::Evaluator;
 use crate::batch::instruction_set::InstructionSet;
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
-use crate::estimation::lanes::{Accelerated, Kept, Question, VarianceLanes};
+use crate::estimation::lanes::{Kept, Question, VarianceLanes};
 use crate::estimation::{JointCovariance, ParameterRoots, TorqueVariance, Variances};
 use crate::filter::Form;
 use crate::kinematics::Frame;
+use crate::model::StateModel;
 use crate::scene::Scene;
 use crate::spatial::Symmetric6;
 use crate::workspace::Workspace;
@@ -65,6 +67,8 @@ methods_in_python! {
     ///     Links whose accelerations are wanted too.
     /// wrenches : dict, optional
     ///     As in forward_dynamics; they are known.
+    /// inertias, armature : array_like, optional
+    ///     Model of each state, as in forward_dynamics.
     /// friction_speed : float
     ///     Speed below which friction is viscous, as in identify.
     /// errors : str
@@ -93,7 +97,7 @@ methods_in_python! {
     /// >>> variance = scene.forward_dynamics_variance([0.3, 0.2, 0.1], [0.0] * 3, [1.0, 0.0, 0.0], parameters=parameters, torque=0.01)
     /// >>> variance.shape, bool((variance > 0).all())
     /// ((3,), True)
-    #[pyo3(text_signature = "($self, q, qd, tau, *, parameters=None, joints=None, torque=None, links=None, wrenches=None, friction_speed=0.01, errors='raise')")]
+    #[pyo3(text_signature = "($self, q, qd, tau, *, parameters=None, joints=None, torque=None, links=None, wrenches=None, inertias=None, armature=None, friction_speed=0.01, errors='raise')")]
     fn forward_dynamics_variance(q, qd, tau) = "phipsi.estimation.uncertainty", "forward_dynamics_variance";
 
     /// Variances of the joint torques of inverse dynamics for uncertain parameters, in O(N).
@@ -107,9 +111,14 @@ methods_in_python! {
     ///     Configurations. Leading axes broadcast.
     /// qd, qdd : (..., nv)
     ///     Joint velocities, rad/s or m/s, and accelerations.
-    /// parameters, joints, torque, friction_speed, errors
+    /// parameters, joints, torque
     ///     As in forward_dynamics_variance; torque: the variance of what is added to the torque, of a sensor's noise
     ///     for instance.
+    /// inertias, armature : array_like, optional
+    ///     Model of each state, as in inverse_dynamics. Variances are the same for all models, because torques are
+    ///     linear in the parameters.
+    /// friction_speed, errors
+    ///     As in forward_dynamics_variance.
     ///
     /// Returns
     /// -------
@@ -130,7 +139,7 @@ methods_in_python! {
     /// >>> variance = scene.inverse_dynamics_variance([0.3, 0.2, 0.1], [0.0] * 3, [1.0, 0.0, 0.0], parameters=parameters)
     /// >>> variance.shape
     /// (3,)
-    #[pyo3(text_signature = "($self, q, qd, qdd, *, parameters=None, joints=None, torque=None, friction_speed=0.01, errors='raise')")]
+    #[pyo3(text_signature = "($self, q, qd, qdd, *, parameters=None, joints=None, torque=None, inertias=None, armature=None, friction_speed=0.01, errors='raise')")]
     fn inverse_dynamics_variance(q, qd, qdd) = "phipsi.estimation.uncertainty", "inverse_dynamics_variance";
 
     /// Momentum observer of external joint torques that raises alarms at a stated rate.
@@ -240,6 +249,8 @@ impl PyScene {
         friction_speed: f64,
         links: Option<&Object<'py>>,
         wrenches: Option<&Object<'py>>,
+        inertias: Option<&Object<'py>>,
+        armature: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
         let scene = &self.scene;
@@ -261,7 +272,8 @@ impl PyScene {
         let [q, qd, third] = &state;
         let given = [("q", q), ("qd", qd), (if forward { "tau" } else { "qdd" }, third)];
         let cost = each / lanes;
-        let call = BatchCall::new(self, self.inputs(given)?, Wrench::read(scene, wrenches)?, Cost::of(cost))?;
+        let (wrenches, models) = (Wrench::read(scene, wrenches)?, Models::read(scene, inertias, armature)?);
+        let call = BatchCall::of_models(self, self.inputs(given)?, wrenches, models, Cost::of(cost))?;
         let call = call.with(Errors::read(errors)?);
         let torque = TorqueVariance { noise: &noise, joints: &joints, friction_speed };
         let question = Question { forward, parameters: &parameters, torque, frames: &frames };
@@ -302,33 +314,38 @@ fn of_states(
         many.resize(nv * count, f64::NAN);
         &mut many[..]
     };
-    if question.forward {
-        scene.evaluate(evaluator, Algorithm::ForwardDynamics(Form::Auto), states, qdd)?;
-    } else {
-        // Checks q, qd and qdd, of which it computes the torques.
-        scene.evaluate(evaluator, Algorithm::InverseDynamics, states, qdd)?;
+    // Inverse dynamics checks q, qd and qdd.
+    let algorithm = if question.forward { Algorithm::ForwardDynamics(Form::Auto) } else { Algorithm::InverseDynamics };
+    let outcome = scene.evaluate(evaluator, algorithm, states, qdd);
+    // The states before an invalid one are finished.
+    let valid = outcome.as_ref().map_or_else(|fault| fault.state, |()| count);
+    if !question.forward {
         for (qdd, state) in qdd.chunks_exact_mut(nv.max(1)).zip(states) {
             qdd.copy_from_slice(state.u);
         }
     }
-    let at = |i: usize| [states[i].q, states[i].qd, &qdd[i * nv..(i + 1) * nv]];
+    let at = |i: usize| Arguments { u: &qdd[i * nv..(i + 1) * nv], ..states[i] };
     let width = out.len() / count.max(1);
     let mut doubt = 0;
-    for first in (0..count).step_by(kernel.lanes()) {
-        let last = count.min(first + kernel.lanes());
-        let some: Vec<Accelerated<'_>> = (first..last).map(at).collect();
+    for first in (0..valid).step_by(kernel.lanes()) {
+        let last = valid.min(first + kernel.lanes());
+        let some: Vec<Arguments<'_>> = (first..last).map(at).collect();
         doubt |= kernel.run(&some, &mut out[first * width..last * width]) << first;
     }
-    for i in (0..count).filter(|i| (doubt >> i) & 1 == 1) {
+    for i in (0..valid).filter(|i| (doubt >> i) & 1 == 1) {
         let out = &mut out[i * width..(i + 1) * width];
         one_by_one(scene, question, &states[i], out).map_err(|error| Fault { state: i, error })?;
     }
-    Ok(())
+    outcome
 }
 
 /// One state with every check.
 #[cold]
 fn one_by_one(scene: &Scene, question: &Question<'_>, state: &Arguments<'_>, out: &mut [f64]) -> Result<(), Error> {
+    if !state.model.is_of_scene() {
+        let own = scene.with_state_model(&state.model)?;
+        return one_by_one(&own, question, &Arguments { model: StateModel::default(), ..*state }, out);
+    }
     let Question { forward, parameters, torque, frames } = question;
     let mut scratch = scene.variance_scratch();
     let (joints, of_frames) = out.split_at_mut(scene.nv());

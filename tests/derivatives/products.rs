@@ -11,7 +11,7 @@ use phipsi::dynamics::derivatives::{
     self, Constants, Directions, Parameters, ProductScratch, inertia, of_body, of_link,
 };
 use phipsi::scalar::{Real, Traced};
-use phipsi::scene::{JointKind, Model};
+use phipsi::scene::{JointKind, Model, Property, StateModel};
 use phipsi::scenes::{extreme, names};
 use phipsi::spatial::RigidShift;
 use phipsi::{Arguments, Form, Scene, Workspace, dynamics, scenes};
@@ -497,6 +497,48 @@ fn hessians_as_differences_of_gradients() {
             let scale = size(&expected).max(size(&round(&gradients(&wide, &at))));
             assert_near("of accelerations", &found, &expected, tolerance::inverse(cond * cond.sqrt(), scale));
         }
+    }
+}
+
+/// Hessian products of a state with its own model are those of the scene of that model.
+#[test]
+fn hessians_of_a_model_are_those_of_its_scene() {
+    for tree in trees(12) {
+        let (scene, mut random) = (tree.scene(), Random::new(tree.seed));
+        let (nv, State { q, qd, u, wrenches }) = (scene.nv(), State::random(&scene, tree.seed));
+        let heavier = |ten: &[f64]| {
+            let factor = random.uniform(0.5, 2.0);
+            ten.iter().map(|number| factor * number).collect::<Vec<_>>()
+        };
+        let inertias: Vec<f64> = scene.inertial_parameters().chunks_exact(10).flat_map(heavier).collect();
+        let armature = vec![0.2; nv];
+        let own = scene.with_inertial_parameters(&inertias).unwrap();
+        let names: Vec<String> = scene.joints().iter().map(|joint| joint.name.clone()).collect();
+        let own = own.with_properties(names.iter().map(|name| (&**name, Property::Armature, 0.2))).unwrap();
+        let v = Everything::random(&scene, 6).state;
+        let (direction, x) = ([&v[..nv], &v[nv..2 * nv], &v[2 * nv..]], &v[nv..2 * nv]);
+        let of_scene =
+            Arguments { q: &q, qd: &qd, u: &u, wrenches: &wrenches, seed: [x, &[], &[]], ..Arguments::default() };
+        let of_model = Arguments { model: StateModel { inertias: &inertias, armature: &armature }, ..of_scene };
+        let of = |scene: &Scene, state: &Arguments<'_>| {
+            let (mut torques, mut scratch) = (vec![f64::NAN; 3 * nv], scene.hessian_scratch());
+            scene.inverse_dynamics_hvp(&mut scratch, state, direction, &mut torques).unwrap();
+            FORMS.map(|form| {
+                let (mut workspace, mut out) = (scene.workspace().in_form(form), vec![f64::NAN; 3 * nv]);
+                scene.forward_dynamics_hvp(&mut workspace, &mut scratch, state, direction, &mut out).unwrap();
+                (torques.clone(), out)
+            })
+        };
+        let condition = condition(&own, &q);
+        for ((torques, rates), (of_torques, of_rates)) in of(&scene, &of_model).iter().zip(&of(&own, &of_scene)) {
+            assert_near("of torques", torques, of_torques, tolerance::product(4 * nv, size(of_torques)));
+            assert_near("of accelerations", rates, of_rates, tolerance::inverse(condition, size(of_rates)));
+        }
+        let light = StateModel { inertias: &[-1.0; 10], armature: &[] };
+        let wrong = Arguments { model: light, ..of_scene };
+        let mut out = vec![f64::NAN; 3 * nv];
+        let refused = scene.inverse_dynamics_hvp(&mut scene.hessian_scratch(), &wrong, direction, &mut out);
+        assert!(refused.unwrap_err().to_string().contains("inertias"));
     }
 }
 

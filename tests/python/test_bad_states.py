@@ -57,6 +57,8 @@ def calls(scene: phipsi.Scene) -> dict[str, Any]:
         "kinetic_energy": lambda q, qd, tau, **e: scene.kinetic_energy(q, qd, **e)[..., None],
         "energy": lambda q, qd, tau, **e: stacked(scene.energy(q, qd, **e), -1),
         "momentum": lambda q, qd, tau, **e: scene.momentum(q, qd, **e),
+        "forward_dynamics_variance": lambda q, qd, tau, **e: scene.forward_dynamics_variance(q, qd, tau, torque=0.1, **e),
+        "inverse_dynamics_variance": lambda q, qd, tau, **e: scene.inverse_dynamics_variance(q, qd, tau, joints={"armature": 0.1}, **e),
         "integrate": lambda q, qd, tau, **e: scene.integrate(q, qd, **e),
         "difference": lambda q, qd, tau, **e: scene.difference(scene.neutral(), q, **e),
         "inverse_kinematics": lambda q, qd, tau, **e: scene.inverse_kinematics(

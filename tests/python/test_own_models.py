@@ -8,6 +8,7 @@ import tolerances
 from conftest import OF_MASS
 
 from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, SceneError, ShapeError, SimulationError
+from phipsi.estimation import MotionUncertainty
 
 BATCH = 9
 
@@ -513,8 +514,6 @@ def test_a_population_in_a_file_and_a_pickle(tmp_path):
     tolerances.assert_same_bits(loaded.vjp(path.q, parameters=True).parameters, path.vjp(path.q, parameters=True).parameters)
     expected = scene.energy(path.q, path.qd, inertias=inertias[:, None], armature=armature[:, None])
     tolerances.assert_near(path.energy().kinetic, expected.kinetic, tolerances.recursion(3, tolerances.size(expected.kinetic)))
-    with pytest.raises(ArgumentError, match="models that differ"):
-        scene.simulate(q, qd, dt=1e-3, steps=5, inertias=inertias, covariance=np.zeros((3, 10, 10)))
 
 
 def test_the_trajectory_of_a_population_that_stopped_has_its_energies():
@@ -714,3 +713,154 @@ def test_coefficients_of_contacts_are_checked():
         scene.simulate(start, still, dt=1e-3, steps=1, contact_friction=[0.1, 0.2])
     with pytest.raises(ArgumentError, match="contact_restitution"):
         phipsi.scenes.chain(2).simulate([0, 0], [0, 0], dt=1e-3, steps=1, contact_restitution=0.1)
+
+
+#: Functions with one model for all states.
+OF_ONE_MODEL = {
+    "factor": lambda scene, q, own: scene.factor(q, **own),
+    "random_model": lambda scene, q, own: scene.random_model(q, **own),
+    "ode": lambda scene, q, own: scene.ode(**own),
+    "optimize": lambda scene, q, own: scene.optimize(q, dt=0.01, steps=2, costs=[], **own),
+    "observer": lambda scene, q, own: scene.observer(1e-3, [], q=q, torque_noise=0.1, **own),
+    "momentum_observer": lambda scene, q, own: scene.momentum_observer(1e-3, torque_noise=0.1, bandwidth=1.0, **own),
+    "identify": lambda scene, q, own: scene.identify(q, q, q, q, **own),
+    "excitation": lambda scene, q, own: scene.excitation(1.0, **own),
+}
+
+
+@pytest.mark.parametrize("name", OF_ONE_MODEL)
+def test_functions_of_one_model_name_the_scene_of_a_model(name):
+    scene = phipsi.scenes.chain(3)
+    for own, instead in (({"inertias": scene.inertial_parameters}, "with_inertial_parameters"), ({"armature": 0.1}, "with_properties")):
+        (keyword,) = own
+        with pytest.raises(TypeError, match=rf"Scene.{name}\(\) got an unexpected keyword argument '{keyword}'; .* scene.{instead}\({keyword}"):
+            OF_ONE_MODEL[name](scene, np.zeros(3), own)
+
+
+def spread(scene):
+    """Covariance of the inertial parameters: each body is heavier by 1 %, independently of the others."""
+    return 1e-4 * np.einsum("bi,bj->bij", scene.inertial_parameters, scene.inertial_parameters)
+
+
+#: Further cases of bands: a scene, and arguments of states that differ in more than bodies and joints.
+BANDS = PATHS | {"mimic": lambda: fingers(), "sliding": lambda: sliding(shape=False), "smooth": lambda: sliding(restitution=0.0, shape=False)}
+
+
+@pytest.mark.parametrize("name", BANDS)
+@pytest.mark.filterwarnings("ignore::phipsi.errors.UncertaintyWarning", "ignore::phipsi.errors.MimicWarning", "ignore::phipsi.errors.LimitWarning")
+def test_bands_of_a_population_are_those_of_each_model(name):
+    scene, count, rng = BANDS[name](), 3, np.random.default_rng(9)
+    inertias, armature = population(scene, count)
+    q, qd, tau = states(scene, count)
+    q, qd = 0.2 * q, 0.5 * qd
+    run = {"dt": 2e-3, "steps": 12, "method": "rosenbrock-2", "friction_speed": 0.1}
+    own = {"armature": 0.05 + armature, "damping": rng.uniform(0.1, 0.5, (count, scene.nv)), "friction": rng.uniform(0.1, 0.5, (count, scene.nv))}
+    joints = {"armature": 1e-6, "damping": 1e-4, "offset": 1e-4}
+    if name == "loop":
+        q, qd = scene.loops.project(q, qd)[:2]
+    elif name == "stops":
+        run["limits"] = "report"
+    elif name == "ground":
+        run = {"dt": 2e-3, "steps": 6, "friction_speed": 0.1}
+    elif name in ("sliding", "smooth"):
+        q, qd = np.tile([0, 0, 0.1, 0, 0, 0, 1.0], (count, 1)), np.tile([1.0, 0.1, 0, 0, 0, 0.2], (count, 1))
+        run, tau, joints = {"dt": 2e-3, "steps": 6, "record_every": 2}, 0.01 * tau, {"offset": 1e-6}
+        own = {"contact_friction": np.repeat([[0.2], [0.3], [0.0]], 4, axis=1)}
+        if name == "smooth":
+            run["smoothing"] = 1e-3
+    # Errors of the height and the tilt of a block change the modes of its contacts.
+    free = np.isin(np.arange(2 * scene.nv) % scene.nv, (0, 1, 5)) if scene.nq > scene.nv else 1.0
+    unsure = {
+        "parameters": spread(scene),
+        "initial": 1e-10 * rng.uniform(1.0, 2.0, 2 * scene.nv) * free,
+        "joints": joints,
+    }
+    for more in ({"torque_noise": 1e-6}, {"check": "unscented"}):
+        uncertainty = MotionUncertainty(**unsure, **more)
+        path = scene.simulate(q, qd, tau=tau, inertias=inertias, covariance=uncertainty, **run, **own)
+        for i in range(count):
+            alone = {key: value[i] for key, value in own.items()}
+            one = scene.with_inertial_parameters(inertias[i]).simulate(q[i], qd[i], tau=tau[i], covariance=uncertainty, **run, **alone)
+            tolerances.assert_near(path.q[i], one.q, 1e-9)
+            expected = one.bands.covariance
+            tolerances.assert_near(path.bands.covariance[i], expected, 1e-6 * tolerances.size(expected))
+            if "check" in more:
+                sampled = one.bands.ratio[1:] * np.diagonal(expected[1:], axis1=-2, axis2=-1)
+                found = path.bands.ratio[i, 1:] * np.diagonal(path.bands.covariance[i, 1:], axis1=-2, axis2=-1)
+                tolerances.assert_near(np.nan_to_num(found), np.nan_to_num(sampled), 1e-5 * tolerances.size(expected))
+    assert np.ptp(path.bands.qd[:, -1], axis=0).max() > 1e-2 * path.bands.qd.max()
+
+
+def test_bands_of_one_model_that_is_not_that_of_the_scene():
+    scene = phipsi.scenes.chain(3)
+    inertias, armature = population(scene, 1)
+    q, qd, _ = states(scene, 2)
+    run, unsure = {"dt": 1e-3, "steps": 5}, MotionUncertainty(parameters=spread(scene))
+    found = scene.simulate(q, qd, inertias=inertias[0], armature=armature[0], covariance=unsure, **run).bands
+    expected = one_scene(scene, inertias[0]).simulate(q, qd, armature=armature[0], covariance=unsure, **run).bands
+    tolerances.assert_near(found.covariance, expected.covariance, 1e-9 * tolerances.size(expected.covariance))
+
+
+def correlated(scene, count=3):
+    root = np.random.default_rng(8).normal(size=(10 * len(scene.body_names), count))
+    return 1e-4 * root @ root.T
+
+
+#: Scenes with uncertain parameters: of independent bodies, of correlated ones, with rows by dense matrices.
+UNSURE = {
+    **{name: (make, spread) for name, make in SCENES.items()},
+    "correlated": (SCENES["chain"], correlated),
+    "loop": (PATHS["loop"], correlated),
+    "mimic": (lambda: fingers(), spread),
+}
+
+
+@pytest.mark.parametrize("name", UNSURE)
+@pytest.mark.filterwarnings("ignore::phipsi.errors.MimicWarning")
+def test_variances_with_models_are_those_of_one_scene_per_model(name):
+    make, uncertain = UNSURE[name]
+    scene = make()
+    inertias, armature = population(scene, BATCH)
+    armature[::4, -1] = 0.0
+    for joint in scene.joint_names:
+        armature[:, scene.v_index(joint)] = armature[:, scene.v_index(joint)][:, -1:]
+    q, qd, u = states(scene, BATCH)
+    if name == "loop":
+        q, qd = scene.loops.project(q, qd)[:2]
+    wrenches = {scene.link_names[-1]: np.random.default_rng(6).normal(size=(BATCH, 6))}
+    given = {"parameters": uncertain(scene), "torque": 0.1, "joints": {"armature": 1e-4, "friction": 0.1}}
+    more, own = {"links": scene.body_names[-2:]}, {"inertias": inertias, "armature": armature}
+    forward = scene.forward_dynamics_variance(q, qd, u, wrenches=wrenches, **given, **more, **own)
+    inverse = scene.inverse_dynamics_variance(q, qd, u, **given, **own)
+    for i in range(BATCH):
+        if name == "mimic":
+            one = reduced(scene, inertias[i], armature[i])
+        else:
+            one = scene.with_inertial_parameters(inertias[i]).with_properties(armature=armature[i])
+        condition = np.linalg.cond(one.mass_matrix(q[i]))
+        expected = one.forward_dynamics_variance(q[i], qd[i], u[i], wrenches={link: of[i] for link, of in wrenches.items()}, **given, **more)
+        tolerances.assert_near(forward.joints[i], expected.joints, tolerances.inverse(condition, 10 * tolerances.size(expected.joints)))
+        for link, of_link in expected.links.items():
+            tolerances.assert_near(forward.links[link][i], of_link, tolerances.inverse(condition, 10 * tolerances.size(of_link)))
+        of_torques = one.inverse_dynamics_variance(q[i], qd[i], u[i], **given)
+        tolerances.assert_near(inverse[i], of_torques, tolerances.recursion(scene.nv, tolerances.size(of_torques)))
+    assert np.abs(forward.joints - scene.forward_dynamics_variance(q, qd, u, **given)).max() > 1e-3 * forward.joints.max()
+    many = scene.forward_dynamics_variance(q[0], qd[0], u[0], **given, **own)
+    assert many.shape == (BATCH, scene.nv)
+    assert scene.inverse_dynamics_variance(q[0], qd[0], u[0], **given, **own).shape == (BATCH, scene.nv)
+
+
+def test_a_model_that_is_wrong_makes_the_variance_of_its_state_invalid_alone():
+    scene = phipsi.scenes.chain(3)
+    (q, qd, tau), inertias = states(scene, 5), np.repeat(np.array(scene.inertial_parameters)[None], 5, axis=0)
+    inertias[1, 2, 0] = -1.0
+    for variance in (scene.forward_dynamics_variance, scene.inverse_dynamics_variance):
+        with pytest.raises(ArgumentError, match="link2"):
+            variance(q, qd, tau, torque=0.1, inertias=inertias)
+        with pytest.warns(BadStateWarning, match="link2"):
+            found = variance(q, qd, tau, torque=0.1, inertias=inertias, errors="nan")
+        expected = variance(q, qd, tau, torque=0.1)
+        assert np.isnan(found[1]).all()
+        tolerances.assert_near(found[[0, 2, 3, 4]], expected[[0, 2, 3, 4]], 1e-9 * tolerances.size(expected))
+        with pytest.raises(ShapeError, match="armature"):
+            variance(q, qd, tau, armature=np.zeros((2, 4)))

@@ -62,17 +62,17 @@ class Tangent(NamedTuple):
     """Coordinates of such an error in the basis, (..., 2 m, 2 nv)."""
 
 
-def tangent_of_connections(scene: Scene, q: _Array, qd: _Array) -> Tangent:
-    """Errors of states that connections allow.
+def tangent_of_connections(scene: Scene, q: _Array, qd: _Array, inertias: _Array | None = None) -> Tangent:
+    """Errors of states that connections allow; `inertias`: those of the states, None: of the scene.
 
     A projection with least kinetic energy moves q by P dq and qd by P dqd + K P dq, with P = A M and K = d(A M)/dq qd.
     A M qd is the acceleration at rest that the torque M qd + g causes, so that K is its derivative, plus A times that
     of the torque.
     """
     rest = np.zeros_like(qd)
-    torque = scene.inverse_dynamics(q, rest, qd)
-    of_torque = scene.inverse_dynamics_derivatives(q, rest, qd)
-    of_motion = scene.forward_dynamics_derivatives(q, rest, torque)
+    torque = scene.inverse_dynamics(q, rest, qd, inertias=inertias)
+    of_torque = scene.inverse_dynamics_derivatives(q, rest, qd, inertias=inertias)
+    of_motion = scene.forward_dynamics_derivatives(q, rest, torque, inertias=inertias)
     inverse = of_motion[2]
     projector, by_q = inverse @ of_torque[2], of_motion[0] + inverse @ of_torque[0]
     motions = allowed_motions(scene, q)

@@ -11,8 +11,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from .._motion_parts import of_rows
+from .._trajectory_files import OF_CONTACTS
 from ..errors import UncertaintyWarning, warn
 
 if TYPE_CHECKING:
@@ -31,10 +33,11 @@ STEP = 1e-6
 PER_CONTACT = 4
 
 
-def contact_velocities(scene: Scene, q: _Array, dt: float) -> _Array:
+def contact_velocities(scene: Scene, q: _Array, dt: float, friction: ArrayLike | None = None) -> _Array:
     """Linear functions of (q in its tangent space, qd), (..., PER_CONTACT contacts, 2 nv), m/s.
 
     Of each contact, the gap divided by the step, and the velocity along the surface, which is zero without friction.
+    `friction`: the coefficients of all states, or of each; None: those of the scene.
     """
     nv, names = scene.nv, scene.contacts.names
     moved = [scene.contacts.gaps(scene.integrate(q[..., None, :], by * np.eye(nv))) for by in (STEP, -STEP)]
@@ -46,8 +49,9 @@ def contact_velocities(scene: Scene, q: _Array, dt: float) -> _Array:
     along = along - normal[..., None] * np.einsum("...i,...in->...n", normal, along)[..., None, :]
     found = np.zeros((*q.shape[:-1], len(names), PER_CONTACT, 2 * nv))
     found[..., 0, :nv] = gaps / dt
-    rough = np.array([contact[6] for contact in scene._contacts()]) > 0.0
-    found[..., 1:, nv:] = along * rough[:, None, None]
+    of_contacts = [contact[6] for contact in scene._contacts()] if friction is None else friction
+    rough = of_rows(np.atleast_1d(np.asarray(of_contacts)))[..., : len(names), None, None] > 0.0
+    found[..., 1:, nv:] = along * rough
     return found.reshape(*q.shape[:-1], -1, 2 * nv)
 
 
@@ -95,5 +99,5 @@ class ModeMargins:
 
 def free_arguments(given: dict[str, Any]) -> dict[str, Any]:
     """Arguments of steps that contacts do not affect, by the method of steps with contacts."""
-    own = {name: value for name, value in given.items() if name not in ("smoothing", "restitution")}
+    own = {name: value for name, value in given.items() if name not in ("smoothing", "restitution", *OF_CONTACTS)}
     return own | {"method": "semi-implicit-euler", "limits": "report"}

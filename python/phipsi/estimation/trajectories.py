@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _core
 from .._arguments import numbers
 from .._friction import check_coulomb
-from .._motion_parts import has_steps, with_steps
+from .._motion_parts import has_steps, of_rows, with_steps
 from .._summary import summarized
 from .._trajectory_files import OF_CONTACTS
 from ..errors import ArgumentError, InertiaWarning, ShapeError, UncertaintyWarning, of_argument, warn
@@ -36,6 +37,8 @@ _Index = NDArray[np.int_]
 ROUNDING = 1e-12
 #: Speed of regularized friction for variances of friction in a simulation without friction, rad/s or m/s.
 FRICTION_SPEED: Final = 0.01
+#: Arguments of Scene.simulate in which states can differ, for all states or (..., n), beside the inertias.
+OF_STATES = ("armature", "damping", "stiffness", "friction", *OF_CONTACTS)
 #: Largest number of values of the derivatives of rows that are computed in one call.
 VALUES = 4_000_000
 
@@ -133,13 +136,6 @@ def _check_linear(path: Trajectory) -> None:
             "accuracy",
             f"found {given['accuracy']:g} with covariance; expected None: the bands are those of fixed steps",
         )
-    differ = path.inertias is not None or path.armature.ndim > 1 or path.stiffness.ndim > 1
-    if differ or any(given.get(name) is not None for name in OF_CONTACTS):
-        raise of_argument(
-            ArgumentError,
-            "covariance",
-            "found models that differ between states; expected one model: its covariance describes the others",
-        )
     if path.stops:
         raise of_argument(
             ArgumentError,
@@ -223,7 +219,8 @@ class _Propagation:
 
     def _tangent(self, rows: _Index) -> Tangent:
         """Tangent space of the connections at rows."""
-        return tangent_of_connections(self.scene, self.whole.q[..., rows, :], self.whole.qd[..., rows, :])
+        path = self.whole
+        return tangent_of_connections(self.scene, path.q[..., rows, :], path.qd[..., rows, :], **path._own_inertias)
 
     def _every_step(self) -> Trajectory:
         """The same simulation with a row for each step."""
@@ -235,9 +232,8 @@ class _Propagation:
 
     def _own(self, name: str) -> _Array:
         value = self.given.get(name)
-        return np.broadcast_to(
-            np.asarray(getattr(self.scene, name) if value is None else value, float), (self.scene.nv,)
-        )
+        own = getattr(self.scene, name) if value is None else _core._numbers(name, value, self.scene, False)
+        return np.broadcast_to(own, np.broadcast_shapes(own.shape, (self.scene.nv,)))
 
     def _torques(self) -> _Array:
         """Given torques of all steps, (..., steps, nv)."""
@@ -255,7 +251,7 @@ class _Propagation:
         root = np.broadcast_to(self.initial, (*batch, *self.initial.shape[-2:]))
         covariance = np.zeros((*batch, rows, 2 * nv, 2 * nv))
         covariance[..., 0, :, :] = root @ np.swapaxes(root, -1, -2)
-        at, held, modes = 0, self.friction < 0.0, ModeMargins(self.whole)
+        at, held, modes = 0, np.zeros(nv, bool), ModeMargins(self.whole)
 
         def through(found: _Rows, row: int) -> tuple[_Array, _Array]:
             """Constant columns, and the others, of the functions at a row."""
@@ -314,7 +310,8 @@ class _Propagation:
         path, scene, every = self.whole, self.scene, self.whole.record_every
         batch, rows = path.q.shape[:-2], (self.path.q.shape[-2] - 1) * self.every
         most = max(2 * scene.nv, PER_CONTACT * len(scene.contacts.names))
-        bodies = len(scene.body_names) if len(self.parameters.columns) else 0
+        has_bodies = len(self.parameters.columns) > 0 or path.inertias is not None
+        bodies = len(scene.body_names) if has_bodies else 0
         values = math.prod(batch) * most * ((5 + every) * scene.nv + 10 * bodies)
         size = max(1, VALUES // max(1, values))
         given = {name: value for name, value in path._arguments().items() if name not in ("tau", "tau_steps")}
@@ -326,7 +323,7 @@ class _Propagation:
             found = self._derivatives(scene, functions, at, given | {"friction_speed": self.speed})
             free = None
             if self.has_modes and np.any(ModeMargins(path).closed(at[1:] + 1)):
-                functions = contact_velocities(scene, path.q[..., at, :], path.dt)
+                functions = contact_velocities(scene, path.q[..., at, :], path.dt, self.given.get("contact_friction"))
                 own = free_arguments(given) | {"friction_speed": self.speed or FRICTION_SPEED}
                 free = self._derivatives(scene.without_contacts(), functions, at, own)
             yield found.of(None if ends is None else ends.basis[..., 1:, :, :]), free
@@ -337,9 +334,13 @@ class _Propagation:
         """
         path, nv, every, columns = self.whole, scene.nv, self.whole.record_every, self.parameters.columns
         batch, rows = path.q.shape[:-2], (len(path) - 1) * every
-        given = given | {"steps": every, "record_every": every, "parameters": len(columns) > 0}
+        given = given | {"steps": every, "record_every": every, "parameters": len(columns) > 0} | path._own_inertias
+        # The properties are those of a state, not of a row.
+        read = {"damping": self.damping, "friction": self.friction}
+        differ = [name for name in OF_STATES if given.get(name) is not None]
+        given |= {name: of_rows(np.asarray(read.get(name, given[name]))) for name in differ}
         if given.get("pd") is not None:
-            # The targets are those of a state, not of a row.
+            # So are the targets.
             given["pd"] = tuple(part if np.ndim(part) < 2 else np.asarray(part)[..., None, :] for part in given["pd"])
         if given.get("wrenches") is not None:
             # Likewise the wrenches that are the same in all steps.
@@ -348,11 +349,11 @@ class _Propagation:
                 for link, wrench in given["wrenches"].items()
             }
 
-        def of_rows(values: _Array) -> _Array:
+        def of_steps(values: _Array) -> _Array:
             each = values[..., :rows, :]
             return np.asarray(each.reshape(*each.shape[:-2], -1, every, each.shape[-1])[..., at, :, :])
 
-        given = with_steps(given, of_rows)
+        given = with_steps(given, of_steps)
         tau = self._torques()[..., :rows, :]
         tau = tau.reshape(*tau.shape[:-2], -1, every, nv)
         # The derivative of function i is state i of the leading axis.
@@ -443,12 +444,13 @@ class _Propagation:
             self.scene.nv,
             {name: value for name, value in self.given.items() if value is not None},
         )
-        scene = self.scene
-        if len(of_bodies):
+        scene, change = self.scene, np.einsum("s,sbp->bp", of_bodies, self.parameters.columns)
+        if path.inertias is not None:
+            given["inertias"] = path.inertias + change
+        elif len(of_bodies):
             with warnings.catch_warnings():
                 # Sampled parameters need not be physically consistent; only their mean is.
                 warnings.simplefilter("ignore", InertiaWarning)
-                change = np.einsum("s,sbp->bp", of_bodies, self.parameters.columns)
                 scene = scene.with_inertial_parameters(scene.inertial_parameters + change)
         changed = np.einsum("s,sja->ja", of_bodies, self.of_joints)
         for (row, column), amount in zip(self.joints, of_joints, strict=True):
@@ -483,9 +485,9 @@ class _Propagation:
             given["friction_speed"] = self.speed
         q, qd = self.scene.integrate(q, start[..., :nv]), qd + start[..., nv:]
         if self.rigid:
-            closed = self.scene.loops.project(q, qd)
+            closed = self.scene.loops.project(q[..., None, :], qd[..., None, :], **path._own_inertias)
             assert closed.qd is not None
-            q, qd = closed.q, closed.qd
+            q, qd = closed.q[..., 0, :], closed.qd[..., 0, :]
         return scene.simulate(
             q,
             qd,

@@ -434,6 +434,8 @@ def forward_dynamics_variance(
     torque: ArrayLike | None = None,
     links: str | Sequence[str] | None = None,
     wrenches: Any = None,
+    inertias: Any = None,
+    armature: Any = None,
     friction_speed: float = 0.01,
     errors: Literal["raise", "nan"] = "raise",
 ) -> _Array | AccelerationVariance:
@@ -441,10 +443,11 @@ def forward_dynamics_variance(
     found = ParameterCovariance(scene, parameters)
     noise = _per_joint(scene, "torque", 0.0 if torque is None else torque)
     names = [links] if isinstance(links, str) else list(links or ())
+    own: dict[str, Any] = {"inertias": inertias, "armature": armature}
     if _has_rows(scene):
-        tree = {"wrenches": wrenches, "errors": errors}
-        qdd = scene.forward_dynamics(q, qd, tau, **tree)
-        inverse = scene.loops.mass_matrix_inverse(q) if scene.loops.names else scene.mass_matrix_inverse(q)
+        qdd = scene.forward_dynamics(q, qd, tau, wrenches=wrenches, errors=errors, **own)
+        of = scene.loops if scene.loops.names else scene
+        inverse = of.mass_matrix_inverse(q, **own)
         spread = _torque_covariance(scene, (q, qd, qdd), found, noise, (joints, friction_speed), errors)
         whole = inverse @ spread @ np.swapaxes(inverse, -1, -2)
         variances = np.diagonal(whole, axis1=-2, axis2=-1).copy()
@@ -464,6 +467,8 @@ def forward_dynamics_variance(
         friction_speed,
         names or None,
         wrenches,
+        inertias,
+        armature,
         errors,
     )
     of_joints = both[..., : scene.nv].copy() if names else both
@@ -476,9 +481,10 @@ def forward_dynamics_variance(
         # An error of a joint parameter acts as a torque, at the acceleration found.
         pushed = zero
         if found.extras.any():
-            pushed = -found._extra_torques(q, qd, scene.forward_dynamics(q, qd, tau, wrenches=wrenches, errors=errors))
+            qdd = scene.forward_dynamics(q, qd, tau, wrenches=wrenches, errors=errors, **own)
+            pushed = -found._extra_torques(q, qd, qdd)
         moved = scene.forward_dynamics_jvp(
-            q, qd, tau, zero, zero, pushed, dparameters=columns, wrenches=wrenches, errors=errors
+            q, qd, tau, zero, zero, pushed, dparameters=columns, wrenches=wrenches, errors=errors, **own
         )
         of_joints += np.sum(moved**2, axis=0)
         for name, covariance in of_links.items():
@@ -496,6 +502,8 @@ def inverse_dynamics_variance(
     parameters: Any = None,
     joints: Any = None,
     torque: ArrayLike | None = None,
+    inertias: Any = None,
+    armature: Any = None,
     friction_speed: float = 0.01,
     errors: Literal["raise", "nan"] = "raise",
 ) -> _Array:
@@ -504,7 +512,12 @@ def inverse_dynamics_variance(
     noise = _per_joint(scene, "torque", 0.0 if torque is None else torque)
     if _has_rows(scene):
         spread = _torque_covariance(scene, (q, qd, qdd), found, noise, (joints, friction_speed), errors)
-        return np.diagonal(spread, axis1=-2, axis2=-1).copy()
+        variances = np.diagonal(spread, axis1=-2, axis2=-1).copy()
+        if inertias is None and armature is None:
+            return variances
+        # A model changes no variance, but it has a shape and can be invalid.
+        torques = scene.inverse_dynamics(q, qd, qdd, inertias=inertias, armature=armature, errors=errors)
+        return np.where(np.isfinite(torques), variances, np.nan)
     independent = np.zeros((len(scene.body_names), 0, 10)) if found.blocks is None else found.blocks
     variance = scene._variance(
         False,
@@ -515,6 +528,8 @@ def inverse_dynamics_variance(
         friction_speed,
         None,
         None,
+        inertias,
+        armature,
         errors,
     )
     if found.blocks is None:
