@@ -59,6 +59,9 @@ impl PyScene {
         property(py, &self.properties_of_scene(&Properties::of(&self.scene)).rest, &[self.scene.nq()])
     }
 
+    #[doc = signature!("simulate", "q, qd, *, dt=None, steps=None, tau=None, tau_steps=None", method; ", record_every=1",
+                       joints form; ", progress=None", compliance stops accuracy smoothing; ", duration=None, \
+                       covariance=None", targets effort; ", control=None, activation=None", wrenches contacts)]
     /// Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
     #[doc = section!(Parameters)]
     /// q : (..., nq) array_like
@@ -172,13 +175,7 @@ impl PyScene {
     /// ((11, 6), 'rk4', array([0.79, 0.35]))
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, record_every=None, progress=None,
                         duration=None, covariance=None, control=None, activation=None, **given),
-           text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
-                             record_every=1, pd=None, inertias=None, armature=None, damping=None, stiffness=None, \
-                             rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             progress=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
-                             smoothing=0.0, duration=None, covariance=None, targets=None, target_rates=None, effort=None, \
-                             control=None, activation=None, wrenches=None, frame='link', contact_friction=None, \
-                             contact_restitution=None)")]
+           text_signature = None)]
     #[allow(clippy::too_many_lines)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,

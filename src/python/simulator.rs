@@ -85,6 +85,8 @@ pub(crate) struct PySimulator {
 
 #[pymethods]
 impl PyScene {
+    #[doc = signature!("simulator", "q, qd=None, *, dt", method joints form compliance stops accuracy smoothing effort
+                       contacts; ", control=None, activation=None")]
     /// Create a Simulator: one state or a batch that is advanced call by call.
     #[doc = section!(Parameters)]
     /// q : (..., nq) array_like
@@ -93,9 +95,9 @@ impl PyScene {
     ///     Joint velocities at the start, rad/s or m/s; zero by default.
     /// dt : float
     ///     Step, s.
-    /// method, pd, inertias, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
+    #[doc = names_of_keywords!(method joints form)]
     ///     As in simulate, for all steps.
-    /// compliance, limits, restitution, accuracy, smoothing, effort, contact_friction, contact_restitution
+    #[doc = names_of_keywords!(compliance stops accuracy smoothing effort contacts)]
     ///     As in simulate, for all steps. The targets of pd can be changed by step.
     /// control : (..., n) array_like or dict of str to float, optional
     ///     Controls of scene.actuators, which then act in all steps; step(control=...) changes them.
@@ -111,11 +113,7 @@ impl PyScene {
     /// >>> simulator.q.round(3)
     /// array([0.4, 0.2, 0.1])
     #[pyo3(signature = (q, qd=None, *, dt, control=None, activation=None, **given),
-           text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, inertias=None, armature=None, \
-                             damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
-                             tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
-                             smoothing=0.0, effort=None, contact_friction=None, \
-                             contact_restitution=None, control=None, activation=None)")]
+           text_signature = None)]
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
