@@ -11,8 +11,9 @@ use crate::scene::Actuator;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-#[pymethods]
-impl PySceneBuilder {
+typed_methods! {
+    in PySceneBuilder;
+
     /// Add an actuator of a joint with one degree of freedom, or replace the one with the same name.
     #[doc = section!(Parameters)]
     /// name : str
@@ -50,24 +51,11 @@ impl PySceneBuilder {
     /// >>> builder = builder.actuator("shoulder", "j0", kp=100.0, kv=10.0).actuator("elbow", "j1", gear=50.0)
     /// >>> builder.build().actuators.names
     /// ('shoulder', 'elbow')
-    #[pyo3(signature = (name, joint, *, gear=1.0, kp=None, kv=None, gain=None, bias=None, ctrlrange=None,
-                        forcerange=None, timeconst=None, actrange=None, **unknown),
-           text_signature = "($self, name, joint, *, gear=1.0, kp=None, kv=None, gain=None, bias=None, \
-                             ctrlrange=None, forcerange=None, timeconst=None, actrange=None)")]
-    fn actuator<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        joint: String,
-        gear: f64,
-        kp: Option<f64>,
-        kv: Option<f64>,
-        gain: Option<&Object<'py>>,
-        bias: Option<&Object<'py>>,
-        ctrlrange: Option<&Object<'py>>,
-        forcerange: Option<&Object<'py>>,
-        timeconst: Option<f64>,
-        actrange: Option<&Object<'py>>,
-        unknown: Option<&Bound<'py, PyDict>>,
+    fn actuator[mut slf: PyRefMut<'py, Self>](
+        name: String, joint: String; gear: f64 = 1.0, kp: Option<f64> = None, kv: Option<f64> = None,
+        gain: Option<&Object<'py>> = None, bias: Option<&Object<'py>> = None, ctrlrange: Option<&Object<'py>> = None,
+        forcerange: Option<&Object<'py>> = None, timeconst: Option<f64> = None, actrange: Option<&Object<'py>> = None,
+        **unknown
     ) -> PyResult<PyRefMut<'py, Self>> {
         refuse_unknown(slf.py(), "SceneBuilder.actuator", unknown)?;
         let of = |argument: &str| format!("{argument} of actuator {name:?}");
@@ -99,7 +87,10 @@ impl PySceneBuilder {
         slf.change(|builder| builder.actuator(actuator));
         Ok(slf)
     }
+}
 
+#[pymethods]
+impl PySceneBuilder {
     /// Sets all actuators, for readers in Python.
     fn _set_actuators(&mut self, actuators: Vec<ActuatorTuple>) {
         self.change(|builder| builder.with_actuators(actuators.into_iter().map(actuator_of).collect()));

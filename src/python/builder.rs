@@ -41,6 +41,42 @@ impl PySceneBuilder {
         Self { builder: SceneBuilder::new() }
     }
 
+    /// Sets the file of the scenes of this builder, for readers in Python.
+    fn _set_file(&mut self, file: PathBuf) {
+        self.change(|builder| builder.with_file(Some(file)));
+    }
+
+    /// Adds a text with shapes that are drawn, for readers in Python.
+    fn _add_shapes(&mut self, text: String) {
+        self.change(|builder| builder.with_shapes([text]));
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
+        let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_builder")?;
+        Ok((rebuild, (Description::of(&slf.borrow().builder)?,)))
+    }
+
+    fn __copy__(&self) -> Self {
+        Self { builder: self.builder.clone() }
+    }
+
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(&self, memo: &Object<'_>) -> Self {
+        let _ = memo;
+        self.__copy__()
+    }
+
+    fn __repr__(&self) -> String {
+        let (links, joints) = (self.builder.links().len(), self.builder.joints().len());
+        let closed = counted(self.builder.connections().len(), "connections");
+        let touching = counted(self.builder.contacts().len(), "contacts");
+        format!("<phipsi.SceneBuilder: {links} links, {joints} joints{closed}{touching}>")
+    }
+}
+
+typed_methods! {
+    in PySceneBuilder;
+
     /// Add a link.
     #[doc = section!(Parameters)]
     /// name : str
@@ -73,19 +109,9 @@ impl PySceneBuilder {
     /// >>> builder = builder.link("ball", mass=2.0, shape=phipsi.shapes.Sphere(0.1))
     /// >>> builder.joint("free", "floating", "base", "ball").build().total_mass
     /// 2.0
-    #[pyo3(signature = (name, mass=0.0, com=None, inertia=None, *, shape=None, collide=false, friction=1.0, **unknown),
-           text_signature = "($self, name, mass=0.0, com=None, inertia=None, *, shape=None, collide=False, \
-                             friction=1.0)")]
-    fn link<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        mass: f64,
-        com: Option<&Object<'py>>,
-        inertia: Option<&Object<'py>>,
-        shape: Option<&Object<'py>>,
-        collide: bool,
-        friction: f64,
-        unknown: Option<&Bound<'py, PyDict>>,
+    fn link[mut slf: PyRefMut<'py, Self>](
+        name: String, mass: f64 = 0.0, com: Option<&Object<'py>> = None, inertia: Option<&Object<'py>> = None;
+        shape: Option<&Object<'py>> = None, collide: bool = false, friction: f64 = 1.0, **unknown
     ) -> PyResult<PyRefMut<'py, Self>> {
         refuse_unknown(slf.py(), "SceneBuilder.link", unknown)?;
         let colliders = if collide { colliders_of_link(&name, shape, friction)? } else { Vec::new() };
@@ -174,47 +200,15 @@ impl PySceneBuilder {
     /// >>> scene = builder.joint("rail", "prismatic", "base", "slider", axis=(1, 0, 0), upper=0.5).build()
     /// >>> scene.limits.upper
     /// array([0.5])
-    #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
-                        armature=0.0, damping=0.0, friction=0.0, friction_offset=0.0, stribeck=0.0,
-                        stribeck_speed=0.1, load_friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None,
-                        velocity=None, effort=None, acceleration=None, deceleration=None, jerk=None, mimic=None,
-                        mimic_multiplier=1.0, mimic_offset=0.0, **unknown),
-           text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, axis=(0, \
-                             0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, friction_offset=0.0, \
-                             stribeck=0.0, stribeck_speed=0.1, load_friction=0.0, stiffness=0.0, rest=None, \
-                             lower=None, upper=None, velocity=None, effort=None, acceleration=None, deceleration=None, \
-                             jerk=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0)")]
-    fn joint<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        r#type: &str,
-        parent: String,
-        child: String,
-        xyz: Option<&Object<'py>>,
-        rpy: Option<&Object<'py>>,
-        rotation: Option<&Object<'py>>,
-        axis: Option<&Object<'py>>,
-        pitch: Option<f64>,
-        armature: f64,
-        damping: f64,
-        friction: f64,
-        friction_offset: f64,
-        stribeck: f64,
-        stribeck_speed: f64,
-        load_friction: f64,
-        stiffness: f64,
-        rest: Option<&Object<'py>>,
-        lower: Option<f64>,
-        upper: Option<f64>,
-        velocity: Option<f64>,
-        effort: Option<f64>,
-        acceleration: Option<f64>,
-        deceleration: Option<f64>,
-        jerk: Option<f64>,
-        mimic: Option<String>,
-        mimic_multiplier: f64,
-        mimic_offset: f64,
-        unknown: Option<&Bound<'py, PyDict>>,
+    fn joint[mut slf: PyRefMut<'py, Self>](
+        name: String, r#type: &str, parent: String, child: String; xyz: Option<&Object<'py>> = None => "(0, 0, 0)",
+        rpy: Option<&Object<'py>> = None, rotation: Option<&Object<'py>> = None,
+        axis: Option<&Object<'py>> = None => "(0, 0, 1)", pitch: Option<f64> = None, armature: f64 = 0.0,
+        damping: f64 = 0.0, friction: f64 = 0.0, friction_offset: f64 = 0.0, stribeck: f64 = 0.0,
+        stribeck_speed: f64 = 0.1, load_friction: f64 = 0.0, stiffness: f64 = 0.0, rest: Option<&Object<'py>> = None,
+        lower: Option<f64> = None, upper: Option<f64> = None, velocity: Option<f64> = None, effort: Option<f64> = None,
+        acceleration: Option<f64> = None, deceleration: Option<f64> = None, jerk: Option<f64> = None,
+        mimic: Option<String> = None, mimic_multiplier: f64 = 1.0, mimic_offset: f64 = 0.0, **unknown
     ) -> PyResult<PyRefMut<'py, Self>> {
         refuse_unknown(slf.py(), "SceneBuilder.joint", unknown)?;
         let of_joint = |argument: &str| format!("{argument} of joint {name:?}");
@@ -276,18 +270,9 @@ impl PySceneBuilder {
     /// >>> builder = arm.to_builder().attach(gripper, "link2", prefix="finger_", xyz=(0, 0, 0.3))
     /// >>> builder.build().joint_names
     /// ('j0', 'j1', 'j2', 'finger_j0', 'finger_j1')
-    #[pyo3(signature = (scene, link, *, prefix="", xyz=None, rpy=None, rotation=None, name=None, **unknown),
-           text_signature = "($self, scene, link, *, prefix='', xyz=(0, 0, 0), rpy=None, rotation=None, name=None)")]
-    fn attach<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        scene: &Bound<'py, PyScene>,
-        link: &str,
-        prefix: &str,
-        xyz: Option<&Object<'py>>,
-        rpy: Option<&Object<'py>>,
-        rotation: Option<&Object<'py>>,
-        name: Option<&str>,
-        unknown: Option<&Bound<'py, PyDict>>,
+    fn attach[mut slf: PyRefMut<'py, Self>](
+        scene: &Bound<'py, PyScene>, link: &str; prefix: &str = "", xyz: Option<&Object<'py>> = None => "(0, 0, 0)",
+        rpy: Option<&Object<'py>> = None, rotation: Option<&Object<'py>> = None, name: Option<&str> = None, **unknown
     ) -> PyResult<PyRefMut<'py, Self>> {
         let py = slf.py();
         refuse_unknown(py, "SceneBuilder.attach", unknown)?;
@@ -338,16 +323,9 @@ impl PySceneBuilder {
     /// >>> scene = builder.build(floating_base=True, gravity=(0, 0, 0))
     /// >>> scene.nv
     /// 6
-    #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None, mimic=None, tolerance=None))]
-    fn build(
-        &self,
-        py: Python<'_>,
-        floating_base: Option<bool>,
-        gravity: Option<&Object<'_>>,
-        strict: Option<bool>,
-        leave_out: Option<&Object<'_>>,
-        mimic: Option<&str>,
-        tolerance: Option<f64>,
+    fn build[&self, py: Python<'py>](
+        floating_base: Option<bool> = None, gravity: Option<&Object<'py>> = None, strict: Option<bool> = None;
+        leave_out: Option<&Object<'py>> = None, mimic: Option<&str> = None, tolerance: Option<f64> = None
     ) -> PyResult<PyScene> {
         let mimic = mimic.map(read_mimic).transpose()?;
         let simplifications = leave_out.map(|given| left_out(Some(given))).transpose()?;
@@ -367,38 +345,6 @@ impl PySceneBuilder {
         let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };
         errors::warn(py, &scene)?;
         Ok(PyScene::new(scene))
-    }
-
-    /// Sets the file of the scenes of this builder, for readers in Python.
-    fn _set_file(&mut self, file: PathBuf) {
-        self.change(|builder| builder.with_file(Some(file)));
-    }
-
-    /// Adds a text with shapes that are drawn, for readers in Python.
-    fn _add_shapes(&mut self, text: String) {
-        self.change(|builder| builder.with_shapes([text]));
-    }
-
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
-        let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_builder")?;
-        Ok((rebuild, (Description::of(&slf.borrow().builder)?,)))
-    }
-
-    fn __copy__(&self) -> Self {
-        Self { builder: self.builder.clone() }
-    }
-
-    #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(&self, memo: &Object<'_>) -> Self {
-        let _ = memo;
-        self.__copy__()
-    }
-
-    fn __repr__(&self) -> String {
-        let (links, joints) = (self.builder.links().len(), self.builder.joints().len());
-        let closed = counted(self.builder.connections().len(), "connections");
-        let touching = counted(self.builder.contacts().len(), "contacts");
-        format!("<phipsi.SceneBuilder: {links} links, {joints} joints{closed}{touching}>")
     }
 }
 

@@ -2,19 +2,19 @@
 
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::connection_tuple::kind_of;
-use super::cost::WORTH_DETACHING;
 use super::groups::PyLoops;
 use super::input;
-use super::interrupts::detached_checked;
 use super::object::Object;
+use super::output::Names;
 use super::scene::{PyScene, slice};
 use crate::error::Error;
 use crate::scene::{Connection, ConnectionKind, Polynomial};
 use pyo3::prelude::*;
 use pyo3::types::{PySlice, PyTuple};
 
-#[pymethods]
-impl PySceneBuilder {
+typed_methods! {
+    in PySceneBuilder;
+
     /// Close a kinematic loop: connect a frame on a link with a frame on another link or on the base.
     #[doc = section!(Parameters)]
     /// name : str
@@ -53,24 +53,12 @@ impl PySceneBuilder {
     /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
     /// >>> scene.loops.names, scene.loops.jacobian([0.3, 0.2, 0.1]).shape
     /// (('pin',), (3, 3))
-    #[pyo3(signature = (name, kind, link, other=None, *, xyz=None, rpy=None, rotation=None, other_xyz=None,
-                        other_rpy=None, other_rotation=None, axis=None, length=None),
-           text_signature = "($self, name, kind, link, other=None, *, xyz=(0, 0, 0), rpy=None, rotation=None, \
-                             other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None)")]
-    fn connect<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        kind: &str,
-        link: String,
-        other: Option<String>,
-        xyz: Option<&Object<'py>>,
-        rpy: Option<&Object<'py>>,
-        rotation: Option<&Object<'py>>,
-        other_xyz: Option<&Object<'py>>,
-        other_rpy: Option<&Object<'py>>,
-        other_rotation: Option<&Object<'py>>,
-        axis: Option<&Object<'py>>,
-        length: Option<f64>,
+    fn connect[mut slf: PyRefMut<'py, Self>](
+        name: String, kind: &str, link: String, other: Option<String> = None;
+        xyz: Option<&Object<'py>> = None => "(0, 0, 0)", rpy: Option<&Object<'py>> = None,
+        rotation: Option<&Object<'py>> = None, other_xyz: Option<&Object<'py>> = None,
+        other_rpy: Option<&Object<'py>> = None, other_rotation: Option<&Object<'py>> = None,
+        axis: Option<&Object<'py>> = None, length: Option<f64> = None
     ) -> PyResult<PyRefMut<'py, Self>> {
         let first = |argument: &str| format!("{argument} of connection {name:?}");
         let second = |argument: &str| format!("other_{argument} of connection {name:?}");
@@ -117,16 +105,9 @@ impl PySceneBuilder {
     /// >>> cam = phipsi.scenes.chain(3).to_builder().couple("cam", "j2", "j0", polynomial=(0.1, 0.0, 2.0)).build()
     /// >>> cam.loops.jacobian([0.5, 0.0, 0.6])
     /// array([[-2.,  0.,  1.]])
-    #[pyo3(signature = (name, joint, other=None, *, multiplier=None, offset=None, polynomial=None),
-           text_signature = "($self, name, joint, other=None, *, multiplier=1.0, offset=0.0, polynomial=None)")]
-    fn couple<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        joint: String,
-        other: Option<&str>,
-        multiplier: Option<f64>,
-        offset: Option<f64>,
-        polynomial: Option<&Object<'py>>,
+    fn couple[mut slf: PyRefMut<'py, Self>](
+        name: String, joint: String, other: Option<&str> = None; multiplier: Option<f64> = None => "1.0",
+        offset: Option<f64> = None => "0.0", polynomial: Option<&Object<'py>> = None
     ) -> PyResult<PyRefMut<'py, Self>> {
         let polynomial = match polynomial {
             None => Polynomial::linear(multiplier.unwrap_or(1.0), offset.unwrap_or(0.0)),
@@ -160,19 +141,6 @@ fn polynomial_of(connection: &str, given: &Object<'_>, is_alone: bool) -> PyResu
 
 #[pymethods]
 impl PyLoops {
-    /// Names of the connections in the order of their creation: the keys of the forces of dynamics.
-    #[getter]
-    fn names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        let scene = &self.as_scene().scene;
-        PyTuple::new(py, scene.connections().iter().map(|connection| &connection.name).collect::<Vec<_>>())
-    }
-
-    /// Geometric tolerance of linkages, an angle in rad or a relative length; see SceneBuilder.build.
-    #[getter]
-    fn tolerance(&self) -> f64 {
-        self.as_scene().scene.tolerance()
-    }
-
     /// Slice of the rows of a connection in error, bias and jacobian.
     #[doc = section!(Parameters)]
     /// connection : str
@@ -201,6 +169,17 @@ impl PyLoops {
     }
 }
 
+getters! {
+    in PyLoops;
+
+    /// Names of the connections in the order of their creation: the keys of the forces of dynamics.
+    names: Names<'py> =
+        |of, py| PyTuple::new(py, of.as_scene().scene.connections().iter().map(|connection| &connection.name));
+
+    /// Geometric tolerance of linkages, an angle in rad or a relative length; see SceneBuilder.build.
+    tolerance: f64 = |of, _| of.as_scene().scene.tolerance();
+}
+
 #[pymethods]
 impl PyScene {
     /// Create the scene of the same kinematic tree without the connections, for methods that support trees only.
@@ -213,7 +192,6 @@ impl PyScene {
     /// ()
     #[pyo3(signature = ())]
     fn without_constraints(&self, py: Python<'_>) -> PyResult<Self> {
-        let make = || self.scene.without_constraints();
-        Ok(Self::new(if self.size() < WORTH_DETACHING { make()? } else { detached_checked(py, make)? }))
+        self.derived(py, || self.scene.without_constraints())
     }
 }

@@ -52,9 +52,8 @@ methods! {
     /// >>> scene.loops.error([0.0, 0.1, 0.3]).round(3)
     /// array([0.2])
     fn error(q; errors) |scene, py| {
-        let m = scene.scene.constraint_rows();
-        let call = scene.call([scene.configuration("q", q)?], scene.cost_of_rows(), errors)?;
-        call.array(py, &[m], |scene, _, [q], out| scene.constraint_error(q, out)).map(Bound::into_any)
+        let (shape, cost) = ([scene.scene.constraint_rows()], scene.cost_of_rows());
+        scene.each(py, [("q", q)], &shape, cost, errors, |scene, _, [q], out| scene.constraint_error(q, out))
     }
 
     /// Constraint Jacobian J of the connections: J qd is the time derivative of error, at every q.
@@ -70,12 +69,11 @@ methods! {
     /// >>> scene.loops.jacobian([0.0, 0.1, 0.3])
     /// array([[ 0., -1.,  1.]])
     fn jacobian(q; errors) |scene, py| {
-        let (m, nv) = (scene.scene.constraint_rows(), scene.scene.nv());
-        let call = scene.call([scene.configuration("q", q)?], scene.cost_of_rows(), errors)?;
-        call.array(py, &[m, nv], |scene, scratch, [q], out| {
+        let shape = [scene.scene.constraint_rows(), scene.scene.nv()];
+        scene.each(py, [("q", q)], &shape, scene.cost_of_rows(), errors, |scene, scratch, [q], out| {
             let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
             scene.constraint_jacobian(workspace, rows, q, out)
-        }).map(Bound::into_any)
+        })
     }
 
     /// Constraint bias J' qd: the second time derivative of error at zero joint accelerations.
@@ -93,12 +91,11 @@ methods! {
     /// >>> np.allclose(scene.loops.bias(q, qd), (ahead - behind) / 2e-6)
     /// True
     fn bias(q, qd; errors) |scene, py| {
-        let m = scene.scene.constraint_rows();
-        let call = scene.call(scene.inputs([("q", q), ("qd", qd)])?, scene.cost_of_rows(), errors)?;
-        call.array(py, &[m], |scene, scratch, [q, qd], out| {
+        let (shape, given) = ([scene.scene.constraint_rows()], [("q", q), ("qd", qd)]);
+        scene.each(py, given, &shape, scene.cost_of_rows(), errors, |scene, scratch, [q, qd], out| {
             let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
             scene.constraint_bias(workspace, rows, q, qd, out)
-        }).map(Bound::into_any)
+        })
     }
 
     /// Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
@@ -140,8 +137,9 @@ methods! {
     }
 }
 
-#[pymethods]
-impl PyLoops {
+typed_methods! {
+    in PyLoops;
+
     /// Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
     #[doc = parameters!(q)]
     /// qd : (..., nv) array_like, optional
@@ -172,16 +170,9 @@ impl PyLoops {
     /// >>> closed = scene.loops.project([0.0, 0.1, 0.3])
     /// >>> np.allclose(scene.loops.error(closed.q), 0.0)
     /// True
-    #[pyo3(signature = (q, qd=None, *, compliance=None, inertias=None, armature=None, errors="raise"))]
-    fn project<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: Option<&Object<'py>>,
-        compliance: Option<&Object<'py>>,
-        inertias: Option<&Object<'py>>,
-        armature: Option<&Object<'py>>,
-        errors: &str,
+    fn project[&self, py: Python<'py>](
+        q: &Object<'py>, qd: Option<&Object<'py>> = None; compliance: Option<&Object<'py>> = None,
+        inertias: Option<&Object<'py>> = None, armature: Option<&Object<'py>> = None, errors: &str = "raise"
     ) -> PyResult<Object<'py>> {
         let of = self.as_scene();
         let (nq, nv) = (of.scene.nq(), of.scene.nv());

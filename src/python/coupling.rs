@@ -34,6 +34,11 @@ impl PyScene {
         array.call_method1("take", (kept.to_vec(), -1))
     }
 
+    /// The joint properties of the scene.
+    pub(super) fn properties(&self) -> Properties {
+        self.properties_of_scene(&Properties::of(&self.scene))
+    }
+
     /// Converts joint properties of the tree to the coordinates of the scene.
     pub(super) fn properties_of_scene(&self, of: &Properties) -> Properties {
         let Some(coupling) = self.scene.coupling() else { return of.clone() };

@@ -6,7 +6,7 @@ use super::errors::{asked_by, fault};
 use super::input::{self, Input};
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
 use super::object::{Object, imported};
-use super::output::{Array, Output, from_numbers};
+use super::output::{Array, Names, Output, from_numbers};
 use super::scene::PyScene;
 use super::scratch::Scratch;
 use crate::algorithm::Algorithm;
@@ -211,18 +211,6 @@ impl PyFactor {
         self.__copy__(py)
     }
 
-    /// Number of degrees of freedom.
-    #[getter]
-    fn nv(&self) -> usize {
-        self.model().nv()
-    }
-
-    /// Leading axes of the configurations.
-    #[getter]
-    fn batch<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, &self.batch)
-    }
-
     /// log det M of every configuration, with the shape of the batch.
     fn log_det<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let mut output = asked_by(py, "q", Output::new(py, &self.batch))?;
@@ -320,6 +308,16 @@ impl PyFactor {
         })?;
         output.finish_or_scalar()
     }
+}
+
+getters! {
+    in PyFactor;
+
+    /// Number of degrees of freedom.
+    nv: usize = |of, _| of.model().nv();
+
+    /// Leading axes of the configurations.
+    batch: Names<'py> = |of, py| PyTuple::new(py, &of.batch);
 }
 
 /// Factors every configuration of q, for Scene.factor and from the result of RawFactor.__reduce__.

@@ -35,8 +35,9 @@ const BESIDE: usize = 5;
 /// distance has the names of its colliders instead of the links, and none for all pairs.
 type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<'py>, usize, Option<String>);
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    in PyScene;
+
     /// Most probable joint positions that reach tasks, within joint limits and with closed connections.
     #[doc = section!(Parameters)]
     /// tasks : task or list of tasks
@@ -93,29 +94,12 @@ impl PyScene {
     /// >>> found = scene.inverse_kinematics(phipsi.tasks.Pose("flange", goal))
     /// >>> found.reached, np.allclose(scene.placement(found.q, "flange"), goal)
     /// (True, True)
-    #[pyo3(signature = (tasks, q0=None, *, follow=false, starts=None, posture=None, limits=true, tolerance=1e-9,
-                        iterations=None, metric="coordinates", inertias=None, armature=None, covariance=false,
-                        seed=None, errors="raise"),
-           text_signature = "($self, tasks, q0=None, *, follow=False, starts=None, posture=None, limits=True, \
-                             tolerance=1e-9, iterations=100, metric='coordinates', inertias=None, armature=None, \
-                             covariance=False, seed=0, errors='raise')")]
-    fn inverse_kinematics<'py>(
-        &self,
-        py: Python<'py>,
-        tasks: &Object<'py>,
-        q0: Option<&Object<'py>>,
-        follow: bool,
-        starts: Option<&Object<'py>>,
-        posture: Option<f64>,
-        limits: bool,
-        tolerance: f64,
-        iterations: Option<&Object<'py>>,
-        metric: &str,
-        inertias: Option<&Object<'py>>,
-        armature: Option<&Object<'py>>,
-        covariance: bool,
-        seed: Option<&Object<'py>>,
-        errors: &str,
+    fn inverse_kinematics[&self, py: Python<'py>](
+        tasks: &Object<'py>, q0: Option<&Object<'py>> = None; follow: bool = false, starts: Option<&Object<'py>> = None,
+        posture: Option<f64> = None, limits: bool = true, tolerance: f64 = 1e-9,
+        iterations: Option<&Object<'py>> = None => "100", metric: &str = "coordinates",
+        inertias: Option<&Object<'py>> = None, armature: Option<&Object<'py>> = None, covariance: bool = false,
+        seed: Option<&Object<'py>> = None => "0", errors: &str = "raise"
     ) -> PyResult<Object<'py>> {
         let metric = choose("metric", metric, &METRICS)?;
         let usual = Options::default();
@@ -202,20 +186,9 @@ impl PyScene {
     /// ...     q += 0.01 * scene.inverse_kinematics_rates(task, q, dt=0.01, gain=0.2)
     /// >>> scene.placement(q, "flange")[:3, 3].round(3)
     /// array([0.5, 0.1, 0.4])
-    #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true, velocity=None, inertias=None,
-                        errors="raise"))]
-    fn inverse_kinematics_rates<'py>(
-        &self,
-        py: Python<'py>,
-        tasks: &Object<'py>,
-        q: &Object<'py>,
-        dt: f64,
-        gain: f64,
-        damping: f64,
-        limits: bool,
-        velocity: Option<&Object<'py>>,
-        inertias: Option<&Object<'py>>,
-        errors: &str,
+    fn inverse_kinematics_rates[&self, py: Python<'py>](
+        tasks: &Object<'py>, q: &Object<'py>; dt: f64, gain: f64 = 1.0, damping: f64 = 1e-6, limits: bool = true,
+        velocity: Option<&Object<'py>> = None, inertias: Option<&Object<'py>> = None, errors: &str = "raise"
     ) -> PyResult<Object<'py>> {
         let options = RateOptions { dt, gain, damping, limits, velocity: None };
         options.check(&self.scene)?;

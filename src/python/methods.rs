@@ -95,3 +95,83 @@ macro_rules! methods_in_python {
         }
     };
 }
+
+/// The name of an argument in Python.
+macro_rules! name_of {
+    (r#type) => {
+        "type"
+    };
+    ($name:ident) => {
+        stringify!($name)
+    };
+}
+
+/// A default as `inspect.signature` shows it.
+macro_rules! shown {
+    (true) => {
+        "True"
+    };
+    (false) => {
+        "False"
+    };
+    ($usual:tt) => {
+        stringify!($usual)
+    };
+    ($usual:tt, $shown:literal) => {
+        $shown
+    };
+}
+
+/// Methods of a class whose arguments stand once: `fn name[receiver](positional; keywords) -> Result { body }`, each
+/// argument as `name: Type = default`. `=>`: the default as signatures show it; `**name`: other keywords, which they do
+/// not show.
+macro_rules! typed_methods {
+    (in $class:ident; $(
+        $(#[$meta:meta])*
+        fn $name:ident[$($receiver:tt)*](
+            $($first:ident: $kind:ty $(= $usual:tt $(=> $shown:literal)?)?),*
+            $(; $($keyword:ident: $type:ty $(= $value:tt $(=> $text:literal)?)?),*)?
+            $(, **$rest:ident)?
+        ) -> $result:ty $body:block
+    )*) => {
+        #[pymethods]
+        impl $class {
+            $(
+                #[doc = concat!(
+                    stringify!($name), "($self"
+                    $(, ", ", name_of!($first) $(, "=", shown!($usual $(, $shown)?))?)*
+                    $(, ", *" $(, ", ", stringify!($keyword) $(, "=", shown!($value $(, $text)?))?)*)?
+                    , ")\n--\n"
+                )]
+                $(#[$meta])*
+                #[pyo3(
+                    signature = ($($first $(= $usual)?,)* $(*, $($keyword $(= $value)?,)*)? $(**$rest)?),
+                    text_signature = None
+                )]
+                fn $name<'py>(
+                    $($receiver)*, $($first: $kind,)* $($($keyword: $type,)*)? $($rest: Option<&Bound<'py, PyDict>>)?
+                ) -> $result $body
+            )*
+        }
+    };
+}
+
+/// Properties of a class in Python: `name: Type = |object, py| value;`.
+macro_rules! getters {
+    (in $class:ident; $(
+        $(#[$meta:meta])*
+        $visible:vis $name:ident: $kind:ty = |$of:ident, $py:pat_param| $value:expr;
+    )*) => {
+        #[pymethods]
+        impl $class {
+            $(
+                $(#[$meta])*
+                #[getter]
+                $visible fn $name<'py>(&self, py: Python<'py>) -> $kind {
+                    let ($of, $py) = (self, py);
+                    $value
+                }
+            )*
+        }
+    };
+}

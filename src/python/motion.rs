@@ -16,30 +16,34 @@ use super::wrenches::LinkWrenches;
 use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
 use crate::memory;
-use crate::motion::{Properties, Records, Rollout, Torque};
+use crate::motion::{Records, Rollout, Torque};
 use crate::scene::{Coupling, FrictionCurve, Scene};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::time::Instant;
 
-#[pymethods]
-impl PyScene {
+getters! {
+    in PyScene;
+
     /// Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m, read-only; used in simulations.
-    #[getter]
-    fn damping<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).damping, &[self.scene.nv()])
-    }
+    damping: PyResult<Object<'py>> = |of, py| property(py, &of.properties().damping, &[of.scene.nv()]);
 
     /// Coulomb friction of each degree of freedom, (nv,), N m or N, read-only; used in simulations.
-    #[getter]
-    fn friction<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).friction, &[self.scene.nv()])
-    }
+    friction: PyResult<Object<'py>> = |of, py| property(py, &of.properties().friction, &[of.scene.nv()]);
 
+    /// Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, read-only; used in simulations.
+    stiffness: PyResult<Object<'py>> = |of, py| property(py, &of.properties().stiffness, &[of.scene.nv()]);
+
+    /// Configuration in which the springs are at rest, (nq,), read-only.
+    rest: PyResult<Object<'py>> = |of, py| property(py, &of.properties().rest, &[of.scene.nq()]);
+}
+
+#[pymethods]
+impl PyScene {
     /// Terms of friction: friction_offset, stribeck, stribeck_speed and load_friction, (4, nv), read-only.
     #[getter]
     fn friction_terms<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        let (curves, nv) = (self.properties_of_scene(&Properties::of(&self.scene)).curves, self.scene.nv());
+        let (curves, nv) = (self.properties().curves, self.scene.nv());
         let each = |row: usize| curves.get(row).copied().unwrap_or_default();
         let terms = |term: fn(&FrictionCurve) -> f64| (0..nv).map(move |row| term(&each(row)));
         let all = terms(|of| of.offset).chain(terms(|of| of.stribeck));
@@ -47,21 +51,10 @@ impl PyScene {
         property(py, &all, &[4, nv])
     }
 
-    /// Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, read-only; used in simulations.
-    #[getter]
-    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).stiffness, &[self.scene.nv()])
-    }
-
-    /// Configuration in which the springs are at rest, (nq,), read-only.
-    #[getter]
-    fn rest<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).rest, &[self.scene.nq()])
-    }
-
-    #[doc = signature!("simulate", "q, qd, *, dt=None, steps=None, tau=None, tau_steps=None", method; ", record_every=1",
-                       joints form; ", progress=None", compliance stops accuracy smoothing; ", duration=None, \
-                       covariance=None", targets effort; ", control=None, activation=None", wrenches contacts)]
+    #[doc = signature!("simulate", "q, qd, *, dt=None, steps=None, tau=None, tau_steps=None", method;
+                       ", record_every=1", joints form; ", progress=None", compliance stops accuracy smoothing;
+                       ", duration=None, covariance=None", targets effort; ", control=None, activation=None",
+                       wrenches contacts)]
     /// Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
     #[doc = section!(Parameters)]
     /// q : (..., nq) array_like

@@ -25,9 +25,9 @@ use std::collections::BTreeSet;
 
 #[pymethods]
 impl PyScene {
-    #[doc = signature!("simulate_vjp", "q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None", method;
-                       ", record_every=1", joints form; ", parameters=False", stops compliance smoothing targets effort
-                       wrenches contacts)]
+    #[doc = signature!("simulate_vjp", "q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None",
+                       method; ", record_every=1", joints form; ", parameters=False", stops compliance smoothing
+                       targets effort wrenches contacts)]
     /// Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
     #[doc = section!(Parameters)]
     /// q : (..., rows, nq) array_like

@@ -10,7 +10,7 @@ use super::input::{Input, plain};
 use super::interrupts::detached;
 use super::motion::{Room, without_control};
 use super::object::{Object, imported};
-use super::output::{Output, from_numbers};
+use super::output::{Names, Output, from_numbers};
 use super::own_models;
 use super::scene::PyScene;
 use super::stepping::{
@@ -33,6 +33,8 @@ use std::time::Instant;
 /// Number of steps, as given.
 #[derive(Clone, Copy)]
 struct Steps(usize);
+
+const ONE: Steps = Steps(1);
 
 impl<'py> FromPyObject<'_, 'py> for Steps {
     type Error = PyErr;
@@ -313,8 +315,9 @@ fn in_blocks(py: Python<'_>, moving: &mut Simulator<Held>, torque: &Torque<'_>, 
     Ok(())
 }
 
-#[pymethods]
-impl PySimulator {
+typed_methods! {
+    in PySimulator;
+
     /// Advance all states by steps of dt, with constant joint torques.
     #[doc = section!(Parameters)]
     /// tau : (..., nv) array_like, optional
@@ -347,20 +350,11 @@ impl PySimulator {
     /// >>> simulator.step([0.5, 0.0, 0.0], steps=100)
     /// >>> bool(simulator.qd[0] > 0.0)
     /// True
-    #[pyo3(signature = (tau=None, steps=Steps(1), *, target=None, target_rate=None, control=None, wrenches=None,
-                        frame=None),
-           text_signature = "($self, tau=None, steps=1, *, target=None, target_rate=None, control=None, \
-                             wrenches=None, frame='link')")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn step<'py>(
-        slf: &Bound<'py, Self>,
-        tau: Option<&Object<'py>>,
-        steps: Steps,
-        target: Option<&Object<'py>>,
-        target_rate: Option<&Object<'py>>,
-        control: Option<&Object<'py>>,
-        wrenches: Option<&Object<'py>>,
-        frame: Option<&str>,
+    fn step[slf: &Bound<'py, Self>](
+        tau: Option<&Object<'py>> = None, steps: Steps = ONE => "1"; target: Option<&Object<'py>> = None,
+        target_rate: Option<&Object<'py>> = None, control: Option<&Object<'py>> = None,
+        wrenches: Option<&Object<'py>> = None, frame: Option<&str> = None => "'link'"
     ) -> PyResult<()> {
         let (py, own) = (slf.py(), slf.get());
         if let Some(drive) = &own.drive {
@@ -378,34 +372,6 @@ impl PySimulator {
         }
         own.push(py, wrenches, frame)?;
         own.advance_by(py, tau, steps, target, target_rate)
-    }
-
-    /// Advances all states, also if the simulator has controls, whose torques are in the arguments.
-    #[pyo3(name = "_advance", signature = (tau, steps, target, target_rate, /))]
-    fn advance_by<'py>(
-        &self,
-        py: Python<'py>,
-        tau: Option<&Object<'py>>,
-        steps: Steps,
-        target: Option<&Object<'py>>,
-        target_rate: Option<&Object<'py>>,
-    ) -> PyResult<()> {
-        let Steps(steps) = steps;
-        if target.is_some() || target_rate.is_some() {
-            self.aim(py, target, target_rate)?;
-        }
-        let Some(tau) = tau else { return self.advance(py, &Torque::Zero, steps) };
-        let own = self.scene.get();
-        let nv = own.scene.nv();
-        // The shortest path, for one torque in a plain array.
-        if let Some((numbers, _)) = plain(tau, nv).filter(|_| own.scene.coupling().is_none()) {
-            check_finite("tau", &numbers)?;
-            return self.advance(py, &Torque::Constant(Broadcast::new("tau", &numbers, nv, &[], &self.batch)?), steps);
-        }
-        let tau: Input<'_> = own.rate("tau", tau)?;
-        check_finite("tau", tau.data()?)?;
-        let tau = own.on_tree(py, tau, Coupling::torques)?;
-        self.advance(py, &Torque::Constant(tau.over(&self.batch)?), steps)
     }
 
     /// Set states and their times to a new start; the other states remain.
@@ -430,14 +396,9 @@ impl PySimulator {
     /// >>> simulator.reset([0.3, 0.2, 0.1], states=2)
     /// >>> simulator.t
     /// array([0.01, 0.01, 0.  , 0.01])
-    #[pyo3(signature = (q, qd=None, *, states=None, activation=None))]
-    fn reset<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: Option<&Object<'py>>,
-        states: Option<&Object<'py>>,
-        activation: Option<&Object<'py>>,
+    fn reset[&self, py: Python<'py>](
+        q: &Object<'py>, qd: Option<&Object<'py>> = None; states: Option<&Object<'py>> = None,
+        activation: Option<&Object<'py>> = None
     ) -> PyResult<()> {
         let own = self.scene.get();
         let activation = match &self.drive {
@@ -467,6 +428,37 @@ impl PySimulator {
         drop(guard);
         warn_of_start(py, warnings)
     }
+}
+
+#[pymethods]
+impl PySimulator {
+    /// Advances all states, also if the simulator has controls, whose torques are in the arguments.
+    #[pyo3(name = "_advance", signature = (tau, steps, target, target_rate, /))]
+    fn advance_by<'py>(
+        &self,
+        py: Python<'py>,
+        tau: Option<&Object<'py>>,
+        steps: Steps,
+        target: Option<&Object<'py>>,
+        target_rate: Option<&Object<'py>>,
+    ) -> PyResult<()> {
+        let Steps(steps) = steps;
+        if target.is_some() || target_rate.is_some() {
+            self.aim(py, target, target_rate)?;
+        }
+        let Some(tau) = tau else { return self.advance(py, &Torque::Zero, steps) };
+        let own = self.scene.get();
+        let nv = own.scene.nv();
+        // The shortest path, for one torque in a plain array.
+        if let Some((numbers, _)) = plain(tau, nv).filter(|_| own.scene.coupling().is_none()) {
+            check_finite("tau", &numbers)?;
+            return self.advance(py, &Torque::Constant(Broadcast::new("tau", &numbers, nv, &[], &self.batch)?), steps);
+        }
+        let tau: Input<'_> = own.rate("tau", tau)?;
+        check_finite("tau", tau.data()?)?;
+        let tau = own.on_tree(py, tau, Coupling::torques)?;
+        self.advance(py, &Torque::Constant(tau.over(&self.batch)?), steps)
+    }
 
     /// Current joint positions, (..., nq), rad or m, a copy.
     #[getter]
@@ -482,18 +474,6 @@ impl PySimulator {
         self.of_all(py, &moving, &[], (moving.scene().nv(), RATES))
     }
 
-    /// Controls of the actuators, (..., n), a copy; None without control.
-    #[getter]
-    pub(super) fn control<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
-        self.of_drive(py, "control")
-    }
-
-    /// Activations of the actuators, (..., n), a copy, zero for those without one; None without control.
-    #[getter]
-    pub(super) fn activation<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
-        self.of_drive(py, "activation")
-    }
-
     /// Time since the start or last reset of each state, (...), s: a float for one state, otherwise an array.
     #[getter]
     fn t<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
@@ -503,36 +483,6 @@ impl PySimulator {
             *time = moving.time(state);
         }
         times.finish_or_scalar()
-    }
-
-    /// Number of steps since the creation of the simulator; reset does not change it.
-    #[getter]
-    fn steps(&self) -> PyResult<usize> {
-        Ok(self.moving()?.steps())
-    }
-
-    /// Step, s.
-    #[getter]
-    fn dt(&self) -> f64 {
-        self.dt
-    }
-
-    /// Integration method, one of the names of Scene.simulate.
-    #[getter]
-    fn method(&self) -> &'static str {
-        self.method.name()
-    }
-
-    /// Scene that is simulated.
-    #[getter]
-    fn scene(&self, py: Python<'_>) -> Py<PyScene> {
-        self.scene.clone_ref(py)
-    }
-
-    /// Shape of the batch; () for one state.
-    #[getter]
-    fn batch<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, &self.batch)
     }
 
     /// Return the impacts of joints on their stops since the last call, and clear the list.
@@ -564,6 +514,31 @@ impl PySimulator {
         let states = if self.batch.is_empty() { "one state".to_owned() } else { format!("{} states", moving.states()) };
         Ok(format!("<phipsi.Simulator: {states}, {} steps of {dt} s by {method}>", moving.steps()))
     }
+}
+
+getters! {
+    in PySimulator;
+
+    /// Controls of the actuators, (..., n), a copy; None without control.
+    pub(super) control: PyResult<Option<Object<'py>>> = |of, py| of.of_drive(py, "control");
+
+    /// Activations of the actuators, (..., n), a copy, zero for those without one; None without control.
+    pub(super) activation: PyResult<Option<Object<'py>>> = |of, py| of.of_drive(py, "activation");
+
+    /// Number of steps since the creation of the simulator; reset does not change it.
+    steps: PyResult<usize> = |of, _| Ok(of.moving()?.steps());
+
+    /// Step, s.
+    dt: f64 = |of, _| of.dt;
+
+    /// Integration method, one of the names of Scene.simulate.
+    method: &'static str = |of, _| of.method.name();
+
+    /// Scene that is simulated.
+    scene: Py<PyScene> = |of, py| of.scene.clone_ref(py);
+
+    /// Shape of the batch; () for one state.
+    batch: Names<'py> = |of, py| PyTuple::new(py, &of.batch);
 }
 
 /// Resets of fewer values keep the GIL.

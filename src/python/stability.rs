@@ -90,25 +90,6 @@ impl PyExact {
         Ok((norm, components, reason))
     }
 
-    /// Change of the exact result for one unit in the last place of an input: kind to (max-norm, components).
-    #[pyo3(signature = (draws=None, seed=None), text_signature = "($self, draws=4, seed=0)")]
-    fn sensitivity<'py>(
-        &self,
-        py: Python<'py>,
-        draws: Option<&Object<'py>>,
-        seed: Option<&Object<'py>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let draws = count_or("draws", draws, 0, 4)?;
-        let seed = seed.map_or(Ok(0), |seed| number("seed", seed))?;
-        let scene = &self.scene.get().scene;
-        let found = detached_checked(py, || sensitivity(scene, self.quantity, self.state(), draws, seed))?;
-        let all = PyDict::new(py);
-        for (name, difference) in found {
-            all.set_item(name, norms(py, &difference)?)?;
-        }
-        Ok(all)
-    }
-
     /// Median time (ns) of a method of forward dynamics on this state over repeats calls.
     #[pyo3(signature = (method, repeats))]
     fn time(&self, py: Python<'_>, method: &str, repeats: &Object<'_>) -> PyResult<f64> {
@@ -121,6 +102,25 @@ impl PyExact {
         let states = States { q: &self.q, qd: &self.qd, tau: &self.u };
         let measured = detached_checked(py, || measure(scene, method, states, values, repeats))?;
         Ok(measured.ns)
+    }
+}
+
+typed_methods! {
+    in PyExact;
+
+    /// Change of the exact result for one unit in the last place of an input: kind to (max-norm, components).
+    fn sensitivity[&self, py: Python<'py>](
+        draws: Option<&Object<'py>> = None => "4", seed: Option<&Object<'py>> = None => "0"
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let draws = count_or("draws", draws, 0, 4)?;
+        let seed = seed.map_or(Ok(0), |seed| number("seed", seed))?;
+        let scene = &self.scene.get().scene;
+        let found = detached_checked(py, || sensitivity(scene, self.quantity, self.state(), draws, seed))?;
+        let all = PyDict::new(py);
+        for (name, difference) in found {
+            all.set_item(name, norms(py, &difference)?)?;
+        }
+        Ok(all)
     }
 }
 

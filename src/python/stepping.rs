@@ -33,16 +33,6 @@ macro_rules! joined {
     ($first:ident $($other:ident)*) => { concat!(stringify!($first) $(, ", ", stringify!($other))*) };
 }
 
-/// A default as `inspect.signature` shows it.
-macro_rules! shown {
-    ($usual:expr) => {
-        stringify!($usual)
-    };
-    ($usual:expr, $shown:literal) => {
-        $shown
-    };
-}
-
 /// The keywords of a simulation with their defaults, in sections that follow each other in signatures; with `if`, those
 /// of some methods only. `=>`: the default as signatures show it. `in`: the field of [`Settings`] that has this value.
 macro_rules! keywords {

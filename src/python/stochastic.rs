@@ -47,8 +47,9 @@ pub(super) fn rebuild_random_model(
     Ok(PyRandomModel { model, scene: scene.clone().unbind(), q, qd, acceleration_variance })
 }
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    in PyScene;
+
     /// Create a model with random forces on bodies at q, to sample joint torques (1.1 to 1.6).
     #[doc = section!(Parameters)]
     /// q : (nq,) array_like
@@ -69,12 +70,8 @@ impl PyScene {
     /// >>> model = scene.random_model([0.3, 0.2, 0.1])
     /// >>> np.allclose(model.mass_matrix(method="sigma-points").mass_matrix, scene.mass_matrix([0.3, 0.2, 0.1]))
     /// True
-    #[pyo3(signature = (q, qd=None, *, acceleration_variance=1.0))]
-    fn random_model(
-        slf: &Bound<'_, Self>,
-        q: &Object<'_>,
-        qd: Option<&Object<'_>>,
-        acceleration_variance: f64,
+    fn random_model[slf: &Bound<'py, Self>](
+        q: &Object<'py>, qd: Option<&Object<'py>> = None; acceleration_variance: f64 = 1.0
     ) -> PyResult<PyRandomModel> {
         let q = state("q", q, slf.get().coordinates())?;
         let qd = qd.map(|qd| state("qd", qd, slf.get().rates())).transpose()?;
@@ -82,25 +79,21 @@ impl PyScene {
     }
 }
 
-#[pymethods]
-impl PyRandomModel {
+getters! {
+    in PyRandomModel;
+
     /// Number of degrees of freedom.
-    #[getter]
-    fn nv(&self) -> usize {
-        self.model.nv()
-    }
+    nv: usize = |of, _| of.model.nv();
 
     /// Random numbers per sample: six per body (rods and point masses: fewer), one per joint with armature.
-    #[getter]
-    fn dimension(&self) -> usize {
-        self.model.dimension()
-    }
+    dimension: usize = |of, _| of.model.dimension();
 
     /// Acceleration variance s, (rad/s^2)^2 of 1 kg m^2.
-    #[getter]
-    fn acceleration_variance(&self) -> f64 {
-        self.acceleration_variance
-    }
+    acceleration_variance: f64 = |of, _| of.acceleration_variance;
+}
+
+typed_methods! {
+    in PyRandomModel;
 
     /// Samples of the process W, the force X = phi W and the torque T = H X + v.
     #[doc = parameters!(samples)]
@@ -117,13 +110,8 @@ impl PyRandomModel {
     /// >>> one, other = model.sample(4, seed=1), model.sample(2, seed=1, first=2)
     /// >>> np.array_equal(one.torque[2:], other.torque)
     /// True
-    #[pyo3(signature = (samples, *, seed, first=None))]
-    fn sample<'py>(
-        &self,
-        py: Python<'py>,
-        samples: &Object<'py>,
-        seed: &Object<'py>,
-        first: Option<&Object<'py>>,
+    fn sample[&self, py: Python<'py>](
+        samples: &Object<'py>; seed: &Object<'py>, first: Option<&Object<'py>> = None
     ) -> PyResult<Object<'py>> {
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
@@ -149,13 +137,8 @@ impl PyRandomModel {
     /// >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
     /// >>> np.array_equal(model.sample_torque(4, seed=1), model.sample(4, seed=1).torque)
     /// True
-    #[pyo3(signature = (samples, *, seed, first=None))]
-    fn sample_torque<'py>(
-        &self,
-        py: Python<'py>,
-        samples: &Object<'py>,
-        seed: &Object<'py>,
-        first: Option<&Object<'py>>,
+    fn sample_torque[&self, py: Python<'py>](
+        samples: &Object<'py>; seed: &Object<'py>, first: Option<&Object<'py>> = None
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
@@ -189,17 +172,9 @@ impl PyRandomModel {
     /// >>> estimate = model.mass_matrix(2000, seed=1)
     /// >>> bool((estimate.low <= estimate.high).all())
     /// True
-    #[pyo3(signature = (samples=None, *, seed=None, method="monte-carlo", confidence=0.95, replicates=None),
-           text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, \
-                             replicates=8)")]
-    fn mass_matrix<'py>(
-        &self,
-        py: Python<'py>,
-        samples: Option<&Object<'py>>,
-        seed: Option<&Object<'py>>,
-        method: &str,
-        confidence: f64,
-        replicates: Option<&Object<'py>>,
+    fn mass_matrix[&self, py: Python<'py>](
+        samples: Option<&Object<'py>> = None; seed: Option<&Object<'py>> = None, method: &str = "monte-carlo",
+        confidence: f64 = 0.95, replicates: Option<&Object<'py>> = None => "8"
     ) -> PyResult<Object<'py>> {
         let drawn = || -> PyResult<(usize, u64)> {
             let missing = |name: &str| Error::argument(name, "none", format!("an integer, for method {method:?}"));
@@ -225,7 +200,10 @@ impl PyRandomModel {
         let estimate = detached_checked(py, || self.model.mass_matrix(method))?;
         to_python(py, &estimate, self.model.nv(), confidence)
     }
+}
 
+#[pymethods]
+impl PyRandomModel {
     /// Arguments of the model.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Remade)> {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_random_model")?;
@@ -245,7 +223,11 @@ impl PyRandomModel {
     }
 
     fn __repr__(&self) -> String {
-        format!("<phipsi.RandomModel of {} torques, {} random numbers a sample>", self.nv(), self.dimension())
+        format!(
+            "<phipsi.RandomModel of {} torques, {} random numbers a sample>",
+            self.model.nv(),
+            self.model.dimension()
+        )
     }
 }
 
