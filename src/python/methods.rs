@@ -135,6 +135,7 @@ macro_rules! typed_methods {
         ) -> $result:ty $body:block
     )*) => {
         #[pymethods]
+        #[allow(clippy::elidable_lifetime_names, clippy::extra_unused_lifetimes)] // of some types
         impl $class {
             $(
                 #[doc = concat!(
@@ -163,6 +164,7 @@ macro_rules! getters {
         $visible:vis $name:ident: $kind:ty = |$of:ident, $py:pat_param| $value:expr;
     )*) => {
         #[pymethods]
+        #[allow(clippy::elidable_lifetime_names)] // the lifetime is that of some types
         impl $class {
             $(
                 $(#[$meta])*
