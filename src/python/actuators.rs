@@ -3,10 +3,10 @@
 use super::builder::{PySceneBuilder, optional_triple};
 use super::choice::refuse_unknown;
 use super::description::{ActuatorTuple, actuator_of, actuator_tuple};
+use super::errors::refuse;
 use super::input;
 use super::object::{Object, imported};
 use super::scene::PyScene;
-use crate::error::Error;
 use crate::scene::Actuator;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -60,7 +60,7 @@ typed_methods! {
         refuse_unknown(slf.py(), "SceneBuilder.actuator", unknown)?;
         let of = |argument: &str| format!("{argument} of actuator {name:?}");
         if (kp.is_some() || kv.is_some()) && (gain.is_some() || bias.is_some()) {
-            return Err(Error::argument(of("gain"), "kp or kv, and gain or bias", "one of the two pairs").into());
+            return refuse(of("gain"), "kp or kv, and gain or bias", "one of the two pairs");
         }
         let range = |argument: &str, value: Option<&Object<'py>>| -> PyResult<[f64; 2]> {
             let Some(value) = value else { return Ok([f64::NEG_INFINITY, f64::INFINITY]) };
@@ -74,7 +74,7 @@ typed_methods! {
             (None, None) => (1.0, [0.0; 3]),
         };
         if timeconst.is_none() && actrange.is_some() {
-            return Err(Error::argument(of("actrange"), "a range without a time constant", "timeconst too").into());
+            return refuse(of("actrange"), "a range without a time constant", "timeconst too");
         }
         let actuator = Actuator {
             gain: optional_triple(&of("gain"), gain, [factor, 0.0, 0.0])?,

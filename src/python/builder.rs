@@ -4,11 +4,11 @@ use super::choice::{choose, read_mimic, refuse_unknown};
 use super::collider_tuple::colliders_of_link;
 use super::cost::WORTH_DETACHING;
 use super::description::{Description, counted, joint_kind, left_out};
+use super::errors::refuse;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
 use super::scene::PyScene;
 use super::{errors, input};
-use crate::error::Error;
 use crate::scene::{FrictionCurve, Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Rotation3};
@@ -401,8 +401,7 @@ fn symmetric(name: &str, value: &Object<'_>) -> PyResult<Symmetric3<f64>> {
     let m = matrix(name, value)?;
     let defect = (m - m.transpose()).amax();
     if defect > ASYMMETRY * m.amax() {
-        let found = format!("a matrix whose two triangles differ by {defect:.1e}");
-        return Err(Error::argument(name, found, "a symmetric matrix").into());
+        return refuse(name, format!("a matrix whose two triangles differ by {defect:.1e}"), "a symmetric matrix");
     }
     Ok(Symmetric3::from_upper(&m))
 }
@@ -431,8 +430,6 @@ fn orientation(
             Ok(*Rotation3::from_euler_angles(roll, pitch, yaw).matrix())
         }
         (None, Some(rotation)) => matrix(&of_joint("rotation"), rotation),
-        (Some(_), Some(_)) => {
-            Err(Error::argument(of_joint("rotation"), "rpy and rotation", "either rpy or rotation").into())
-        }
+        (Some(_), Some(_)) => refuse(of_joint("rotation"), "rpy and rotation", "either rpy or rotation"),
     }
 }

@@ -1,6 +1,7 @@
 //! Methods of `Scene`: code generation.
 
 use super::choice::names;
+use super::errors::refuse;
 use super::links::read_frame;
 use super::object::{Object, imported};
 use super::scene::PyScene;
@@ -69,12 +70,7 @@ typed_methods! {
         let (width, functions) = (read_width(dtype)?, read_functions(&self.scene, functions)?);
         if tolerance.is_some() && !functions.iter().any(|function| WATCHED.contains(function)) {
             let found = format!("{} for functions without a margin", number(tolerance.unwrap_or_default()));
-            return Err(Error::argument(
-                "tolerance",
-                found,
-                "one of the functions that end in _watched, or no tolerance",
-            )
-            .into());
+            return refuse("tolerance", found, "one of the functions that end in _watched, or no tolerance");
         }
         written(py, directory, sources_accepting(&self.scene, name, &functions, (width, batches), tolerance)?)
     }
@@ -155,7 +151,7 @@ fn read_width(dtype: &str) -> PyResult<Width> {
     match dtype {
         "float64" => Ok(Width::Double),
         "float32" => Ok(Width::Single),
-        _ => Err(Error::argument("dtype", format!("{dtype:?}"), "\"float64\" or \"float32\"").into()),
+        _ => refuse("dtype", format!("{dtype:?}"), "\"float64\" or \"float32\""),
     }
 }
 
@@ -170,7 +166,7 @@ fn read_functions(scene: &Scene, given: Option<&Object<'_>>) -> PyResult<Vec<Fun
     }
     let items = if given.is_instance_of::<PyMapping>() { None } else { given.try_iter().ok() };
     let Some(items) = items else {
-        return Err(Error::argument("functions", given.repr()?.to_string(), "names of functions").into());
+        return refuse("functions", given.repr()?.to_string(), "names of functions");
     };
     let mut functions = Vec::new();
     for item in items {

@@ -2,6 +2,7 @@
 
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::connection_tuple::kind_of;
+use super::errors::refuse;
 use super::groups::PyLoops;
 use super::input;
 use super::object::Object;
@@ -163,7 +164,7 @@ impl PyLoops {
             } else {
                 format!("one of {}", names.join(", "))
             };
-            return Err(Error::argument("connection", format!("{connection:?}"), expected).into());
+            return refuse("connection", format!("{connection:?}"), expected);
         };
         slice(py, &rows)
     }

@@ -3,7 +3,7 @@
 use super::call::BatchCall;
 use super::choice::read_judged;
 use super::cost::Cost;
-use super::errors::warn_as;
+use super::errors::{refuse, warn_as};
 use super::groups::PyLoops;
 use super::input::Input;
 use super::keywords::Keywords;
@@ -12,7 +12,6 @@ use super::output::Output;
 use super::scene::{PyScene, slice};
 use super::wrenches::Wrench;
 use crate::algorithm::Algorithm;
-use crate::error::Error;
 use crate::filter::Form;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -285,12 +284,7 @@ impl PyScene {
         let rows = self.scene.constraint_rows();
         if rows == 0 {
             let found = "a value for a scene without connections";
-            return Err(Error::argument(
-                "compliance",
-                found,
-                "no compliance, or a scene with connections (SceneBuilder.connect)",
-            )
-            .into());
+            return refuse("compliance", found, "no compliance, or a scene with connections (SceneBuilder.connect)");
         }
         Ok(rows)
     }

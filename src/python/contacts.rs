@@ -2,13 +2,13 @@
 
 use super::builder::{PySceneBuilder, frame_of, optional_triple};
 use super::choice::read_judged;
+use super::errors::refuse;
 use super::groups::PyContacts;
 use super::keywords::Keywords;
 use super::object::{Object, imported};
 use super::output::{Names, from_numbers};
 use super::scene::PyScene;
 use crate::algorithm::Algorithm;
-use crate::error::Error;
 use crate::memory;
 use crate::motion::{ContactReport, ShapeContact};
 use crate::scene::{Contact, Surface};
@@ -94,7 +94,7 @@ typed_methods! {
         let given = [normal.is_some() || offset != 0.0, other_radius.is_some(), other_size.is_some()];
         if given.iter().filter(|given| **given).count() > 1 {
             let expected = "one surface: normal and offset, or other_radius, or other_size";
-            return Err(Error::argument(of_contact("surface"), "arguments of several surfaces", expected).into());
+            return refuse(of_contact("surface"), "arguments of several surfaces", expected);
         }
         let surface = match (other_radius, other_size) {
             (Some(radius), _) => Surface::Sphere { radius },

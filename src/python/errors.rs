@@ -15,6 +15,15 @@ pub(super) fn classes(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
     MODULE.get_or_try_init(py, || Ok(py.import("phipsi.errors")?.unbind())).map(|module| module.bind(py))
 }
 
+/// The error of an argument, as the result of a function.
+pub(super) fn refuse<T>(
+    argument: impl Into<String>,
+    found: impl Into<String>,
+    expected: impl Into<String>,
+) -> PyResult<T> {
+    Err(Error::argument(argument, found, expected).into())
+}
+
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
         Python::attach(|py| to_python(py, &error, &[]).unwrap_or_else(|failed| failed))

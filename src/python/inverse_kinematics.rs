@@ -2,7 +2,7 @@
 
 use super::choice::choose;
 use super::counts::{count, count_or, number};
-use super::errors::warn_as;
+use super::errors::{refuse, warn_as};
 use super::input::Input;
 use super::keywords::Keywords;
 use super::object::{Object, imported};
@@ -193,12 +193,7 @@ typed_methods! {
         let options = RateOptions { dt, gain, damping, limits, velocity: None };
         options.check(&self.scene)?;
         if velocity.is_some() && !limits {
-            return Err(Error::argument(
-                "velocity",
-                "velocity limits with limits=False",
-                "limits=True, or no velocity",
-            )
-            .into());
+            return refuse("velocity", "velocity limits with limits=False", "limits=True, or no velocity");
         }
         let (fixed, mut inputs) = self.tasks(tasks, ("q", q))?;
         let is_limited = velocity.is_some();
@@ -227,7 +222,7 @@ impl PyScene {
     ) -> PyResult<(Vec<Task>, Vec<Input<'py>>)> {
         let given = imported!(tasks.py(), "phipsi.tasks", "unpacked")?.call1((tasks,))?.extract::<Vec<Given<'py>>>()?;
         if given.is_empty() && self.scene.constraints().is_empty() {
-            return Err(Error::argument("tasks", "no task", "at least one task of phipsi.tasks").into());
+            return refuse("tasks", "no task", "at least one task of phipsi.tasks");
         }
         let mut inputs = vec![self.configuration(name, q)?];
         let mut fixed = Vec::with_capacity(given.len());
@@ -311,7 +306,7 @@ fn on_paths(mut inputs: Vec<Input<'_>>) -> PyResult<Vec<Input<'_>>> {
     let axes = inputs.iter().skip(1).map(|target| target.leading().len()).max().unwrap_or(0);
     if axes == 0 {
         let expected = "targets with an axis of the path, (k, 4, 4) for Pose, or follow=False";
-        return Err(Error::argument("follow", "True with a single target per task", expected).into());
+        return refuse("follow", "True with a single target per task", expected);
     }
     let start = inputs.remove(0);
     if start.leading().len() >= axes {

@@ -3,7 +3,7 @@
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
-use super::errors::{asked_by, of_batch};
+use super::errors::{asked_by, of_batch, refuse};
 use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
@@ -332,15 +332,13 @@ fn length_of_run(
     if let Some(duration) = duration
         && !(duration.is_finite() && duration > 0.0)
     {
-        return Err(Error::argument("duration", format!("{duration}"), "a time in s, finite and positive").into());
+        return refuse("duration", format!("{duration}"), "a time in s, finite and positive");
     }
     let dt = match (dt, duration) {
         (Some(dt), _) => dt,
         (None, Some(duration)) if controlled => duration / ROWS,
         _ => {
-            return Err(
-                Error::argument("dt", "None", "a step in s, which is optional with accuracy and duration").into()
-            );
+            return refuse("dt", "None", "a step in s, which is optional with accuracy and duration");
         }
     };
     match (steps, duration) {
@@ -349,13 +347,13 @@ fn length_of_run(
             let found = (duration / dt).round();
             if !((1.0..1e15).contains(&found)) || !((found * dt - duration).abs() <= 1e-6 * duration) {
                 let expected = "a multiple of dt, or steps instead of duration";
-                return Err(Error::argument("duration", format!("{duration} with dt {dt}"), expected).into());
+                return refuse("duration", format!("{duration} with dt {dt}"), expected);
             }
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // in these bounds
             Ok((dt, found as usize))
         }
-        (None, None) => Err(Error::argument("steps", "None", "a number of steps, or duration").into()),
-        (Some(_), Some(_)) => Err(Error::argument("duration", "steps and duration", "either steps or duration").into()),
+        (None, None) => refuse("steps", "None", "a number of steps, or duration"),
+        (Some(_), Some(_)) => refuse("duration", "steps and duration", "either steps or duration"),
     }
 }
 

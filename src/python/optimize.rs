@@ -1,5 +1,6 @@
 //! The method `Scene.optimize`, and the compiled part of `phipsi.control`: an optimizer with its memory.
 
+use super::errors::refuse;
 use super::interrupts::detached;
 use super::inverse_kinematics::all_aimed;
 use super::object::{Object, imported};
@@ -186,7 +187,7 @@ impl PyOptimizer {
     fn retarget(&self, terms: Vec<GivenTerm<'_>>) -> PyResult<()> {
         if terms.len() != self.terms {
             let (found, expected) = (format!("{} terms", terms.len()), format!("{}, as before", self.terms));
-            return Err(Error::argument("costs", found, expected).into());
+            return refuse("costs", found, expected);
         }
         let own = self.scene.get();
         let new = terms

@@ -2,13 +2,13 @@
 
 use super::choice::name_of;
 use super::description::body_names;
+use super::errors::refuse;
 use super::input::shaped;
 use super::object::Object;
 use super::output::from_numbers;
 use super::scene::PyScene;
 use super::simulator::PySimulator;
 use super::stepping::{Keywords, OF_CONTACTS, OF_RATES};
-use crate::error::Error;
 use crate::memory;
 use crate::motion::{Gains, Limits, Method, Properties, Settings};
 use pyo3::prelude::*;
@@ -120,7 +120,7 @@ pub(super) fn rebuild_simulator<'py>(
     let made = scene.call_method("simulator", (q, qd), Some(keywords))?.cast_into::<PySimulator>()?;
     let (_, numbers) = shaped("pickled simulator", numbers, 0)?;
     if !made.get().moving()?.resume(Method::named(method)?, (&numbers, &begun), steps) {
-        return Err(Error::argument("pickled simulator", "data of another size", "the data that pickle wrote").into());
+        return refuse("pickled simulator", "data of another size", "the data that pickle wrote");
     }
     Ok(made)
 }

@@ -2,13 +2,12 @@
 
 use super::choice::choose;
 use super::counts::count;
-use super::errors::asked_by;
+use super::errors::{asked_by, refuse};
 use super::input::{Input, state};
 use super::interrupts::detached_checked;
 use super::object::Object;
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use crate::error::Error;
 use crate::filter::FORMS;
 use crate::report::accuracy::{METHODS, States, measure, reference};
 use crate::report::{growth, residuals};
@@ -53,8 +52,7 @@ impl<'py> Arguments<'py> {
         }
         for input in [&all.qd, &all.tau] {
             if input.leading() != all.q.leading() {
-                let found = format!("leading axes {:?}", input.leading());
-                return Err(Error::argument(&*input.name, found, "those of q").into());
+                return refuse(&*input.name, format!("leading axes {:?}", input.leading()), "those of q");
             }
             for state in input.data()?.chunks_exact(scene.nv().max(1)) {
                 scene.check_rates(&input.name, state)?;
@@ -159,8 +157,7 @@ pub(super) fn measure_method<'py>(
     let arguments = Arguments::read(scene, q, qd, tau)?;
     let states = arguments.states()?;
     if reference.values.len() != states.tau.len() {
-        let found = format!("{} numbers", reference.values.len());
-        return Err(Error::argument("reference", found, "the reference of these states").into());
+        return refuse("reference", format!("{} numbers", reference.values.len()), "the reference of these states");
     }
     let values = &reference.values;
     let measurement = detached_checked(py, || measure(&scene.scene, method, states, values, repeats))?;

@@ -3,7 +3,7 @@
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
 use super::coupling::Expand;
-use super::errors::{asked_by, batch_index, fault, of_batch};
+use super::errors::{asked_by, batch_index, fault, of_batch, refuse};
 use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
@@ -15,7 +15,7 @@ use super::scene::PyScene;
 use super::stepping::{Allowed, Keywords};
 use super::wrenches::LinkWrenches;
 use crate::batch::{Fault, broadcast_axes};
-use crate::error::{Error, check_finite};
+use crate::error::check_finite;
 use crate::memory;
 use crate::motion::{ContactId, Gains, ModeChange, RecordedRows, Rollout, RolloutGradients, ShapeGradients};
 use crate::scene::{Coupling, Scene};
@@ -107,7 +107,7 @@ impl PyScene {
         let wrenches = keywords.wrenches(own, steps)?;
         if matches!(given, Given::Function(_)) {
             let expected = "an array; the torques of a function can be given as tau_steps";
-            return Err(Error::argument("tau", "a function, which has no known gradients", expected).into());
+            return refuse("tau", "a function, which has no known gradients", expected);
         }
         let inputs = [
             Input::table("q", q, rows, own.coordinates())?,

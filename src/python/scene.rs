@@ -4,6 +4,7 @@ use super::axis::Axis;
 use super::choice::{names, read_mimic};
 use super::cost::WORTH_DETACHING;
 use super::description::{self, Description, body_names};
+use super::errors::refuse;
 use super::input::in_python;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
@@ -529,7 +530,7 @@ impl Source {
             return Ok(Self::File(path));
         }
         let found = format!("an object of type {}", source.get_type().name()?);
-        Err(Error::argument("source", found, "a path (str or os.PathLike) or the text of a URDF").into())
+        refuse("source", found, "a path (str or os.PathLike) or the text of a URDF")
     }
 }
 

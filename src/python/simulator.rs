@@ -4,7 +4,7 @@ use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Pd, everyone};
 use super::cost::WORTH_RELEASING;
 use super::counts::count;
-use super::errors::{fault, of_batch};
+use super::errors::{fault, of_batch, refuse};
 use super::fresh::states_of;
 use super::input::{Input, plain};
 use super::interrupts::detached;
@@ -360,7 +360,7 @@ typed_methods! {
         if let Some(drive) = &own.drive {
             if target.is_some() || target_rate.is_some() {
                 let expected = "one of them: the targets of servos are their controls";
-                return Err(Error::argument("target", "a target and control", expected).into());
+                return refuse("target", "a target and control", expected);
             }
             own.push(py, wrenches, frame)?;
             drive.call_method1(py, "step", (slf, tau, steps.0, control))?;
@@ -368,7 +368,7 @@ typed_methods! {
         }
         if control.is_some() {
             let expected = "Scene.simulator(..., control=...) with the first controls";
-            return Err(Error::argument("control", "controls for a simulator without", expected).into());
+            return refuse("control", "controls for a simulator without", expected);
         }
         own.push(py, wrenches, frame)?;
         own.advance_by(py, tau, steps, target, target_rate)

@@ -2,12 +2,12 @@
 
 use super::choice::choose;
 use super::counts::{count, count_or, number};
+use super::errors::refuse;
 use super::input::{fixed, state};
 use super::interrupts::{detached, detached_checked};
 use super::object::Object;
 use super::output::from_numbers;
 use super::scene::PyScene;
-use crate::error::Error;
 use crate::report::accuracy::{States, measure};
 use crate::report::sensitivity::{Difference, Exact, QUANTITIES, Quantity, State, sensitivity};
 use crate::report::stability::{FORMS, Failure, forward_error, recursion_error};
@@ -96,7 +96,7 @@ impl PyExact {
         let repeats = count("repeats", repeats, 1)?;
         let method = choose("method", method, FORMS)?;
         if self.quantity != Quantity::ForwardDynamics {
-            return Err(Error::argument("quantity", format!("{:?}", self.quantity), "forward dynamics").into());
+            return refuse("quantity", format!("{:?}", self.quantity), "forward dynamics");
         }
         let (scene, values) = (&self.scene.get().scene, &self.exact.values);
         let states = States { q: &self.q, qd: &self.qd, tau: &self.u };

@@ -2,11 +2,11 @@
 
 use super::builder::PySceneBuilder;
 use super::choice::items;
+use super::errors::refuse;
 use super::input;
 use super::object::Object;
 use super::output::{Names, from_numbers};
 use super::scene::PyScene;
-use crate::error::Error;
 use crate::scene::Start;
 use pyo3::prelude::*;
 use pyo3::types::{PyMapping, PyTuple};
@@ -110,8 +110,7 @@ impl PyScene {
 fn by_joint(argument: &str, given: Option<&Object<'_>>) -> PyResult<BTreeMap<String, Vec<f64>>> {
     let Some(given) = given else { return Ok(BTreeMap::new()) };
     let Ok(mapping) = given.cast::<PyMapping>() else {
-        let expected = "a dict from names of joints to coordinates";
-        return Err(Error::argument(argument, given.repr()?.to_string(), expected).into());
+        return refuse(argument, given.repr()?.to_string(), "a dict from names of joints to coordinates");
     };
     let each = items(argument, mapping, "names of joints")?.into_iter().map(|(joint, value)| {
         let name = format!("{argument}[{joint:?}]");

@@ -3,7 +3,7 @@
 use super::choice::{read_form, refuse_unknown};
 use super::control::Pd;
 use super::description::body_names;
-use super::errors::{batch_index, fault, warn_as};
+use super::errors::{batch_index, fault, refuse, warn_as};
 use super::input;
 use super::input::Input;
 use super::object::{Object, imported};
@@ -12,7 +12,6 @@ use super::own_models::{OfStates, Place};
 use super::scene::PyScene;
 use super::wrenches::LinkWrenches;
 use crate::batch::Fault;
-use crate::error::Error;
 use crate::motion::properties::joint_of_row;
 use crate::motion::{FRICTION_SPEED, Limits, Method, Properties, Settings, StepFault, StopImpact, Totals};
 use crate::scene::Coupling;
@@ -211,7 +210,7 @@ impl<'py> Keywords<'py> {
         settings.limits = match self.limits.as_deref() {
             None | Some("stop") => Limits::Stop,
             Some("report") => Limits::Report,
-            Some(other) => return Err(Error::argument("limits", format!("{other:?}"), "\"stop\" or \"report\"").into()),
+            Some(other) => return refuse("limits", format!("{other:?}"), "\"stop\" or \"report\""),
         };
         self.set(&mut settings);
         if let Some(compliance) = &self.compliance {
@@ -237,8 +236,7 @@ impl<'py> Keywords<'py> {
             let Some(given) = given else { continue };
             let contacts = own.scene.contact_coefficients();
             if contacts == 0 {
-                let expected = "a scene with contacts or colliders";
-                return Err(Error::argument(name, "coefficients for a scene without contacts", expected).into());
+                return refuse(name, "coefficients for a scene without contacts", "a scene with contacts or colliders");
             }
             of_states.push((place, Input::spread(name, given, contacts.into())?));
         }
@@ -251,14 +249,14 @@ impl<'py> Keywords<'py> {
         if targets.iter().any(Option::is_some) {
             let Some(law) = pd else {
                 let expected = "targets with pd=PD(kp, kd), whose targets they are";
-                return Err(Error::argument("targets", "targets without a control law", expected).into());
+                return refuse("targets", "targets without a control law", expected);
             };
             pd = Some(law.with_targets(targets, steps, own)?);
         }
         match self.effort.as_deref() {
             None | Some("report") => {}
             Some("clip") => pd = Some(Pd::clipped(py, pd, own)?),
-            Some(other) => return Err(Error::argument("effort", format!("{other:?}"), "\"report\" or \"clip\"").into()),
+            Some(other) => return refuse("effort", format!("{other:?}"), "\"report\" or \"clip\""),
         }
         Ok((settings, pd, of_states))
     }

@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use super::choice::choose;
 use super::counts::{count, count_or, number};
-use super::errors::asked_by;
+use super::errors::{asked_by, refuse};
 use super::input::state;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
@@ -193,8 +193,7 @@ typed_methods! {
             }
             "sigma-points" => Method::SigmaPoints,
             _ => {
-                let expected = "one of \"monte-carlo\", \"sobol\", \"sigma-points\"";
-                return Err(Error::argument("method", format!("{method:?}"), expected).into());
+                return refuse("method", format!("{method:?}"), "one of \"monte-carlo\", \"sobol\", \"sigma-points\"");
             }
         };
         let estimate = detached_checked(py, || self.model.mass_matrix(method))?;
@@ -253,12 +252,7 @@ fn points_of(samples: &Object<'_>, seed: &Object<'_>, first: Option<&Object<'_>>
     let samples = count("samples", samples, 1)? as u64;
     let first = first.map_or(Ok(0), |first| number("first", first))?;
     let Some(end) = first.checked_add(samples) else {
-        return Err(Error::argument(
-            "first",
-            first.to_string(),
-            "a number of the first sample such that all are below 2^64",
-        )
-        .into());
+        return refuse("first", first.to_string(), "a number of the first sample such that all are below 2^64");
     };
     Ok((Points::random(number("seed", seed)?), first..end))
 }
