@@ -1,6 +1,6 @@
 //! Actuators: the method of `SceneBuilder` that adds them, and `Scene.actuators`.
 
-use super::builder::{PySceneBuilder, optional_triple};
+use super::builder::{Added, PySceneBuilder, optional_triple};
 use super::choice::refuse_unknown;
 use super::description::{ActuatorTuple, actuator_of, actuator_tuple};
 use super::errors::refuse;
@@ -51,12 +51,12 @@ typed_methods! {
     /// >>> builder = builder.actuator("shoulder", "j0", kp=100.0, kv=10.0).actuator("elbow", "j1", gear=50.0)
     /// >>> builder.build().actuators.names
     /// ('shoulder', 'elbow')
-    fn actuator[mut slf: PyRefMut<'py, Self>](
+    fn actuator[slf: PyRefMut<'py, Self>](
         name: String, joint: String; gear: f64 = 1.0, kp: Option<f64> = None, kv: Option<f64> = None,
         gain: Option<&Object<'py>> = None, bias: Option<&Object<'py>> = None, ctrlrange: Option<&Object<'py>> = None,
         forcerange: Option<&Object<'py>> = None, timeconst: Option<f64> = None, actrange: Option<&Object<'py>> = None,
         **unknown
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    ) -> Added<'py> {
         refuse_unknown(slf.py(), "SceneBuilder.actuator", unknown)?;
         let of = |argument: &str| format!("{argument} of actuator {name:?}");
         if (kp.is_some() || kv.is_some()) && (gain.is_some() || bias.is_some()) {
@@ -84,8 +84,7 @@ typed_methods! {
             activation: timeconst.map(|time| Ok::<_, PyErr>((time, range("actrange", actrange)?))).transpose()?,
             ..Actuator::new(name.clone(), joint, gear)
         };
-        slf.change(|builder| builder.actuator(actuator));
-        Ok(slf)
+        Self::with(slf, |builder| builder.actuator(actuator))
     }
 }
 

@@ -34,6 +34,9 @@ pub(crate) struct PySceneBuilder {
     pub(super) builder: SceneBuilder,
 }
 
+/// Result of methods that add a part: the same builder.
+pub(super) type Added<'py> = PyResult<PyRefMut<'py, PySceneBuilder>>;
+
 #[pymethods]
 impl PySceneBuilder {
     #[new]
@@ -109,10 +112,10 @@ typed_methods! {
     /// >>> builder = builder.link("ball", mass=2.0, shape=phipsi.shapes.Sphere(0.1))
     /// >>> builder.joint("free", "floating", "base", "ball").build().total_mass
     /// 2.0
-    fn link[mut slf: PyRefMut<'py, Self>](
+    fn link[slf: PyRefMut<'py, Self>](
         name: String, mass: f64 = 0.0, com: Option<&Object<'py>> = None, inertia: Option<&Object<'py>> = None;
         shape: Option<&Object<'py>> = None, collide: bool = false, friction: f64 = 1.0, **unknown
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    ) -> Added<'py> {
         refuse_unknown(slf.py(), "SceneBuilder.link", unknown)?;
         let colliders = if collide { colliders_of_link(&name, shape, friction)? } else { Vec::new() };
         let described = |shape| imported!(slf.py(), "phipsi.shapes", "to_urdf")?.call1((&name, shape))?.extract();
@@ -126,11 +129,10 @@ typed_methods! {
             }
         }
         let inertial = (mass != 0.0 || inertia.is_some()).then_some(inertial);
-        slf.change(|builder| {
+        Self::with(slf, |builder| {
             let builder = builder.link(LinkDescription { name, inertial }).with_shapes(drawn);
             colliders.into_iter().fold(builder, SceneBuilder::collider)
-        });
-        Ok(slf)
+        })
     }
 
     /// Add a joint. The links that it names may be added later.
@@ -200,7 +202,7 @@ typed_methods! {
     /// >>> scene = builder.joint("rail", "prismatic", "base", "slider", axis=(1, 0, 0), upper=0.5).build()
     /// >>> scene.limits.upper
     /// array([0.5])
-    fn joint[mut slf: PyRefMut<'py, Self>](
+    fn joint[slf: PyRefMut<'py, Self>](
         name: String, r#type: &str, parent: String, child: String; xyz: Option<&Object<'py>> = None => "(0, 0, 0)",
         rpy: Option<&Object<'py>> = None, rotation: Option<&Object<'py>> = None,
         axis: Option<&Object<'py>> = None => "(0, 0, 1)", pitch: Option<f64> = None, armature: f64 = 0.0,
@@ -209,7 +211,7 @@ typed_methods! {
         lower: Option<f64> = None, upper: Option<f64> = None, velocity: Option<f64> = None, effort: Option<f64> = None,
         acceleration: Option<f64> = None, deceleration: Option<f64> = None, jerk: Option<f64> = None,
         mimic: Option<String> = None, mimic_multiplier: f64 = 1.0, mimic_offset: f64 = 0.0, **unknown
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    ) -> Added<'py> {
         refuse_unknown(slf.py(), "SceneBuilder.joint", unknown)?;
         let of_joint = |argument: &str| format!("{argument} of joint {name:?}");
         let none = Limits::default();
@@ -242,8 +244,7 @@ typed_methods! {
             mimic: mimic.map(|joint| Mimic { joint, multiplier: mimic_multiplier, offset: mimic_offset }),
             name,
         };
-        slf.change(|builder| builder.joint(joint));
-        Ok(slf)
+        Self::with(slf, |builder| builder.joint(joint))
     }
 
     /// Attach another robot to a link by a fixed joint, such as a gripper to an arm.
@@ -273,7 +274,7 @@ typed_methods! {
     fn attach[mut slf: PyRefMut<'py, Self>](
         scene: &Bound<'py, PyScene>, link: &str; prefix: &str = "", xyz: Option<&Object<'py>> = None => "(0, 0, 0)",
         rpy: Option<&Object<'py>> = None, rotation: Option<&Object<'py>> = None, name: Option<&str> = None, **unknown
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    ) -> Added<'py> {
         let py = slf.py();
         refuse_unknown(py, "SceneBuilder.attach", unknown)?;
         let origin = frame_of(&|argument: &str| argument.to_owned(), xyz, rpy, rotation)?;
@@ -356,6 +357,15 @@ pub(super) fn rebuild_builder(description: &Object<'_>) -> PyResult<PySceneBuild
 }
 
 impl PySceneBuilder {
+    /// Adds a part.
+    pub(super) fn with<'py>(
+        mut slf: PyRefMut<'py, Self>,
+        add: impl FnOnce(SceneBuilder) -> SceneBuilder,
+    ) -> Added<'py> {
+        slf.change(add);
+        Ok(slf)
+    }
+
     /// Applies a method of the builder, which consumes and returns it.
     pub(super) fn change(&mut self, step: impl FnOnce(SceneBuilder) -> SceneBuilder) {
         self.builder = step(std::mem::take(&mut self.builder));

@@ -1,6 +1,6 @@
 //! Colliders: the methods of `SceneBuilder` that add them, and the methods of `Scene` that evaluate them.
 
-use super::builder::PySceneBuilder;
+use super::builder::{Added, PySceneBuilder};
 use super::collider_tuple::{CollisionTuple, collision_tuple, read_shape};
 use super::connection_tuple::frame_from;
 use super::object::{Object, imported};
@@ -55,14 +55,14 @@ typed_methods! {
     /// >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
     /// >>> builder.collider("ground", phipsi.shapes.HalfSpace()).build(floating_base=True).collider_names
     /// ('ball', 'ground')
-    fn collider[mut slf: PyRefMut<'py, Self>](
+    fn collider[slf: PyRefMut<'py, Self>](
         name: String, shape: &Object<'py>; link: Option<String> = None, friction: f64 = 1.0, restitution: f64 = 0.0,
         groups: u32 = 1, mask: u32 = 1
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    ) -> Added<'py> {
         let (frame, solid) = read_shape(&format!("collider {name:?}"), shape)?;
         let made = Collider::new(name, solid).with_link(link).with_frame(frame_from(frame)).with_friction(friction);
-        slf.change(|builder| builder.collider(made.with_restitution(restitution).with_groups(groups).with_mask(mask)));
-        Ok(slf)
+        let made = made.with_restitution(restitution).with_groups(groups).with_mask(mask);
+        Self::with(slf, |builder| builder.collider(made))
     }
 
     /// Let two colliders touch in any case, with values of their own.
@@ -83,12 +83,11 @@ typed_methods! {
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
     /// >>> builder = builder.collider("ground", phipsi.shapes.HalfSpace()).collider_pair("ball", "ground", friction=0.3)
-    fn collider_pair[mut slf: PyRefMut<'py, Self>](
+    fn collider_pair[slf: PyRefMut<'py, Self>](
         first: String, second: String; friction: Option<f64> = None, restitution: Option<f64> = None, margin: f64 = 0.0
-    ) -> PyRefMut<'py, Self> {
+    ) -> Added<'py> {
         let pair = ColliderPair::new(first, second).with_friction(friction).with_restitution(restitution);
-        slf.change(|builder| builder.collider_pair(pair.with_margin(margin)));
-        slf
+        Self::with(slf, |builder| builder.collider_pair(pair.with_margin(margin)))
     }
 
     /// Exclude the colliders of two links from touching each other.
@@ -102,9 +101,8 @@ typed_methods! {
     /// >>> builder = phipsi.SceneBuilder().link("a").link("b", mass=1.0).joint("hinge", "revolute", "a", "b")
     /// >>> builder.exclude("a", "b").build().nv
     /// 1
-    fn exclude[mut slf: PyRefMut<'py, Self>](first: Option<String>, second: Option<String>) -> PyRefMut<'py, Self> {
-        slf.change(|builder| builder.exclude([first, second]));
-        slf
+    fn exclude[slf: PyRefMut<'py, Self>](first: Option<String>, second: Option<String>) -> Added<'py> {
+        Self::with(slf, |builder| builder.exclude([first, second]))
     }
 
     /// Set whether the colliders of a link touch those of its parent.
@@ -115,9 +113,8 @@ typed_methods! {
     #[doc = section!(Examples)]
     /// >>> phipsi.SceneBuilder().link("a").collisions_with_parents(True).build().nv
     /// 0
-    fn collisions_with_parents[mut slf: PyRefMut<'py, Self>](allowed: bool) -> PyRefMut<'py, Self> {
-        slf.change(|builder| builder.collisions_with_parents(allowed));
-        slf
+    fn collisions_with_parents[slf: PyRefMut<'py, Self>](allowed: bool) -> Added<'py> {
+        Self::with(slf, |builder| builder.collisions_with_parents(allowed))
     }
 }
 

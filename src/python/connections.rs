@@ -1,6 +1,6 @@
 //! Closed loops: the methods of `SceneBuilder` that add connections, and the properties of `Scene.loops`.
 
-use super::builder::{PySceneBuilder, frame_of, optional_triple};
+use super::builder::{Added, PySceneBuilder, frame_of, optional_triple};
 use super::connection_tuple::kind_of;
 use super::errors::refuse;
 use super::groups::PyLoops;
@@ -54,13 +54,13 @@ typed_methods! {
     /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
     /// >>> scene.loops.names, scene.loops.jacobian([0.3, 0.2, 0.1]).shape
     /// (('pin',), (3, 3))
-    fn connect[mut slf: PyRefMut<'py, Self>](
+    fn connect[slf: PyRefMut<'py, Self>](
         name: String, kind: &str, link: String, other: Option<String> = None;
         xyz: Option<&Object<'py>> = None => "(0, 0, 0)", rpy: Option<&Object<'py>> = None,
         rotation: Option<&Object<'py>> = None, other_xyz: Option<&Object<'py>> = None,
         other_rpy: Option<&Object<'py>> = None, other_rotation: Option<&Object<'py>> = None,
         axis: Option<&Object<'py>> = None, length: Option<f64> = None
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    ) -> Added<'py> {
         let first = |argument: &str| format!("{argument} of connection {name:?}");
         let second = |argument: &str| format!("other_{argument} of connection {name:?}");
         let direction = axis.map(|_| optional_triple(&first("axis"), axis, [0.0; 3])).transpose()?;
@@ -69,8 +69,7 @@ typed_methods! {
         let own = frame_of(&first, xyz, rpy, rotation)?;
         let other_frame = if is_open { None } else { Some(frame_of(&second, other_xyz, other_rpy, other_rotation)?) };
         let connection = Connection { name, kind, link, other, frame: own, other_frame };
-        slf.change(|builder| builder.connect(connection));
-        Ok(slf)
+        Self::with(slf, |builder| builder.connect(connection))
     }
 
     /// Couple two joints by a constraint force (1 row): a coordinate is a polynomial of the other, linear by default.
@@ -106,10 +105,10 @@ typed_methods! {
     /// >>> cam = phipsi.scenes.chain(3).to_builder().couple("cam", "j2", "j0", polynomial=(0.1, 0.0, 2.0)).build()
     /// >>> cam.loops.jacobian([0.5, 0.0, 0.6])
     /// array([[-2.,  0.,  1.]])
-    fn couple[mut slf: PyRefMut<'py, Self>](
+    fn couple[slf: PyRefMut<'py, Self>](
         name: String, joint: String, other: Option<&str> = None; multiplier: Option<f64> = None => "1.0",
         offset: Option<f64> = None => "0.0", polynomial: Option<&Object<'py>> = None
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    ) -> Added<'py> {
         let polynomial = match polynomial {
             None => Polynomial::linear(multiplier.unwrap_or(1.0), offset.unwrap_or(0.0)),
             Some(given) => {
@@ -118,8 +117,7 @@ typed_methods! {
             }
         };
         let kind = ConnectionKind::Joint(polynomial);
-        slf.change(|builder| builder.connect(Connection::new(name, kind, joint, other)));
-        Ok(slf)
+        Self::with(slf, |builder| builder.connect(Connection::new(name, kind, joint, other)))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Contacts: the method of `SceneBuilder` that adds them, and the methods of `Scene.contacts` that evaluate them.
 
-use super::builder::{PySceneBuilder, frame_of, optional_triple};
+use super::builder::{Added, PySceneBuilder, frame_of, optional_triple};
 use super::choice::read_judged;
 use super::errors::refuse;
 use super::groups::PyContacts;
@@ -81,13 +81,13 @@ typed_methods! {
     /// >>> builder = builder.contact("balls", "a", friction=0.0, radius=0.1, other="b", other_radius=0.1)
     /// >>> builder.build().contacts.gaps([0, 0, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1]).round(3)
     /// array([0.1])
-    fn contact[mut slf: PyRefMut<'py, Self>](
+    fn contact[slf: PyRefMut<'py, Self>](
         name: String, link: String; friction: f64, xyz: Option<&Object<'py>> = None => "(0, 0, 0)", radius: f64 = 0.0,
         normal: Option<&Object<'py>> = None => "(0, 0, 1)", offset: f64 = 0.0, restitution: f64 = 0.0,
         other: Option<String> = None, other_xyz: Option<&Object<'py>> = None => "(0, 0, 0)",
         other_rpy: Option<&Object<'py>> = None, other_rotation: Option<&Object<'py>> = None,
         other_radius: Option<f64> = None, other_size: Option<&Object<'py>> = None
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    ) -> Added<'py> {
         let of_contact = |argument: &str| format!("{argument} of contact {name:?}");
         let of_other = |argument: &str| format!("other_{argument} of contact {name:?}");
         let point = optional_triple(&of_contact("xyz"), xyz, [0.0; 3])?.into();
@@ -105,8 +105,7 @@ typed_methods! {
         let other_frame = frame_of(&of_other, other_xyz, other_rpy, other_rotation)?;
         let contact =
             Contact { name, link, point, radius, normal, offset, other, other_frame, surface, friction, restitution };
-        slf.change(|builder| builder.contact(contact));
-        Ok(slf)
+        Self::with(slf, |builder| builder.contact(contact))
     }
 }
 

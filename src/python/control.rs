@@ -145,33 +145,23 @@ impl<'py> Pd<'py> {
             let error = Error::argument("pd.no_load_speed", "None", "a speed at which the torque from stall is zero");
             return Err(error.into());
         }
-        Ok(Self {
-            gains: [kp?, kd?],
-            motors,
-            target: target.transpose()?,
-            rate: scene.on_tree(py, rate, Coupling::rates)?,
-            effort: effort.map(|effort| limits(scene, &effort)).transpose()?,
-            limits_sum: false,
-            changing: [None, None],
-            steps: 0,
-            neutral: scene.expanded(scene.scene.neutral(), Coupling::configuration),
-        })
+        let (gains, target) = ([kp?, kd?], target.transpose()?);
+        let law = Self::of(gains, scene.on_tree(py, rate, Coupling::rates)?, scene);
+        let effort = effort.map(|effort| limits(scene, &effort)).transpose()?;
+        Ok(Self { motors, target, effort, ..law })
     }
 
     /// The law without gains, whose limits are those of the applied torque.
     fn without_gains(py: Python<'py>, scene: &PyScene) -> PyResult<Self> {
         let zero = |name| scene.on_tree(py, Input::filled(py, name, 0.0, scene.scene.nv())?, Coupling::torques);
-        Ok(Self {
-            gains: [zero("pd.kp")?, zero("pd.kd")?],
-            target: None,
-            rate: zero("pd.target_rate")?,
-            effort: None,
-            motors: [None, None],
-            limits_sum: true,
-            changing: [None, None],
-            steps: 0,
-            neutral: scene.expanded(scene.scene.neutral(), Coupling::configuration),
-        })
+        Ok(Self::of([zero("pd.kp")?, zero("pd.kd")?], zero("pd.target_rate")?, scene))
+    }
+
+    /// A law of gains and target velocity alone.
+    fn of(gains: [Input<'py>; 2], rate: Input<'py>, scene: &PyScene) -> Self {
+        let neutral = scene.expanded(scene.scene.neutral(), Coupling::configuration);
+        let (motors, changing) = ([None, None], [None, None]);
+        Self { gains, target: None, rate, effort: None, motors, limits_sum: false, changing, steps: 0, neutral }
     }
 
     /// Limits the sum of the law, which may not be given, and of the applied torque to the limits of the scene, and to

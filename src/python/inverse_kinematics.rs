@@ -225,8 +225,7 @@ impl PyScene {
             return refuse("tasks", "no task", "at least one task of phipsi.tasks");
         }
         let mut inputs = vec![self.configuration(name, q)?];
-        let mut fixed = Vec::with_capacity(given.len());
-        let mut rest = Vec::new();
+        let (mut all, mut rest) = (Vec::with_capacity(given.len()), Vec::new());
         for (kind, name, on, point, axis, position, rotation, target, width, relative_to) in given {
             if kind == "distance" {
                 let pair = relative_to.map(|second| [on, second]);
@@ -235,15 +234,10 @@ impl PyScene {
                     self.scene.check_collider_pair(&format!("{name}.pair"), pair)?;
                     let goal = Goal::Distance { pair, lower: f64::NAN };
                     let task = Task { goal, position, rotation, relative_to: None };
-                    task.check_deviations(fixed.len())?;
-                    let input = Input::new(format!("{name}.lower"), &target, width)?;
+                    task.check_deviations(all.len())?;
                     // The index of every other task is that of the caller.
-                    if at == 0 {
-                        fixed.push(task);
-                        inputs.push(input);
-                    } else {
-                        rest.push((task, input));
-                    }
+                    let to = if at == 0 { &mut all } else { &mut rest };
+                    to.push((task, Input::new(format!("{name}.lower"), &target, width)?));
                 }
                 continue;
             }
@@ -252,14 +246,11 @@ impl PyScene {
                 let frame = self.scene.frame(&link.as_str().into());
                 task.relative_to = Some(frame.map_err(|error| error.of_argument(&format!("{name}.relative_to")))?);
             }
-            task.check_deviations(fixed.len())?;
-            fixed.push(task);
-            inputs.push(Input::new(format!("{name}.target"), &target, width)?);
+            task.check_deviations(all.len())?;
+            all.push((task, Input::new(format!("{name}.target"), &target, width)?));
         }
-        for (task, input) in rest {
-            fixed.push(task);
-            inputs.push(input);
-        }
+        let (fixed, targets): (_, Vec<_>) = all.into_iter().chain(rest).unzip();
+        inputs.extend(targets);
         Ok((fixed, inputs))
     }
 

@@ -304,8 +304,7 @@ impl PyScene {
     /// >>> phipsi.Scene.from_pinocchio(model).nv
     /// 6
     #[staticmethod]
-    #[pyo3(signature = (model, *, gravity=None, strict=false, leave_out=None),
-           text_signature = "(model, *, gravity=None, strict=False, leave_out=None)")]
+    #[pyo3(signature = (model, *, gravity=None, strict=false, leave_out=None))]
     fn from_pinocchio<'py>(
         py: Python<'py>,
         model: &Object<'py>,

@@ -1,6 +1,6 @@
 //! Starts and keyframes: the method of `SceneBuilder` that adds them, and the methods of `Scene` that return them.
 
-use super::builder::PySceneBuilder;
+use super::builder::{Added, PySceneBuilder};
 use super::choice::items;
 use super::errors::refuse;
 use super::input;
@@ -36,12 +36,11 @@ typed_methods! {
     /// >>> scene = builder.start({"j2": -1.0}, {"j0": 0.1}, keyframe="kick").build()
     /// >>> scene.initial(), scene.initial("kick"), scene.initial_velocity("kick")
     /// (array([0. , 0.5, 0. ]), array([ 0. ,  0.5, -1. ]), array([0.1, 0. , 0. ]))
-    fn start[mut slf: PyRefMut<'py, Self>](
+    fn start[slf: PyRefMut<'py, Self>](
         q: Option<&Object<'py>> = None, qd: Option<&Object<'py>> = None; keyframe: Option<&str> = None
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    ) -> Added<'py> {
         let start = Start::new(keyframe).with_q(by_joint("q", q)?).with_qd(by_joint("qd", qd)?);
-        slf.change(|builder| builder.start(start));
-        Ok(slf)
+        Self::with(slf, |builder| builder.start(start))
     }
 }
 
