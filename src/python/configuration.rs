@@ -62,7 +62,6 @@ impl PyScene {
     #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).neutral()
     /// array([0., 0., 0.])
-    #[pyo3(signature = ())]
     fn neutral<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])
     }

@@ -189,7 +189,6 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> scene.without_constraints().loops.names
     /// ()
-    #[pyo3(signature = ())]
     fn without_constraints(&self, py: Python<'_>) -> PyResult<Self> {
         self.derived(py, || self.scene.without_constraints())
     }

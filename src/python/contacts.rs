@@ -208,7 +208,6 @@ impl PyScene {
     /// >>> scene = builder.contact("foot", "ball", friction=0.5).build(floating_base=True)
     /// >>> scene.without_contacts().contacts.names
     /// ()
-    #[pyo3(signature = ())]
     fn without_contacts(&self, py: Python<'_>) -> PyResult<Self> {
         self.derived(py, || self.scene.without_contacts())
     }

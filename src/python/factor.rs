@@ -163,8 +163,9 @@ impl PyScene {
     }
 }
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    in PyScene;
+
     /// Factorize the mass matrix at q, to solve and multiply with it, and for the operators of the paper (3.1, 3.6).
     #[doc = parameters!(q form tolerance)]
     #[doc = section!(Returns)]
@@ -176,12 +177,8 @@ impl PyScene {
     /// >>> factor = scene.factor([0.3, 0.2, 0.1])
     /// >>> np.allclose(factor.mul(factor.solve([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0])
     /// True
-    #[pyo3(signature = (q, *, form="auto", tolerance=None))]
-    fn factor<'py>(
-        slf: &Bound<'py, Self>,
-        q: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
+    fn factor[slf: &Bound<'py, Self>](
+        q: &Object<'py>; form: &str = "auto", tolerance: Option<f64> = None
     ) -> PyResult<Object<'py>> {
         imported!(slf.py(), "phipsi.operators", "Factor")?.call1((rebuild_factor(slf, q, form, tolerance)?,))
     }

@@ -272,13 +272,8 @@ impl PyScene {
             let shapes = rollout.shape_contacts();
             fields.set_item("contacts", contact_motion(slf, rows, (&shapes, every))?)?;
         }
-        let last = |of: &dyn Fn(usize) -> Vec<f64>, width: usize, rates: bool| -> PyResult<Object<'py>> {
-            let values: Vec<f64> = (0..states).flat_map(of).collect();
-            own.of_scene(from_numbers(py, &values, &[&batch[..], &[width]].concat())?, rates)
-        };
-        let ends =
-            (last(&|i| rollout.state(i).0.to_vec(), nq, false)?, last(&|i| rollout.state(i).1.to_vec(), nv, true)?);
-        fields.set_item("end", ends)?;
+        let [end_q, end_qd] = [false, true].map(|is_rate| current(py, &rollout, (own, &batch), is_rate));
+        fields.set_item("end", (end_q?, end_qd?))?;
         let whole = (own.of_scene(out_q.finish().into_any(), false)?, own.of_scene(out_qd.finish().into_any(), true)?);
         let trajectory = imported!(py, "phipsi._motion", "trajectory_of")?.call(whole, Some(&fields))?;
         match (stopped, covariance) {
@@ -450,24 +445,28 @@ fn advanced(
     detached(py, || rollout.advance(steps, torque, Some(records))).map_err(Stopped::Signal)?.map_err(Stopped::Fault)
 }
 
+/// The current configurations or joint velocities of all states, as those of the scene.
+fn current<'py>(
+    py: Python<'py>,
+    rollout: &Rollout<&Scene>,
+    (own, batch): (&PyScene, &[usize]),
+    is_rate: bool,
+) -> PyResult<Object<'py>> {
+    let (name, width) = if is_rate { ("qd", own.scene.tree().nv()) } else { ("q", own.scene.tree().nq()) };
+    let mut numbers = memory::with_capacity(name, rollout.states() * width)?;
+    for state in 0..rollout.states() {
+        let (q, qd) = rollout.state(state);
+        numbers.extend_from_slice(if is_rate { qd } else { q });
+    }
+    own.of_scene(from_numbers(py, &numbers, &[batch, &[width]].concat())?, is_rate)
+}
+
 /// Calls the function of the caller for the torques at the current states.
 fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<&Scene>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
-    let py = tau.py();
-    let states = rollout.states();
-    let (nq, nv) = (plan.own.scene.tree().nq(), plan.own.scene.tree().nv());
-    let mut q = memory::with_capacity("q", states * nq)?;
-    let mut qd = memory::with_capacity("qd", states * nv)?;
-    for state in 0..rollout.states() {
-        let (own_q, own_qd) = rollout.state(state);
-        q.extend_from_slice(own_q);
-        qd.extend_from_slice(own_qd);
-    }
-    let of_scene = |numbers: &[f64], width: usize, rates: bool| {
-        plan.own.of_scene(from_numbers(py, numbers, &[plan.batch, &[width]].concat())?, rates)
-    };
+    let (py, of) = (tau.py(), (plan.own, plan.batch));
     #[allow(clippy::cast_precision_loss)] // a time
     let t = rollout.steps() as f64 * plan.dt;
-    let value = tau.call1((t, of_scene(&q, nq, false)?, of_scene(&qd, nv, true)?))?;
+    let value = tau.call1((t, current(py, rollout, of, false)?, current(py, rollout, of, true)?))?;
     let tau = Input::new("tau(t, q, qd)", &value, plan.own.rates())?;
     check_finite("tau(t, q, qd)", tau.data()?)?;
     plan.own.on_tree(py, tau, Coupling::torques)

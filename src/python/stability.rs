@@ -41,7 +41,6 @@ impl PyExact {
 #[pymethods]
 impl PyExact {
     #[new]
-    #[pyo3(signature = (scene, quantity, q, qd, u))]
     fn new(
         scene: &Bound<'_, PyScene>,
         quantity: &str,
@@ -76,7 +75,6 @@ impl PyExact {
     ///
     /// method: one of FORMS; for other quantities than forward dynamics, the recursion of the library. After a failure,
     /// the errors are NaN and the reason is a text, otherwise None.
-    #[pyo3(signature = (method))]
     fn error<'py>(&self, py: Python<'py>, method: &str) -> PyResult<(f64, Object<'py>, Option<&'static str>)> {
         let method = choose("method", method, FORMS)?;
         let (scene, state, exact) = (&self.scene.get().scene, self.state(), &self.exact);
@@ -91,7 +89,6 @@ impl PyExact {
     }
 
     /// Median time (ns) of a method of forward dynamics on this state over repeats calls.
-    #[pyo3(signature = (method, repeats))]
     fn time(&self, py: Python<'_>, method: &str, repeats: &Object<'_>) -> PyResult<f64> {
         let repeats = count("repeats", repeats, 1)?;
         let method = choose("method", method, FORMS)?;

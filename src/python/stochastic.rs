@@ -268,7 +268,6 @@ fn at_most(name: &str, count: usize) -> Result<usize, Error> {
 /// route: one of ROUTES; samples and seed: for "monte-carlo" and "sobol" (a power of two); repeats: number of
 /// timings. The error is in the Frobenius norm.
 #[pyfunction(name = "emergence")]
-#[pyo3(signature = (scene, q, route, samples, seed, repeats))]
 pub(super) fn emergence_of(
     py: Python<'_>,
     scene: &PyScene,
