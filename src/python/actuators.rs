@@ -84,7 +84,7 @@ typed_methods! {
             activation: timeconst.map(|time| Ok::<_, PyErr>((time, range("actrange", actrange)?))).transpose()?,
             ..Actuator::new(name.clone(), joint, gear)
         };
-        Self::with(slf, |builder| builder.actuator(actuator))
+        Ok(Self::with(slf, |builder| builder.actuator(actuator)))
     }
 }
 

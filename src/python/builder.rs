@@ -3,7 +3,7 @@
 use super::choice::{choose, read_mimic, refuse_unknown};
 use super::collider_tuple::colliders_of_link;
 use super::cost::WORTH_DETACHING;
-use super::description::{Description, counted, joint_kind, left_out};
+use super::description::{Description, counted, joint_kind, left_out, limits_as_array, limits_from};
 use super::errors::refuse;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
@@ -129,10 +129,10 @@ typed_methods! {
             }
         }
         let inertial = (mass != 0.0 || inertia.is_some()).then_some(inertial);
-        Self::with(slf, |builder| {
+        Ok(Self::with(slf, |builder| {
             let builder = builder.link(LinkDescription { name, inertial }).with_shapes(drawn);
             colliders.into_iter().fold(builder, SceneBuilder::collider)
-        })
+        }))
     }
 
     /// Add a joint. The links that it names may be added later.
@@ -214,7 +214,8 @@ typed_methods! {
     ) -> Added<'py> {
         refuse_unknown(slf.py(), "SceneBuilder.joint", unknown)?;
         let of_joint = |argument: &str| format!("{argument} of joint {name:?}");
-        let none = Limits::default();
+        let limits = [lower, upper, velocity, effort, acceleration, deceleration, jerk];
+        let none = limits_as_array(&Limits::default());
         let kind = joint_kind(&name, r#type, pitch)?;
         let rest = match rest {
             None => Vec::new(),
@@ -232,19 +233,11 @@ typed_methods! {
             friction,
             friction_curve: FrictionCurve { offset: friction_offset, stribeck, stribeck_speed, load: load_friction },
             spring: Spring { stiffness, rest },
-            limits: Limits {
-                lower: lower.unwrap_or(none.lower),
-                upper: upper.unwrap_or(none.upper),
-                velocity: velocity.unwrap_or(none.velocity),
-                effort: effort.unwrap_or(none.effort),
-                acceleration: acceleration.unwrap_or(none.acceleration),
-                deceleration: deceleration.unwrap_or(none.deceleration),
-                jerk: jerk.unwrap_or(none.jerk),
-            },
+            limits: limits_from(std::array::from_fn(|at| limits[at].unwrap_or(none[at]))),
             mimic: mimic.map(|joint| Mimic { joint, multiplier: mimic_multiplier, offset: mimic_offset }),
             name,
         };
-        Self::with(slf, |builder| builder.joint(joint))
+        Ok(Self::with(slf, |builder| builder.joint(joint)))
     }
 
     /// Attach another robot to a link by a fixed joint, such as a gripper to an arm.
@@ -358,12 +351,12 @@ pub(super) fn rebuild_builder(description: &Object<'_>) -> PyResult<PySceneBuild
 
 impl PySceneBuilder {
     /// Adds a part.
-    pub(super) fn with<'py>(
-        mut slf: PyRefMut<'py, Self>,
+    pub(super) fn with(
+        mut slf: PyRefMut<'_, Self>,
         add: impl FnOnce(SceneBuilder) -> SceneBuilder,
-    ) -> Added<'py> {
+    ) -> PyRefMut<'_, Self> {
         slf.change(add);
-        Ok(slf)
+        slf
     }
 
     /// Applies a method of the builder, which consumes and returns it.

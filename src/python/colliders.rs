@@ -62,7 +62,7 @@ typed_methods! {
         let (frame, solid) = read_shape(&format!("collider {name:?}"), shape)?;
         let made = Collider::new(name, solid).with_link(link).with_frame(frame_from(frame)).with_friction(friction);
         let made = made.with_restitution(restitution).with_groups(groups).with_mask(mask);
-        Self::with(slf, |builder| builder.collider(made))
+        Ok(Self::with(slf, |builder| builder.collider(made)))
     }
 
     /// Let two colliders touch in any case, with values of their own.
@@ -85,7 +85,7 @@ typed_methods! {
     /// >>> builder = builder.collider("ground", phipsi.shapes.HalfSpace()).collider_pair("ball", "ground", friction=0.3)
     fn collider_pair[slf: PyRefMut<'py, Self>](
         first: String, second: String; friction: Option<f64> = None, restitution: Option<f64> = None, margin: f64 = 0.0
-    ) -> Added<'py> {
+    ) -> PyRefMut<'py, Self> {
         let pair = ColliderPair::new(first, second).with_friction(friction).with_restitution(restitution);
         Self::with(slf, |builder| builder.collider_pair(pair.with_margin(margin)))
     }
@@ -101,7 +101,7 @@ typed_methods! {
     /// >>> builder = phipsi.SceneBuilder().link("a").link("b", mass=1.0).joint("hinge", "revolute", "a", "b")
     /// >>> builder.exclude("a", "b").build().nv
     /// 1
-    fn exclude[slf: PyRefMut<'py, Self>](first: Option<String>, second: Option<String>) -> Added<'py> {
+    fn exclude[slf: PyRefMut<'py, Self>](first: Option<String>, second: Option<String>) -> PyRefMut<'py, Self> {
         Self::with(slf, |builder| builder.exclude([first, second]))
     }
 
@@ -113,7 +113,7 @@ typed_methods! {
     #[doc = section!(Examples)]
     /// >>> phipsi.SceneBuilder().link("a").collisions_with_parents(True).build().nv
     /// 0
-    fn collisions_with_parents[slf: PyRefMut<'py, Self>](allowed: bool) -> Added<'py> {
+    fn collisions_with_parents[slf: PyRefMut<'py, Self>](allowed: bool) -> PyRefMut<'py, Self> {
         Self::with(slf, |builder| builder.collisions_with_parents(allowed))
     }
 }

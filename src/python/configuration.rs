@@ -1,10 +1,11 @@
 //! Methods of `Scene`: configurations on the manifold, and joint limits.
 
+use super::description::limits_as_array;
 use super::object::{Object, imported};
 use super::output::{from_numbers, property};
 use super::scene::PyScene;
-use crate::scene::Limits;
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 
 /// Approximate time per body and state, ns.
 const COST: usize = 30;
@@ -73,20 +74,11 @@ impl PyScene {
     /// limits="report"; limits of effort are those of PD(effort=True) and effort="clip". The others are reported only.
     #[getter]
     fn limits<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        let column = |of: fn(&Limits) -> f64| {
-            let joints = self.scene.joints().iter();
-            let numbers: Vec<f64> =
-                joints.flat_map(|joint| std::iter::repeat_n(of(&joint.limits), joint.v.len())).collect();
-            property(py, &numbers, &[self.scene.nv()])
-        };
-        imported!(py, "phipsi._results", "Limits")?.call1((
-            column(|limits| limits.lower)?,
-            column(|limits| limits.upper)?,
-            column(|limits| limits.velocity)?,
-            column(|limits| limits.effort)?,
-            column(|limits| limits.acceleration)?,
-            column(|limits| limits.deceleration)?,
-            column(|limits| limits.jerk)?,
-        ))
+        let joints = self.scene.joints().iter();
+        let rows = joints.flat_map(|joint| std::iter::repeat_n(limits_as_array(&joint.limits), joint.v.len()));
+        let rows: Vec<[f64; 7]> = rows.collect();
+        let column = |at: usize| property(py, &rows.iter().map(|row| row[at]).collect::<Vec<_>>(), &[rows.len()]);
+        let columns = (0..7).map(column).collect::<PyResult<Vec<_>>>()?;
+        imported!(py, "phipsi._results", "Limits")?.call1(PyTuple::new(py, columns)?)
     }
 }

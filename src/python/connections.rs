@@ -69,7 +69,7 @@ typed_methods! {
         let own = frame_of(&first, xyz, rpy, rotation)?;
         let other_frame = if is_open { None } else { Some(frame_of(&second, other_xyz, other_rpy, other_rotation)?) };
         let connection = Connection { name, kind, link, other, frame: own, other_frame };
-        Self::with(slf, |builder| builder.connect(connection))
+        Ok(Self::with(slf, |builder| builder.connect(connection)))
     }
 
     /// Couple two joints by a constraint force (1 row): a coordinate is a polynomial of the other, linear by default.
@@ -117,7 +117,7 @@ typed_methods! {
             }
         };
         let kind = ConnectionKind::Joint(polynomial);
-        Self::with(slf, |builder| builder.connect(Connection::new(name, kind, joint, other)))
+        Ok(Self::with(slf, |builder| builder.connect(Connection::new(name, kind, joint, other))))
     }
 }
 

@@ -105,7 +105,7 @@ typed_methods! {
         let other_frame = frame_of(&of_other, other_xyz, other_rpy, other_rotation)?;
         let contact =
             Contact { name, link, point, radius, normal, offset, other, other_frame, surface, friction, restitution };
-        Self::with(slf, |builder| builder.contact(contact))
+        Ok(Self::with(slf, |builder| builder.contact(contact)))
     }
 }
 

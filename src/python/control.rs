@@ -148,7 +148,7 @@ impl<'py> Pd<'py> {
         let (gains, target) = ([kp?, kd?], target.transpose()?);
         let law = Self::of(gains, scene.on_tree(py, rate, Coupling::rates)?, scene);
         let effort = effort.map(|effort| limits(scene, &effort)).transpose()?;
-        Ok(Self { motors, target, effort, ..law })
+        Ok(Self { target, effort, motors, ..law })
     }
 
     /// The law without gains, whose limits are those of the applied torque.

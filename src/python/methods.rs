@@ -1,4 +1,5 @@
-//! The declarations of methods whose arguments are arrays of a state and the keywords that many methods share.
+//! The declarations of methods and properties in Python. An argument stands once: what PyO3 reads, and the signature
+//! that Python shows, are made from it.
 
 /// Methods of `Scene` for Python: `fn name(arrays; keywords) => function(what);` calls a function of the scene with
 /// `what`, the arrays and the [`Keywords`](super::keywords::Keywords); `|scene, py, keywords| body` has its own body.
@@ -97,34 +98,24 @@ macro_rules! methods_in_python {
 }
 
 /// The name of an argument in Python.
+#[rustfmt::skip]
 macro_rules! name_of {
-    (r#type) => {
-        "type"
-    };
-    ($name:ident) => {
-        stringify!($name)
-    };
+    (r#type) => { "type" };
+    ($name:ident) => { stringify!($name) };
 }
 
 /// A default as `inspect.signature` shows it.
+#[rustfmt::skip]
 macro_rules! shown {
-    (true) => {
-        "True"
-    };
-    (false) => {
-        "False"
-    };
-    ($usual:tt) => {
-        stringify!($usual)
-    };
-    ($usual:tt, $shown:literal) => {
-        $shown
-    };
+    (true) => { "True" };
+    (false) => { "False" };
+    ($usual:tt) => { stringify!($usual) };
+    ($usual:tt, $shown:literal) => { $shown };
 }
 
 /// Methods of a class whose arguments stand once: `fn name[receiver](positional; keywords) -> Result { body }`, each
 /// argument as `name: Type = default`. `=>`: the default as signatures show it; `**name`: other keywords, which they do
-/// not show.
+/// not show. Python takes the signature from the first line of the docstring.
 macro_rules! typed_methods {
     (in $class:ident; $(
         $(#[$meta:meta])*

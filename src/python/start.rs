@@ -40,7 +40,7 @@ typed_methods! {
         q: Option<&Object<'py>> = None, qd: Option<&Object<'py>> = None; keyframe: Option<&str> = None
     ) -> Added<'py> {
         let start = Start::new(keyframe).with_q(by_joint("q", q)?).with_qd(by_joint("qd", qd)?);
-        Self::with(slf, |builder| builder.start(start))
+        Ok(Self::with(slf, |builder| builder.start(start)))
     }
 }
 
