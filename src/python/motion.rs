@@ -8,7 +8,7 @@ use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
-use super::output::{Output, from_numbers, property};
+use super::output::{Output, property};
 use super::own_models;
 use super::scene::PyScene;
 use super::stepping::{Allowed, BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits, warn_of_start};
@@ -272,8 +272,8 @@ impl PyScene {
             let shapes = rollout.shape_contacts();
             fields.set_item("contacts", contact_motion(slf, rows, (&shapes, every))?)?;
         }
-        let [end_q, end_qd] = [false, true].map(|is_rate| current(py, &rollout, (own, &batch), is_rate));
-        fields.set_item("end", (end_q?, end_qd?))?;
+        let end = |is_rate| own.of_states(py, &batch, (0..states).map(|state| rollout.state(state)), is_rate);
+        fields.set_item("end", (end(false)?, end(true)?))?;
         let whole = (own.of_scene(out_q.finish().into_any(), false)?, own.of_scene(out_qd.finish().into_any(), true)?);
         let trajectory = imported!(py, "phipsi._motion", "trajectory_of")?.call(whole, Some(&fields))?;
         match (stopped, covariance) {
@@ -445,28 +445,13 @@ fn advanced(
     detached(py, || rollout.advance(steps, torque, Some(records))).map_err(Stopped::Signal)?.map_err(Stopped::Fault)
 }
 
-/// The current configurations or joint velocities of all states, as those of the scene.
-fn current<'py>(
-    py: Python<'py>,
-    rollout: &Rollout<&Scene>,
-    (own, batch): (&PyScene, &[usize]),
-    is_rate: bool,
-) -> PyResult<Object<'py>> {
-    let (name, width) = if is_rate { ("qd", own.scene.tree().nv()) } else { ("q", own.scene.tree().nq()) };
-    let mut numbers = memory::with_capacity(name, rollout.states() * width)?;
-    for state in 0..rollout.states() {
-        let (q, qd) = rollout.state(state);
-        numbers.extend_from_slice(if is_rate { qd } else { q });
-    }
-    own.of_scene(from_numbers(py, &numbers, &[batch, &[width]].concat())?, is_rate)
-}
-
 /// Calls the function of the caller for the torques at the current states.
 fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<&Scene>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
-    let (py, of) = (tau.py(), (plan.own, plan.batch));
+    let (py, states) = (tau.py(), || (0..rollout.states()).map(|state| rollout.state(state)));
+    let now = |is_rate| plan.own.of_states(py, plan.batch, states(), is_rate);
     #[allow(clippy::cast_precision_loss)] // a time
     let t = rollout.steps() as f64 * plan.dt;
-    let value = tau.call1((t, current(py, rollout, of, false)?, current(py, rollout, of, true)?))?;
+    let value = tau.call1((t, now(false)?, now(true)?))?;
     let tau = Input::new("tau(t, q, qd)", &value, plan.own.rates())?;
     check_finite("tau(t, q, qd)", tau.data()?)?;
     plan.own.on_tree(py, tau, Coupling::torques)

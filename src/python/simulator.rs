@@ -53,12 +53,6 @@ impl Borrow<Scene> for Held {
     }
 }
 
-/// Accessor of the configuration or the joint velocities of a state.
-type Part = for<'a> fn(&'a Simulator<Held>, usize) -> &'a [f64];
-
-const CONFIGURATION: Part = |moving, state| moving.state(state).0;
-const RATES: Part = |moving, state| moving.state(state).1;
-
 /// States that are advanced by calls of step, for controllers, learning and real-time loops.
 ///
 /// Create it with Scene.simulator. The batch has the axes to which q, qd and the targets of pd broadcast; large
@@ -191,22 +185,16 @@ impl PySimulator {
         free(&self.moving, "simulator", expected)
     }
 
-    /// Array of one part of every state, with the given axes between batch and width.
+    /// Configurations or joint velocities of all states, with the given axes after the batch.
     fn of_all<'py>(
         &self,
         py: Python<'py>,
         moving: &Simulator<Held>,
         between: &[usize],
-        (width, of): (usize, Part),
+        is_rate: bool,
     ) -> PyResult<Object<'py>> {
-        let own = self.scene.get();
-        let is_rate = std::ptr::fn_addr_eq(of, RATES);
-        if self.batch.is_empty() && between.is_empty() {
-            return own.of_scene(from_numbers(py, of(moving, 0), &[width])?, is_rate);
-        }
-        let mut output = Output::new(py, &[&self.batch[..], between, &[width]].concat())?;
-        output.gather(py, width, (0..moving.states()).map(|state| of(moving, state)))?;
-        own.of_scene(output.finish().into_any(), is_rate)
+        let states = (0..moving.states()).map(|state| moving.state(state));
+        self.scene.get().of_states(py, &[&self.batch[..], between].concat(), states, is_rate)
     }
 
     /// Advances all states; long runs release the GIL and check for signals between blocks.
@@ -295,8 +283,7 @@ impl PySimulator {
         if let Some(contacts) = self.contacts_now(py, moving, &[1])? {
             fields.set_item("contacts", contacts)?;
         }
-        let (nq, nv) = (moving.scene().nq(), moving.scene().nv());
-        let rows = (self.of_all(py, moving, &[1], (nq, CONFIGURATION))?, self.of_all(py, moving, &[1], (nv, RATES))?);
+        let rows = (self.of_all(py, moving, &[1], false)?, self.of_all(py, moving, &[1], true)?);
         imported!(py, "phipsi._motion", "only_now")?.call(rows, Some(&fields))
     }
 }
@@ -414,7 +401,7 @@ typed_methods! {
         let (q, qd) = (q.over(&axes)?, qd.over(&axes)?);
         let mut guard = self.moving()?;
         let moving = &mut *guard;
-        let outcome = if chosen.len() * self.width() < RESET_AT_ONCE {
+        let outcome = if chosen.len() * (own.scene.nq() + own.scene.nv()) < RESET_AT_ONCE {
             moving.reset(&chosen, &q, &qd)
         } else {
             detached(py, || moving.reset(&chosen, &q, &qd))?
@@ -460,20 +447,6 @@ impl PySimulator {
         self.advance(py, &Torque::Constant(tau.over(&self.batch)?), steps)
     }
 
-    /// Current joint positions, (..., nq), rad or m, a copy.
-    #[getter]
-    pub(super) fn q<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        let moving = self.moving()?;
-        self.of_all(py, &moving, &[], (moving.scene().nq(), CONFIGURATION))
-    }
-
-    /// Current joint velocities, (..., nv), rad/s or m/s, a copy.
-    #[getter]
-    pub(super) fn qd<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        let moving = self.moving()?;
-        self.of_all(py, &moving, &[], (moving.scene().nv(), RATES))
-    }
-
     /// Time since the start or last reset of each state, (...), s: a float for one state, otherwise an array.
     #[getter]
     fn t<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
@@ -501,13 +474,6 @@ impl PySimulator {
         stop_impacts(py, &self.batch, self.scene.get(), &impacts)
     }
 
-    /// Contact forces of the last step and impulses since the start, a ContactMotion; None without contacts.
-    #[getter]
-    fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
-        let moving = self.moving()?;
-        self.contacts_now(py, &moving, &[])
-    }
-
     fn __repr__(&self) -> PyResult<String> {
         let moving = self.moving()?;
         let (dt, method) = (self.dt, self.method.name());
@@ -518,6 +484,15 @@ impl PySimulator {
 
 getters! {
     in PySimulator;
+
+    /// Current joint positions, (..., nq), rad or m, a copy.
+    pub(super) q: PyResult<Object<'py>> = |of, py| of.of_all(py, &*of.moving()?, &[], false);
+
+    /// Current joint velocities, (..., nv), rad/s or m/s, a copy.
+    pub(super) qd: PyResult<Object<'py>> = |of, py| of.of_all(py, &*of.moving()?, &[], true);
+
+    /// Contact forces of the last step and impulses since the start, a ContactMotion; None without contacts.
+    contacts: PyResult<Option<Object<'py>>> = |of, py| of.contacts_now(py, &*of.moving()?, &[]);
 
     /// Controls of the actuators, (..., n), a copy; None without control.
     pub(super) control: PyResult<Option<Object<'py>>> = |of, py| of.of_drive(py, "control");
@@ -548,12 +523,6 @@ impl PySimulator {
     fn of_drive<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Object<'py>>> {
         let part = |drive: &Py<PyAny>| drive.bind(py).getattr(name)?.call_method0("copy");
         self.drive.as_ref().map(part).transpose()
-    }
-
-    /// Number of values per state.
-    fn width(&self) -> usize {
-        let scene = &self.scene.get().scene;
-        scene.nq() + scene.nv()
     }
 
     /// Indices of all states.
