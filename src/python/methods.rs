@@ -113,11 +113,20 @@ macro_rules! shown {
     ($usual:tt, $shown:literal) => { $shown };
 }
 
+/// Arguments in parentheses and the end of the signature in a docstring: first `$self`, if any.
+#[rustfmt::skip]
+macro_rules! listed {
+    ([$($this:tt)?] $($part:tt)*) => { listed!($($this)? $($part)*) };
+    (($($first:tt)*) $(($($other:tt)*))*) => { concat!("(", $($first)* $(, ", ", $($other)*)*, ")\n--\n") };
+}
+
 /// Methods of a class whose arguments stand once: `fn name[receiver](positional; keywords) -> Result { body }`, each
 /// argument as `name: Type = default`. `=>`: the default as signatures show it; `**name`: other keywords, which they do
-/// not show. Python takes the signature from the first line of the docstring.
+/// not show. Python takes the signature from the first line of the docstring. `static in`: methods without an object.
 macro_rules! typed_methods {
-    (in $class:ident; $(
+    (in $class:ident; $($methods:tt)*) => { typed_methods!(@ [("$self")] $class; $($methods)*); };
+    (static in $class:ident; $($methods:tt)*) => { typed_methods!(@ [] $class; $($methods)*); };
+    (@ $this:tt $class:ident; $(
         $(#[$meta:meta])*
         fn $name:ident[$($receiver:tt)*](
             $($first:ident: $kind:ty $(= $usual:tt $(=> $shown:literal)?)?),*
@@ -129,12 +138,10 @@ macro_rules! typed_methods {
         #[allow(clippy::elidable_lifetime_names, clippy::extra_unused_lifetimes)] // of some types
         impl $class {
             $(
-                #[doc = concat!(
-                    stringify!($name), "($self"
-                    $(, ", ", name_of!($first) $(, "=", shown!($usual $(, $shown)?))?)*
-                    $(, ", *" $(, ", ", stringify!($keyword) $(, "=", shown!($value $(, $text)?))?)*)?
-                    , ")\n--\n"
-                )]
+                #[doc = concat!(stringify!($name), listed!(
+                    $this $((name_of!($first) $(, "=", shown!($usual $(, $shown)?))?))*
+                    $(("*") $((stringify!($keyword) $(, "=", shown!($value $(, $text)?))?))*)?
+                ))]
                 $(#[$meta])*
                 #[pyo3(
                     signature = ($($first $(= $usual)?,)* $(*, $($keyword $(= $value)?,)*)? $(**$rest)?),

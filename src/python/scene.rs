@@ -109,8 +109,9 @@ impl PyScene {
     }
 }
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    static in PyScene;
+
     /// Create the scene of a URDF file or text.
     #[doc = section!(Parameters)]
     /// source : str or os.PathLike
@@ -156,19 +157,10 @@ impl PyScene {
     /// >>> scene.joint_names[:2], scene.nv
     /// (('root_joint', 'joint1'), 12)
     #[staticmethod]
-    #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None, mimic="free",
-                        contacts=None),
-           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None, \
-                             mimic='free', contacts=None)")]
-    fn from_urdf<'py>(
-        py: Python<'py>,
-        source: &Object<'py>,
-        floating_base: bool,
-        gravity: Option<&Object<'py>>,
-        strict: bool,
-        leave_out: Option<&Object<'py>>,
-        mimic: &str,
-        contacts: Option<&Object<'py>>,
+    fn from_urdf[py: Python<'py>](
+        source: &Object<'py>; floating_base: bool = false, gravity: Option<&Object<'py>> = None => "(0, 0, -9.81)",
+        strict: bool = false, leave_out: Option<&Object<'py>> = None, mimic: &str = "free",
+        contacts: Option<&Object<'py>> = None
     ) -> PyResult<Object<'py>> {
         let mimic = read_mimic(mimic)?;
         let given = source;
@@ -259,16 +251,10 @@ impl PyScene {
     /// >>> scene.joint_names
     /// ('hinge',)
     #[staticmethod]
-    #[pyo3(signature = (source, *, gravity=None, strict=false, leave_out=None, ignore=None, contacts=None),
-           text_signature = "(source, *, gravity=None, strict=False, leave_out=None, ignore=(), contacts=None)")]
-    fn from_mujoco<'py>(
-        py: Python<'py>,
-        source: &Object<'py>,
-        gravity: Option<&Object<'py>>,
-        strict: bool,
-        leave_out: Option<&Object<'py>>,
-        ignore: Option<&Object<'py>>,
-        contacts: Option<&Object<'py>>,
+    fn from_mujoco[py: Python<'py>](
+        source: &Object<'py>; gravity: Option<&Object<'py>> = None, strict: bool = false,
+        leave_out: Option<&Object<'py>> = None, ignore: Option<&Object<'py>> = None => "()",
+        contacts: Option<&Object<'py>> = None
     ) -> PyResult<Object<'py>> {
         let ignored = ignore.map(|ignore| names("ignore", ignore, "a list of names")).transpose()?.unwrap_or_default();
         imported!(py, "phipsi.mujoco", "read")?.call1((source, gravity, strict, leave_out, ignored, contacts))
@@ -304,17 +290,16 @@ impl PyScene {
     /// >>> phipsi.Scene.from_pinocchio(model).nv
     /// 6
     #[staticmethod]
-    #[pyo3(signature = (model, *, gravity=None, strict=false, leave_out=None))]
-    fn from_pinocchio<'py>(
-        py: Python<'py>,
-        model: &Object<'py>,
-        gravity: Option<&Object<'py>>,
-        strict: bool,
-        leave_out: Option<&Object<'py>>,
+    fn from_pinocchio[py: Python<'py>](
+        model: &Object<'py>; gravity: Option<&Object<'py>> = None, strict: bool = false,
+        leave_out: Option<&Object<'py>> = None
     ) -> PyResult<Object<'py>> {
         imported!(py, "phipsi.pinocchio", "read")?.call1((model, gravity, strict, leave_out))
     }
+}
 
+#[pymethods]
+impl PyScene {
     /// Inertial parameters of the bodies, (bodies, 10), read-only: mass, mass moments and moments of inertia.
     ///
     /// Row b belongs to the link body_names[b] with the links fixed to it. The parameters are (m, m cx, m cy, m cz,
