@@ -134,78 +134,6 @@ methods! {
         scene.warn_of_linkage(py)?;
         imported!(py, "phipsi._results", "constrained_dynamics")?.call1((results, nv, scene.rows_by_name(py)?))
     }
-}
-
-typed_methods! {
-    in PyLoops;
-
-    /// Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
-    #[doc = parameters!(q)]
-    /// qd : (..., nv) array_like, optional
-    ///     Joint velocities, rad/s or m/s.
-    #[doc = entries!(compliance models errors)]
-    #[doc = section!(Returns)]
-    /// projection : Projection
-    ///     Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
-    #[doc = section!(Raises)]
-    /// ConstraintError
-    ///     An error remains: no small displacement closes the connections. Attributes: .connections, .residual and
-    ///     .state.
-    #[doc = entries!(singular arguments)]
-    #[doc = section!(Warns)]
-    /// LinkageWarning
-    ///     Once per scene: rows count as dependent that are not dependent within rounding, or axes of a loop are nearly
-    ///     parallel.
-    #[doc = section!(Notes)]
-    /// Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy and at most 0.5 rad or m per joint;
-    /// velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
-    /// half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
-    ///
-    /// Combinations of rows that move joints by less than tolerance count as dependent if the rank of the
-    /// intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
-    /// at most 10 times the tolerance; error has them.
-    #[doc = section!(Examples)]
-    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-    /// >>> closed = scene.loops.project([0.0, 0.1, 0.3])
-    /// >>> np.allclose(scene.loops.error(closed.q), 0.0)
-    /// True
-    fn project[&self, py: Python<'py>](
-        q: &Object<'py>, qd: Option<&Object<'py>> = None; compliance: Option<&Object<'py>> = None,
-        inertias: Option<&Object<'py>> = None, armature: Option<&Object<'py>> = None, errors: &str = "raise"
-    ) -> PyResult<Object<'py>> {
-        let of = self.as_scene();
-        let (nq, nv) = (of.scene.nq(), of.scene.nv());
-        let mut inputs = vec![of.configuration("q", q)?];
-        inputs.extend(qd.map(|qd| of.rate("qd", qd)).transpose()?);
-        let is_moving = qd.is_some();
-        let given_way = inputs.len();
-        inputs.extend(compliance.map(|compliance| of.compliance(compliance)).transpose()?);
-        let is_compliant = compliance.is_some();
-        let width = nq + if is_moving { nv } else { 0 };
-        let keywords = Keywords { errors, inertias, armature, ..Keywords::none() };
-        let call = of.call_by(inputs, 5 * of.cost_of_rows(), &keywords)?;
-        let mut output = call.output(py, &[width + 1], None, super::output::Output::new)?;
-        call.each_state(py, output.numbers()?, |scene, scratch, given, out| {
-            let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
-            let (state, rank) = out.split_at_mut(width);
-            let (own_q, own_qd) = state.split_at_mut(nq);
-            own_q.copy_from_slice(given(0));
-            if is_moving {
-                own_qd.copy_from_slice(given(1));
-            }
-            let compliance = if is_compliant { given(given_way) } else { &[] };
-            let found = scene.project_compliant(workspace, rows, own_q, is_moving.then_some(own_qd), compliance)?;
-            #[allow(clippy::cast_precision_loss)] // a count
-            rank.fill(found.rank as f64);
-            Ok(())
-        })?;
-        of.warn_of_linkage(py)?;
-        imported!(py, "phipsi._results", "projection")?.call1((output.finish(), nq, is_moving))
-    }
-}
-
-methods! {
-    in PyLoops;
 
     /// Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
     #[doc = parameters!(q qd qdd)]
@@ -275,6 +203,74 @@ methods! {
             let (workspace, rows, _) = scratch.through_connections(scene, form);
             scene.constrained_mass_matrix_inverse(workspace, rows, q, out)
         }).map(Bound::into_any)
+    }
+}
+
+typed_methods! {
+    in PyLoops;
+
+    /// Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
+    #[doc = parameters!(q)]
+    /// qd : (..., nv) array_like, optional
+    ///     Joint velocities, rad/s or m/s.
+    #[doc = entries!(compliance models errors)]
+    #[doc = section!(Returns)]
+    /// projection : Projection
+    ///     Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
+    #[doc = section!(Raises)]
+    /// ConstraintError
+    ///     An error remains: no small displacement closes the connections. Attributes: .connections, .residual and
+    ///     .state.
+    #[doc = entries!(singular arguments)]
+    #[doc = section!(Warns)]
+    /// LinkageWarning
+    ///     Once per scene: rows count as dependent that are not dependent within rounding, or axes of a loop are nearly
+    ///     parallel.
+    #[doc = section!(Notes)]
+    /// Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy and at most 0.5 rad or m per joint;
+    /// velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
+    /// half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
+    ///
+    /// Combinations of rows that move joints by less than tolerance count as dependent if the rank of the
+    /// intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
+    /// at most 10 times the tolerance; error has them.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> closed = scene.loops.project([0.0, 0.1, 0.3])
+    /// >>> np.allclose(scene.loops.error(closed.q), 0.0)
+    /// True
+    fn project[&self, py: Python<'py>](
+        q: &Object<'py>, qd: Option<&Object<'py>> = None; compliance: Option<&Object<'py>> = None,
+        inertias: Option<&Object<'py>> = None, armature: Option<&Object<'py>> = None, errors: &str = "raise"
+    ) -> PyResult<Object<'py>> {
+        let of = self.as_scene();
+        let (nq, nv) = (of.scene.nq(), of.scene.nv());
+        let mut inputs = vec![of.configuration("q", q)?];
+        inputs.extend(qd.map(|qd| of.rate("qd", qd)).transpose()?);
+        let is_moving = qd.is_some();
+        let given_way = inputs.len();
+        inputs.extend(compliance.map(|compliance| of.compliance(compliance)).transpose()?);
+        let is_compliant = compliance.is_some();
+        let width = nq + if is_moving { nv } else { 0 };
+        let keywords = Keywords { errors, inertias, armature, ..Keywords::none() };
+        let call = of.call_by(inputs, 5 * of.cost_of_rows(), &keywords)?;
+        let mut output = call.output(py, &[width + 1], None, Output::new)?;
+        call.each_state(py, output.numbers()?, |scene, scratch, given, out| {
+            let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
+            let (state, rank) = out.split_at_mut(width);
+            let (own_q, own_qd) = state.split_at_mut(nq);
+            own_q.copy_from_slice(given(0));
+            if is_moving {
+                own_qd.copy_from_slice(given(1));
+            }
+            let compliance = if is_compliant { given(given_way) } else { &[] };
+            let found = scene.project_compliant(workspace, rows, own_q, is_moving.then_some(own_qd), compliance)?;
+            #[allow(clippy::cast_precision_loss)] // a count
+            rank.fill(found.rank as f64);
+            Ok(())
+        })?;
+        of.warn_of_linkage(py)?;
+        imported!(py, "phipsi._results", "projection")?.call1((output.finish(), nq, is_moving))
     }
 }
 

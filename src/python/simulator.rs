@@ -337,7 +337,6 @@ typed_methods! {
     /// >>> simulator.step([0.5, 0.0, 0.0], steps=100)
     /// >>> bool(simulator.qd[0] > 0.0)
     /// True
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn step[slf: &Bound<'py, Self>](
         tau: Option<&Object<'py>> = None, steps: Steps = ONE => "1"; target: Option<&Object<'py>> = None,
         target_rate: Option<&Object<'py>> = None, control: Option<&Object<'py>> = None,
