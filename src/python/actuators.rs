@@ -1,18 +1,19 @@
 //! Actuators: the method of `SceneBuilder` that adds them, and `Scene.actuators`.
 
-use super::builder::{PySceneBuilder, optional_triple};
+use super::builder::{Added, PySceneBuilder, optional_triple};
 use super::choice::refuse_unknown;
 use super::description::{ActuatorTuple, actuator_of, actuator_tuple};
+use super::errors::refuse;
 use super::input;
 use super::object::{Object, imported};
 use super::scene::PyScene;
-use crate::error::Error;
 use crate::scene::Actuator;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-#[pymethods]
-impl PySceneBuilder {
+typed_methods! {
+    in PySceneBuilder;
+
     /// Add an actuator of a joint with one degree of freedom, or replace the one with the same name.
     #[doc = section!(Parameters)]
     /// name : str
@@ -50,29 +51,16 @@ impl PySceneBuilder {
     /// >>> builder = builder.actuator("shoulder", "j0", kp=100.0, kv=10.0).actuator("elbow", "j1", gear=50.0)
     /// >>> builder.build().actuators.names
     /// ('shoulder', 'elbow')
-    #[pyo3(signature = (name, joint, *, gear=1.0, kp=None, kv=None, gain=None, bias=None, ctrlrange=None,
-                        forcerange=None, timeconst=None, actrange=None, **unknown),
-           text_signature = "($self, name, joint, *, gear=1.0, kp=None, kv=None, gain=None, bias=None, \
-                             ctrlrange=None, forcerange=None, timeconst=None, actrange=None)")]
-    fn actuator<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        joint: String,
-        gear: f64,
-        kp: Option<f64>,
-        kv: Option<f64>,
-        gain: Option<&Object<'py>>,
-        bias: Option<&Object<'py>>,
-        ctrlrange: Option<&Object<'py>>,
-        forcerange: Option<&Object<'py>>,
-        timeconst: Option<f64>,
-        actrange: Option<&Object<'py>>,
-        unknown: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    fn actuator[slf: PyRefMut<'py, Self>](
+        name: String, joint: String; gear: f64 = 1.0, kp: Option<f64> = None, kv: Option<f64> = None,
+        gain: Option<&Object<'py>> = None, bias: Option<&Object<'py>> = None, ctrlrange: Option<&Object<'py>> = None,
+        forcerange: Option<&Object<'py>> = None, timeconst: Option<f64> = None, actrange: Option<&Object<'py>> = None,
+        **unknown
+    ) -> Added<'py> {
         refuse_unknown(slf.py(), "SceneBuilder.actuator", unknown)?;
         let of = |argument: &str| format!("{argument} of actuator {name:?}");
         if (kp.is_some() || kv.is_some()) && (gain.is_some() || bias.is_some()) {
-            return Err(Error::argument(of("gain"), "kp or kv, and gain or bias", "one of the two pairs").into());
+            return refuse(of("gain"), "kp or kv, and gain or bias", "one of the two pairs");
         }
         let range = |argument: &str, value: Option<&Object<'py>>| -> PyResult<[f64; 2]> {
             let Some(value) = value else { return Ok([f64::NEG_INFINITY, f64::INFINITY]) };
@@ -86,7 +74,7 @@ impl PySceneBuilder {
             (None, None) => (1.0, [0.0; 3]),
         };
         if timeconst.is_none() && actrange.is_some() {
-            return Err(Error::argument(of("actrange"), "a range without a time constant", "timeconst too").into());
+            return refuse(of("actrange"), "a range without a time constant", "timeconst too");
         }
         let actuator = Actuator {
             gain: optional_triple(&of("gain"), gain, [factor, 0.0, 0.0])?,
@@ -96,10 +84,12 @@ impl PySceneBuilder {
             activation: timeconst.map(|time| Ok::<_, PyErr>((time, range("actrange", actrange)?))).transpose()?,
             ..Actuator::new(name.clone(), joint, gear)
         };
-        slf.change(|builder| builder.actuator(actuator));
-        Ok(slf)
+        Ok(Self::with(slf, |builder| builder.actuator(actuator)))
     }
+}
 
+#[pymethods]
+impl PySceneBuilder {
     /// Sets all actuators, for readers in Python.
     fn _set_actuators(&mut self, actuators: Vec<ActuatorTuple>) {
         self.change(|builder| builder.with_actuators(actuators.into_iter().map(actuator_of).collect()));

@@ -3,12 +3,12 @@
 use super::choice::{choose, read_mimic, refuse_unknown};
 use super::collider_tuple::colliders_of_link;
 use super::cost::WORTH_DETACHING;
-use super::description::{Description, counted, joint_kind, left_out};
+use super::description::{Description, counted, joint_kind, left_out, limits_as_array, limits_from};
+use super::errors::refuse;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
 use super::scene::PyScene;
 use super::{errors, input};
-use crate::error::Error;
 use crate::scene::{FrictionCurve, Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Rotation3};
@@ -34,12 +34,51 @@ pub(crate) struct PySceneBuilder {
     pub(super) builder: SceneBuilder,
 }
 
+/// Result of methods that add a part: the same builder.
+pub(super) type Added<'py> = PyResult<PyRefMut<'py, PySceneBuilder>>;
+
 #[pymethods]
 impl PySceneBuilder {
     #[new]
     fn new() -> Self {
         Self { builder: SceneBuilder::new() }
     }
+
+    /// Sets the file of the scenes of this builder, for readers in Python.
+    fn _set_file(&mut self, file: PathBuf) {
+        self.change(|builder| builder.with_file(Some(file)));
+    }
+
+    /// Adds a text with shapes that are drawn, for readers in Python.
+    fn _add_shapes(&mut self, text: String) {
+        self.change(|builder| builder.with_shapes([text]));
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
+        let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_builder")?;
+        Ok((rebuild, (Description::of(&slf.borrow().builder)?,)))
+    }
+
+    fn __copy__(&self) -> Self {
+        Self { builder: self.builder.clone() }
+    }
+
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(&self, memo: &Object<'_>) -> Self {
+        let _ = memo;
+        self.__copy__()
+    }
+
+    fn __repr__(&self) -> String {
+        let (links, joints) = (self.builder.links().len(), self.builder.joints().len());
+        let closed = counted(self.builder.connections().len(), "connections");
+        let touching = counted(self.builder.contacts().len(), "contacts");
+        format!("<phipsi.SceneBuilder: {links} links, {joints} joints{closed}{touching}>")
+    }
+}
+
+typed_methods! {
+    in PySceneBuilder;
 
     /// Add a link.
     #[doc = section!(Parameters)]
@@ -73,20 +112,10 @@ impl PySceneBuilder {
     /// >>> builder = builder.link("ball", mass=2.0, shape=phipsi.shapes.Sphere(0.1))
     /// >>> builder.joint("free", "floating", "base", "ball").build().total_mass
     /// 2.0
-    #[pyo3(signature = (name, mass=0.0, com=None, inertia=None, *, shape=None, collide=false, friction=1.0, **unknown),
-           text_signature = "($self, name, mass=0.0, com=None, inertia=None, *, shape=None, collide=False, \
-                             friction=1.0)")]
-    fn link<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        mass: f64,
-        com: Option<&Object<'py>>,
-        inertia: Option<&Object<'py>>,
-        shape: Option<&Object<'py>>,
-        collide: bool,
-        friction: f64,
-        unknown: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    fn link[slf: PyRefMut<'py, Self>](
+        name: String, mass: f64 = 0.0, com: Option<&Object<'py>> = None, inertia: Option<&Object<'py>> = None;
+        shape: Option<&Object<'py>> = None, collide: bool = false, friction: f64 = 1.0, **unknown
+    ) -> Added<'py> {
         refuse_unknown(slf.py(), "SceneBuilder.link", unknown)?;
         let colliders = if collide { colliders_of_link(&name, shape, friction)? } else { Vec::new() };
         let described = |shape| imported!(slf.py(), "phipsi.shapes", "to_urdf")?.call1((&name, shape))?.extract();
@@ -100,11 +129,10 @@ impl PySceneBuilder {
             }
         }
         let inertial = (mass != 0.0 || inertia.is_some()).then_some(inertial);
-        slf.change(|builder| {
+        Ok(Self::with(slf, |builder| {
             let builder = builder.link(LinkDescription { name, inertial }).with_shapes(drawn);
             colliders.into_iter().fold(builder, SceneBuilder::collider)
-        });
-        Ok(slf)
+        }))
     }
 
     /// Add a joint. The links that it names may be added later.
@@ -174,51 +202,20 @@ impl PySceneBuilder {
     /// >>> scene = builder.joint("rail", "prismatic", "base", "slider", axis=(1, 0, 0), upper=0.5).build()
     /// >>> scene.limits.upper
     /// array([0.5])
-    #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
-                        armature=0.0, damping=0.0, friction=0.0, friction_offset=0.0, stribeck=0.0,
-                        stribeck_speed=0.1, load_friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None,
-                        velocity=None, effort=None, acceleration=None, deceleration=None, jerk=None, mimic=None,
-                        mimic_multiplier=1.0, mimic_offset=0.0, **unknown),
-           text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, axis=(0, \
-                             0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, friction_offset=0.0, \
-                             stribeck=0.0, stribeck_speed=0.1, load_friction=0.0, stiffness=0.0, rest=None, \
-                             lower=None, upper=None, velocity=None, effort=None, acceleration=None, deceleration=None, \
-                             jerk=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0)")]
-    fn joint<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        r#type: &str,
-        parent: String,
-        child: String,
-        xyz: Option<&Object<'py>>,
-        rpy: Option<&Object<'py>>,
-        rotation: Option<&Object<'py>>,
-        axis: Option<&Object<'py>>,
-        pitch: Option<f64>,
-        armature: f64,
-        damping: f64,
-        friction: f64,
-        friction_offset: f64,
-        stribeck: f64,
-        stribeck_speed: f64,
-        load_friction: f64,
-        stiffness: f64,
-        rest: Option<&Object<'py>>,
-        lower: Option<f64>,
-        upper: Option<f64>,
-        velocity: Option<f64>,
-        effort: Option<f64>,
-        acceleration: Option<f64>,
-        deceleration: Option<f64>,
-        jerk: Option<f64>,
-        mimic: Option<String>,
-        mimic_multiplier: f64,
-        mimic_offset: f64,
-        unknown: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    fn joint[slf: PyRefMut<'py, Self>](
+        name: String, r#type: &str, parent: String, child: String; xyz: Option<&Object<'py>> = None => "(0, 0, 0)",
+        rpy: Option<&Object<'py>> = None, rotation: Option<&Object<'py>> = None,
+        axis: Option<&Object<'py>> = None => "(0, 0, 1)", pitch: Option<f64> = None, armature: f64 = 0.0,
+        damping: f64 = 0.0, friction: f64 = 0.0, friction_offset: f64 = 0.0, stribeck: f64 = 0.0,
+        stribeck_speed: f64 = 0.1, load_friction: f64 = 0.0, stiffness: f64 = 0.0, rest: Option<&Object<'py>> = None,
+        lower: Option<f64> = None, upper: Option<f64> = None, velocity: Option<f64> = None, effort: Option<f64> = None,
+        acceleration: Option<f64> = None, deceleration: Option<f64> = None, jerk: Option<f64> = None,
+        mimic: Option<String> = None, mimic_multiplier: f64 = 1.0, mimic_offset: f64 = 0.0, **unknown
+    ) -> Added<'py> {
         refuse_unknown(slf.py(), "SceneBuilder.joint", unknown)?;
         let of_joint = |argument: &str| format!("{argument} of joint {name:?}");
-        let none = Limits::default();
+        let limits = [lower, upper, velocity, effort, acceleration, deceleration, jerk];
+        let none = limits_as_array(&Limits::default());
         let kind = joint_kind(&name, r#type, pitch)?;
         let rest = match rest {
             None => Vec::new(),
@@ -236,20 +233,11 @@ impl PySceneBuilder {
             friction,
             friction_curve: FrictionCurve { offset: friction_offset, stribeck, stribeck_speed, load: load_friction },
             spring: Spring { stiffness, rest },
-            limits: Limits {
-                lower: lower.unwrap_or(none.lower),
-                upper: upper.unwrap_or(none.upper),
-                velocity: velocity.unwrap_or(none.velocity),
-                effort: effort.unwrap_or(none.effort),
-                acceleration: acceleration.unwrap_or(none.acceleration),
-                deceleration: deceleration.unwrap_or(none.deceleration),
-                jerk: jerk.unwrap_or(none.jerk),
-            },
+            limits: limits_from(std::array::from_fn(|at| limits[at].unwrap_or(none[at]))),
             mimic: mimic.map(|joint| Mimic { joint, multiplier: mimic_multiplier, offset: mimic_offset }),
             name,
         };
-        slf.change(|builder| builder.joint(joint));
-        Ok(slf)
+        Ok(Self::with(slf, |builder| builder.joint(joint)))
     }
 
     /// Attach another robot to a link by a fixed joint, such as a gripper to an arm.
@@ -276,19 +264,10 @@ impl PySceneBuilder {
     /// >>> builder = arm.to_builder().attach(gripper, "link2", prefix="finger_", xyz=(0, 0, 0.3))
     /// >>> builder.build().joint_names
     /// ('j0', 'j1', 'j2', 'finger_j0', 'finger_j1')
-    #[pyo3(signature = (scene, link, *, prefix="", xyz=None, rpy=None, rotation=None, name=None, **unknown),
-           text_signature = "($self, scene, link, *, prefix='', xyz=(0, 0, 0), rpy=None, rotation=None, name=None)")]
-    fn attach<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        scene: &Bound<'py, PyScene>,
-        link: &str,
-        prefix: &str,
-        xyz: Option<&Object<'py>>,
-        rpy: Option<&Object<'py>>,
-        rotation: Option<&Object<'py>>,
-        name: Option<&str>,
-        unknown: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    fn attach[mut slf: PyRefMut<'py, Self>](
+        scene: &Bound<'py, PyScene>, link: &str; prefix: &str = "", xyz: Option<&Object<'py>> = None => "(0, 0, 0)",
+        rpy: Option<&Object<'py>> = None, rotation: Option<&Object<'py>> = None, name: Option<&str> = None, **unknown
+    ) -> Added<'py> {
         let py = slf.py();
         refuse_unknown(py, "SceneBuilder.attach", unknown)?;
         let origin = frame_of(&|argument: &str| argument.to_owned(), xyz, rpy, rotation)?;
@@ -338,16 +317,9 @@ impl PySceneBuilder {
     /// >>> scene = builder.build(floating_base=True, gravity=(0, 0, 0))
     /// >>> scene.nv
     /// 6
-    #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None, mimic=None, tolerance=None))]
-    fn build(
-        &self,
-        py: Python<'_>,
-        floating_base: Option<bool>,
-        gravity: Option<&Object<'_>>,
-        strict: Option<bool>,
-        leave_out: Option<&Object<'_>>,
-        mimic: Option<&str>,
-        tolerance: Option<f64>,
+    fn build[&self, py: Python<'py>](
+        floating_base: Option<bool> = None, gravity: Option<&Object<'py>> = None, strict: Option<bool> = None;
+        leave_out: Option<&Object<'py>> = None, mimic: Option<&str> = None, tolerance: Option<f64> = None
     ) -> PyResult<PyScene> {
         let mimic = mimic.map(read_mimic).transpose()?;
         let simplifications = leave_out.map(|given| left_out(Some(given))).transpose()?;
@@ -368,38 +340,6 @@ impl PySceneBuilder {
         errors::warn(py, &scene)?;
         Ok(PyScene::new(scene))
     }
-
-    /// Sets the file of the scenes of this builder, for readers in Python.
-    fn _set_file(&mut self, file: PathBuf) {
-        self.change(|builder| builder.with_file(Some(file)));
-    }
-
-    /// Adds a text with shapes that are drawn, for readers in Python.
-    fn _add_shapes(&mut self, text: String) {
-        self.change(|builder| builder.with_shapes([text]));
-    }
-
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
-        let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_builder")?;
-        Ok((rebuild, (Description::of(&slf.borrow().builder)?,)))
-    }
-
-    fn __copy__(&self) -> Self {
-        Self { builder: self.builder.clone() }
-    }
-
-    #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(&self, memo: &Object<'_>) -> Self {
-        let _ = memo;
-        self.__copy__()
-    }
-
-    fn __repr__(&self) -> String {
-        let (links, joints) = (self.builder.links().len(), self.builder.joints().len());
-        let closed = counted(self.builder.connections().len(), "connections");
-        let touching = counted(self.builder.contacts().len(), "contacts");
-        format!("<phipsi.SceneBuilder: {links} links, {joints} joints{closed}{touching}>")
-    }
 }
 
 /// Rebuilds a builder from the result of SceneBuilder.__reduce__.
@@ -410,6 +350,15 @@ pub(super) fn rebuild_builder(description: &Object<'_>) -> PyResult<PySceneBuild
 }
 
 impl PySceneBuilder {
+    /// Adds a part.
+    pub(super) fn with(
+        mut slf: PyRefMut<'_, Self>,
+        add: impl FnOnce(SceneBuilder) -> SceneBuilder,
+    ) -> PyRefMut<'_, Self> {
+        slf.change(add);
+        slf
+    }
+
     /// Applies a method of the builder, which consumes and returns it.
     pub(super) fn change(&mut self, step: impl FnOnce(SceneBuilder) -> SceneBuilder) {
         self.builder = step(std::mem::take(&mut self.builder));
@@ -455,8 +404,7 @@ fn symmetric(name: &str, value: &Object<'_>) -> PyResult<Symmetric3<f64>> {
     let m = matrix(name, value)?;
     let defect = (m - m.transpose()).amax();
     if defect > ASYMMETRY * m.amax() {
-        let found = format!("a matrix whose two triangles differ by {defect:.1e}");
-        return Err(Error::argument(name, found, "a symmetric matrix").into());
+        return refuse(name, format!("a matrix whose two triangles differ by {defect:.1e}"), "a symmetric matrix");
     }
     Ok(Symmetric3::from_upper(&m))
 }
@@ -485,8 +433,6 @@ fn orientation(
             Ok(*Rotation3::from_euler_angles(roll, pitch, yaw).matrix())
         }
         (None, Some(rotation)) => matrix(&of_joint("rotation"), rotation),
-        (Some(_), Some(_)) => {
-            Err(Error::argument(of_joint("rotation"), "rpy and rotation", "either rpy or rotation").into())
-        }
+        (Some(_), Some(_)) => refuse(of_joint("rotation"), "rpy and rotation", "either rpy or rotation"),
     }
 }

@@ -3,7 +3,7 @@
 use super::bad_states::Errors;
 use super::cost::{Cost, WORTH_RELEASING};
 use super::dtype::Dtype;
-use super::errors::{asked_by, fault};
+use super::errors::{asked_by, fault, refuse};
 use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
@@ -163,7 +163,7 @@ impl<'py> BatchCall<'_, 'py> {
     pub fn scratch_results(&self, py: Python<'py>, width: usize) -> PyResult<Output<'py>> {
         memory::room(&self.asking(), memory::bytes_of::<f64>(&[self.states, width, 2]))?;
         let Some(entries) = self.states.checked_mul(width) else {
-            return Err(Error::argument(self.asking(), "more numbers than memory can address", "fewer states").into());
+            return refuse(self.asking(), "more numbers than memory can address", "fewer states");
         };
         asked_by(py, &self.asking(), Output::new(py, &[entries]))
     }

@@ -6,13 +6,11 @@ use super::scene::PyScene;
 use crate::algorithm::KinematicQuantity;
 use pyo3::prelude::*;
 
-#[pymethods]
-impl PyScene {
+getters! {
+    in PyScene;
+
     /// Mass of all moving links, kg: links fixed to them included, links fixed to the base and armature excluded.
-    #[getter]
-    fn total_mass(&self) -> f64 {
-        self.scene.total_mass()
-    }
+    total_mass: f64 = |of, _| of.scene.total_mass();
 }
 
 methods! {

@@ -12,8 +12,9 @@ use crate::scene::{Inertial, Joint, Property, Scene};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping};
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    in PyScene;
+
     /// Create a builder that has the links, joints, gravity, base and simplifications of the scene.
     #[doc = section!(Returns)]
     /// builder : SceneBuilder
@@ -22,8 +23,7 @@ impl PyScene {
     /// >>> builder = phipsi.scenes.chain(3).to_builder().link("tool", mass=0.2)
     /// >>> builder.joint("flange", "fixed", "link2", "tool").build().total_mass
     /// 3.2
-    #[pyo3(signature = ())]
-    fn to_builder(&self) -> PySceneBuilder {
+    fn to_builder[&self]() -> PySceneBuilder {
         PySceneBuilder { builder: self.scene.source().clone() }
     }
 
@@ -49,19 +49,11 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3).with_properties(armature=0.01, damping={"j2": 0.5})
     /// >>> scene.armature, scene.damping
     /// (array([0.01, 0.01, 0.01]), array([0. , 0. , 0.5]))
-    #[pyo3(signature = (*, armature=None, damping=None, friction=None, stiffness=None, friction_offset=None, stribeck=None,
-                        stribeck_speed=None, load_friction=None))]
-    fn with_properties(
-        &self,
-        py: Python<'_>,
-        armature: Option<&Object<'_>>,
-        damping: Option<&Object<'_>>,
-        friction: Option<&Object<'_>>,
-        stiffness: Option<&Object<'_>>,
-        friction_offset: Option<&Object<'_>>,
-        stribeck: Option<&Object<'_>>,
-        stribeck_speed: Option<&Object<'_>>,
-        load_friction: Option<&Object<'_>>,
+    fn with_properties[&self, py: Python<'py>](
+        ; armature: Option<&Object<'py>> = None, damping: Option<&Object<'py>> = None,
+        friction: Option<&Object<'py>> = None, stiffness: Option<&Object<'py>> = None,
+        friction_offset: Option<&Object<'py>> = None, stribeck: Option<&Object<'py>> = None,
+        stribeck_speed: Option<&Object<'py>> = None, load_friction: Option<&Object<'py>> = None
     ) -> PyResult<Self> {
         let mut changes = Vec::new();
         let all = [armature, damping, friction, stiffness, friction_offset, stribeck, stribeck_speed, load_friction];
@@ -95,16 +87,9 @@ impl PyScene {
     #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).with_payload("link2", 0.5, com=(0, 0, 0.3)).total_mass
     /// 3.5
-    #[pyo3(signature = (link, mass, com=None, inertia=None, **unknown),
-           text_signature = "($self, link, mass, com=(0, 0, 0), inertia=None)")]
-    fn with_payload(
-        &self,
-        py: Python<'_>,
-        link: &str,
-        mass: f64,
-        com: Option<&Object<'_>>,
-        inertia: Option<&Object<'_>>,
-        unknown: Option<&Bound<'_, PyDict>>,
+    fn with_payload[&self, py: Python<'py>](
+        link: &str, mass: f64, com: Option<&Object<'py>> = None => "(0, 0, 0)", inertia: Option<&Object<'py>> = None,
+        **unknown
     ) -> PyResult<Self> {
         refuse_unknown(py, "Scene.with_payload", unknown)?;
         let payload = inertial(&str::to_owned, mass, com, inertia)?;
@@ -126,8 +111,7 @@ impl PyScene {
     #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(5).subtree("link1").joint_names
     /// ('j2', 'j3', 'j4')
-    #[pyo3(signature = (link, *, floating_base=false))]
-    fn subtree(&self, py: Python<'_>, link: &str, floating_base: bool) -> PyResult<Self> {
+    fn subtree[&self, py: Python<'py>](link: &str; floating_base: bool = false) -> PyResult<Self> {
         self.changed(py, self.scene.subtree(link, floating_base)?)
     }
 
@@ -151,12 +135,14 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> scene.rerooted("link2").joint_names
     /// ('j2', 'j1', 'j0')
-    #[pyo3(signature = (link, *, floating_base=None))]
-    fn rerooted(&self, py: Python<'_>, link: &str, floating_base: Option<bool>) -> PyResult<Self> {
+    fn rerooted[&self, py: Python<'py>](link: &str; floating_base: Option<bool> = None) -> PyResult<Self> {
         let floating = floating_base.unwrap_or(self.scene.source().is_floating());
         self.changed(py, self.scene.rerooted(link, floating)?)
     }
+}
 
+#[pymethods]
+impl PyScene {
     /// Create a scene with other inertial parameters of all bodies, such as those of one member of a population.
     #[doc = section!(Parameters)]
     /// parameters : (bodies, 10) array_like

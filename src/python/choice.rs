@@ -2,6 +2,7 @@
 
 pub(super) use crate::error::choose;
 
+use super::errors::refuse;
 use super::object::{Object, imported};
 use crate::algorithm::Algorithm;
 use crate::error::{Error, name_in};
@@ -82,7 +83,7 @@ pub(super) fn names(argument: &str, given: &Object<'_>, expected: &str) -> PyRes
     let read = || given.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect();
     match if is_none { None } else { read() } {
         Some(names) => Ok(names),
-        None => Err(Error::argument(argument, given.repr()?.to_string(), expected).into()),
+        None => refuse(argument, given.repr()?.to_string(), expected),
     }
 }
 
@@ -96,7 +97,7 @@ pub(super) fn items<'py>(
     for item in mapping.items()? {
         let (key, value): (Object<'py>, Object<'py>) = item.extract()?;
         let Ok(key) = key.extract::<String>() else {
-            return Err(Error::argument(argument, format!("the key {}", key.repr()?), expected).into());
+            return refuse(argument, format!("the key {}", key.repr()?), expected);
         };
         items.push((key, value));
     }

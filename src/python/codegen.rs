@@ -1,6 +1,7 @@
 //! Methods of `Scene`: code generation.
 
 use super::choice::names;
+use super::errors::refuse;
 use super::links::read_frame;
 use super::object::{Object, imported};
 use super::scene::PyScene;
@@ -11,8 +12,9 @@ use crate::scene::Scene;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyString};
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    in PyScene;
+
     /// Generate C99 code for the dynamics of this robot, which depends on libm only.
     #[doc = parameters!(directory)]
     /// name : str, default "robot"
@@ -61,27 +63,14 @@ impl PyScene {
     /// >>> files = phipsi.scenes.chain(3).to_c(name="arm", functions=["forward_dynamics"])
     /// >>> sorted(files)
     /// ['Makefile', 'arm.c', 'arm.h', 'test_arm.c']
-    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64", batches=false,
-                        tolerance=None))]
-    fn to_c<'py>(
-        &self,
-        py: Python<'py>,
-        directory: Option<&Object<'py>>,
-        name: &str,
-        functions: Option<&Object<'py>>,
-        dtype: &str,
-        batches: bool,
-        tolerance: Option<f64>,
+    fn to_c[&self, py: Python<'py>](
+        directory: Option<&Object<'py>> = None; name: &str = "robot", functions: Option<&Object<'py>> = None,
+        dtype: &str = "float64", batches: bool = false, tolerance: Option<f64> = None
     ) -> PyResult<Bound<'py, PyDict>> {
         let (width, functions) = (read_width(dtype)?, read_functions(&self.scene, functions)?);
         if tolerance.is_some() && !functions.iter().any(|function| WATCHED.contains(function)) {
             let found = format!("{} for functions without a margin", number(tolerance.unwrap_or_default()));
-            return Err(Error::argument(
-                "tolerance",
-                found,
-                "one of the functions that end in _watched, or no tolerance",
-            )
-            .into());
+            return refuse("tolerance", found, "one of the functions that end in _watched, or no tolerance");
         }
         written(py, directory, sources_accepting(&self.scene, name, &functions, (width, batches), tolerance)?)
     }
@@ -110,13 +99,8 @@ impl PyScene {
     /// >>> files = phipsi.scenes.chain(3).to_rust(functions=["mass_matrix"])
     /// >>> "pub fn mass_matrix" in files["src/dynamics.rs"]
     /// True
-    #[pyo3(signature = (directory=None, *, name="robot", functions=None))]
-    fn to_rust<'py>(
-        &self,
-        py: Python<'py>,
-        directory: Option<&Object<'py>>,
-        name: &str,
-        functions: Option<&Object<'py>>,
+    fn to_rust[&self, py: Python<'py>](
+        directory: Option<&Object<'py>> = None; name: &str = "robot", functions: Option<&Object<'py>> = None
     ) -> PyResult<Bound<'py, PyDict>> {
         written(py, directory, rust_sources(&self.scene, name, &read_functions(&self.scene, functions)?)?)
     }
@@ -142,14 +126,9 @@ impl PyScene {
     /// >>> files = phipsi.scenes.chain(3).to_cuda(functions=["forward_dynamics"])
     /// >>> "robot.cu" in files
     /// True
-    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64"))]
-    fn to_cuda<'py>(
-        &self,
-        py: Python<'py>,
-        directory: Option<&Object<'py>>,
-        name: &str,
-        functions: Option<&Object<'py>>,
-        dtype: &str,
+    fn to_cuda[&self, py: Python<'py>](
+        directory: Option<&Object<'py>> = None; name: &str = "robot", functions: Option<&Object<'py>> = None,
+        dtype: &str = "float64"
     ) -> PyResult<Bound<'py, PyDict>> {
         let functions = read_functions(&self.scene, functions)?;
         written(py, directory, cuda_sources(&self.scene, name, &functions, read_width(dtype)?)?)
@@ -172,7 +151,7 @@ fn read_width(dtype: &str) -> PyResult<Width> {
     match dtype {
         "float64" => Ok(Width::Double),
         "float32" => Ok(Width::Single),
-        _ => Err(Error::argument("dtype", format!("{dtype:?}"), "\"float64\" or \"float32\"").into()),
+        _ => refuse("dtype", format!("{dtype:?}"), "\"float64\" or \"float32\""),
     }
 }
 
@@ -187,7 +166,7 @@ fn read_functions(scene: &Scene, given: Option<&Object<'_>>) -> PyResult<Vec<Fun
     }
     let items = if given.is_instance_of::<PyMapping>() { None } else { given.try_iter().ok() };
     let Some(items) = items else {
-        return Err(Error::argument("functions", given.repr()?.to_string(), "names of functions").into());
+        return refuse("functions", given.repr()?.to_string(), "names of functions");
     };
     let mut functions = Vec::new();
     for item in items {

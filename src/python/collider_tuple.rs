@@ -1,6 +1,7 @@
 //! Colliders as plain tuples of numbers and names, for pickling, and shapes from Python.
 
 use super::connection_tuple::{FrameTuple, frame_from, frame_tuple};
+use super::errors::refuse;
 use super::object::{Object, imported};
 use crate::error::Error;
 use crate::scene::{Collider, ColliderPair, Solid};
@@ -94,8 +95,7 @@ pub(super) fn read_shape(subject: &str, shape: &Object<'_>) -> PyResult<(FrameTu
 /// The colliders of the shapes of a link.
 pub(super) fn colliders_of_link(link: &str, shape: Option<&Object<'_>>, friction: f64) -> PyResult<Vec<Collider>> {
     let Some(shape) = shape else {
-        let expected = "a shape: collide says that it touches others";
-        return Err(Error::argument(format!("collide of link {link:?}"), "no shape", expected).into());
+        return refuse(format!("collide of link {link:?}"), "no shape", "a shape: collide says that it touches others");
     };
     let all: Vec<Object<'_>> = imported!(shape.py(), "phipsi.shapes", "listed")?.call1((shape,))?.extract()?;
     let several = all.len() > 1;

@@ -1,9 +1,10 @@
 //! Colliders: the methods of `SceneBuilder` that add them, and the methods of `Scene` that evaluate them.
 
-use super::builder::PySceneBuilder;
+use super::builder::{Added, PySceneBuilder};
 use super::collider_tuple::{CollisionTuple, collision_tuple, read_shape};
 use super::connection_tuple::frame_from;
 use super::object::{Object, imported};
+use super::output::Names;
 use super::scene::PyScene;
 use crate::api::ColliderDistance;
 use crate::error::{Error, known_names};
@@ -21,8 +22,9 @@ const DISTANCE: usize = 1_000;
 /// How a scene gets colliders.
 const NO_COLLIDERS: &str = "a scene with colliders: SceneBuilder.collider, or phipsi.load(..., contacts=\"all\")";
 
-#[pymethods]
-impl PySceneBuilder {
+typed_methods! {
+    in PySceneBuilder;
+
     /// Add a shape that touches the other colliders in simulations.
     #[doc = section!(Parameters)]
     /// name : str
@@ -53,21 +55,14 @@ impl PySceneBuilder {
     /// >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
     /// >>> builder.collider("ground", phipsi.shapes.HalfSpace()).build(floating_base=True).collider_names
     /// ('ball', 'ground')
-    #[pyo3(signature = (name, shape, *, link=None, friction=1.0, restitution=0.0, groups=1, mask=1))]
-    fn collider<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        shape: &Object<'py>,
-        link: Option<String>,
-        friction: f64,
-        restitution: f64,
-        groups: u32,
-        mask: u32,
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    fn collider[slf: PyRefMut<'py, Self>](
+        name: String, shape: &Object<'py>; link: Option<String> = None, friction: f64 = 1.0, restitution: f64 = 0.0,
+        groups: u32 = 1, mask: u32 = 1
+    ) -> Added<'py> {
         let (frame, solid) = read_shape(&format!("collider {name:?}"), shape)?;
         let made = Collider::new(name, solid).with_link(link).with_frame(frame_from(frame)).with_friction(friction);
-        slf.change(|builder| builder.collider(made.with_restitution(restitution).with_groups(groups).with_mask(mask)));
-        Ok(slf)
+        let made = made.with_restitution(restitution).with_groups(groups).with_mask(mask);
+        Ok(Self::with(slf, |builder| builder.collider(made)))
     }
 
     /// Let two colliders touch in any case, with values of their own.
@@ -88,18 +83,11 @@ impl PySceneBuilder {
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=1.0, inertia=0.004 * np.eye(3))
     /// >>> builder = builder.collider("ball", phipsi.shapes.Sphere(0.1), link="ball")
     /// >>> builder = builder.collider("ground", phipsi.shapes.HalfSpace()).collider_pair("ball", "ground", friction=0.3)
-    #[pyo3(signature = (first, second, *, friction=None, restitution=None, margin=0.0))]
-    fn collider_pair(
-        mut slf: PyRefMut<'_, Self>,
-        first: String,
-        second: String,
-        friction: Option<f64>,
-        restitution: Option<f64>,
-        margin: f64,
-    ) -> PyRefMut<'_, Self> {
+    fn collider_pair[slf: PyRefMut<'py, Self>](
+        first: String, second: String; friction: Option<f64> = None, restitution: Option<f64> = None, margin: f64 = 0.0
+    ) -> PyRefMut<'py, Self> {
         let pair = ColliderPair::new(first, second).with_friction(friction).with_restitution(restitution);
-        slf.change(|builder| builder.collider_pair(pair.with_margin(margin)));
-        slf
+        Self::with(slf, |builder| builder.collider_pair(pair.with_margin(margin)))
     }
 
     /// Exclude the colliders of two links from touching each other.
@@ -113,10 +101,8 @@ impl PySceneBuilder {
     /// >>> builder = phipsi.SceneBuilder().link("a").link("b", mass=1.0).joint("hinge", "revolute", "a", "b")
     /// >>> builder.exclude("a", "b").build().nv
     /// 1
-    #[pyo3(signature = (first, second))]
-    fn exclude(mut slf: PyRefMut<'_, Self>, first: Option<String>, second: Option<String>) -> PyRefMut<'_, Self> {
-        slf.change(|builder| builder.exclude([first, second]));
-        slf
+    fn exclude[slf: PyRefMut<'py, Self>](first: Option<String>, second: Option<String>) -> PyRefMut<'py, Self> {
+        Self::with(slf, |builder| builder.exclude([first, second]))
     }
 
     /// Set whether the colliders of a link touch those of its parent.
@@ -127,21 +113,21 @@ impl PySceneBuilder {
     #[doc = section!(Examples)]
     /// >>> phipsi.SceneBuilder().link("a").collisions_with_parents(True).build().nv
     /// 0
-    #[pyo3(signature = (allowed))]
-    fn collisions_with_parents(mut slf: PyRefMut<'_, Self>, allowed: bool) -> PyRefMut<'_, Self> {
-        slf.change(|builder| builder.collisions_with_parents(allowed));
-        slf
+    fn collisions_with_parents[slf: PyRefMut<'py, Self>](allowed: bool) -> PyRefMut<'py, Self> {
+        Self::with(slf, |builder| builder.collisions_with_parents(allowed))
     }
+}
+
+getters! {
+    in PyScene;
+
+    /// Names of the colliders in the order of their creation.
+    pub(super) collider_names: Names<'py> =
+        |of, py| PyTuple::new(py, of.scene.colliders().iter().map(|collider| &collider.name));
 }
 
 #[pymethods]
 impl PyScene {
-    /// Names of the colliders in the order of their creation.
-    #[getter]
-    pub(super) fn collider_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, self.scene.colliders().iter().map(|collider| &collider.name).collect::<Vec<_>>())
-    }
-
     /// The pairs of colliders that can touch: names, friction, restitution and margin.
     fn _touching(&self) -> Vec<([&str; 2], f64, f64, f64)> {
         let Some(shapes) = self.scene.shapes() else { return Vec::new() };
@@ -151,6 +137,16 @@ impl PyScene {
         };
         self.scene.collider_pairs().into_iter().map(named).collect()
     }
+
+    /// The colliders, their pairs and rules, as plain tuples.
+    #[pyo3(name = "_collisions")]
+    fn collisions_as_given(&self) -> CollisionTuple {
+        collision_tuple(self.scene.source())
+    }
+}
+
+typed_methods! {
+    in PyScene;
 
     /// Signed distances of colliders, their nearest points, and the derivatives of the distances.
     #[doc = parameters!(q)]
@@ -183,14 +179,8 @@ impl PyScene {
     /// >>> found = scene.distances([0, 0, 0.3, 0, 0, 0, 1])
     /// >>> found.pairs, found.distance.round(3), found.gradient.round(3)
     /// ((('ball', 'ground'),), array([0.2]), array([[0., 0., 1., 0., 0., 0.]]))
-    #[pyo3(signature = (q, *, pairs=None, limit=None, errors="raise"))]
-    fn distances<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        pairs: Option<&Object<'py>>,
-        limit: Option<f64>,
-        errors: &str,
+    fn distances[&self, py: Python<'py>](
+        q: &Object<'py>; pairs: Option<&Object<'py>> = None, limit: Option<f64> = None, errors: &str = "raise"
     ) -> PyResult<Object<'py>> {
         let read = |pairs: &Object<'py>| imported!(py, "phipsi._arguments", "collider_pairs")?.call1(("pairs", pairs));
         let named: Option<Vec<[String; 2]>> = pairs.map(|pairs| read(pairs)?.extract()).transpose()?;
@@ -219,12 +209,6 @@ impl PyScene {
         let name = |at: usize| self.scene.colliders()[at].name.as_str();
         let names: Vec<(&str, &str)> = pairs.iter().map(|&[i, j]| (name(i), name(j))).collect();
         imported!(py, "phipsi._results", "distances_of")?.call1((PyTuple::new(py, names)?, all))
-    }
-
-    /// The colliders, their pairs and rules, as plain tuples.
-    #[pyo3(name = "_collisions")]
-    fn collisions_as_given(&self) -> CollisionTuple {
-        collision_tuple(self.scene.source())
     }
 }
 

@@ -1,28 +1,16 @@
 //! Methods of `Scene`: configurations on the manifold, and joint limits.
 
+use super::description::limits_as_array;
 use super::object::{Object, imported};
-use super::output::{Array, from_numbers, property};
+use super::output::{from_numbers, property};
 use super::scene::PyScene;
-use crate::scene::Limits;
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 
 /// Approximate time per body and state, ns.
 const COST: usize = 30;
 
-#[pymethods]
-impl PyScene {
-    /// Neutral configuration: zero everywhere, and the identity (0, 0, 0, 1) for quaternions.
-    #[doc = section!(Returns)]
-    /// q : (nq,) ndarray
-    ///     Joint positions, rad or m.
-    #[doc = section!(Examples)]
-    /// >>> phipsi.scenes.chain(3).neutral()
-    /// array([0., 0., 0.])
-    #[pyo3(signature = ())]
-    fn neutral<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])
-    }
-
+methods! {
     /// Configuration that the constant joint velocity v reaches from q in unit time, on the manifold.
     #[doc = parameters!(q)]
     /// v : (..., nv) array_like
@@ -39,11 +27,9 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> scene.integrate([0.3, 0.2, 0.1], [0.1, 0.0, 0.0])
     /// array([0.4, 0.2, 0.1])
-    #[pyo3(signature = (q, v, *, errors="raise"))]
-    fn integrate<'py>(&self, py: Python<'py>, q: &Object<'py>, v: &Object<'py>, errors: &str) -> Array<'py> {
-        let inputs = [self.configuration("q", q)?, self.rate("v", v)?];
-        let call = self.call(inputs, COST * self.size(), errors)?;
-        call.array(py, &[self.scene.nq()], |scene, _, [q, v], out| scene.integrate(q, v, out))
+    fn integrate(q, v; errors) |scene, py| {
+        let (shape, cost) = ([scene.scene.nq()], COST * scene.size());
+        scene.each(py, [("q", q), ("v", v)], &shape, cost, errors, |scene, _, [q, v], out| scene.integrate(q, v, out))
     }
 
     /// Joint velocity that moves q0 to q1 in unit time, the inverse of integrate, on the manifold.
@@ -61,11 +47,24 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> scene.difference([0.3, 0.2, 0.1], [0.5, 0.2, 0.1]).round(3)
     /// array([0.2, 0. , 0. ])
-    #[pyo3(signature = (q0, q1, *, errors="raise"))]
-    fn difference<'py>(&self, py: Python<'py>, q0: &Object<'py>, q1: &Object<'py>, errors: &str) -> Array<'py> {
-        let inputs = [self.configuration("q0", q0)?, self.configuration("q1", q1)?];
-        let call = self.call(inputs, COST * self.size(), errors)?;
-        call.array(py, &[self.scene.nv()], |scene, _, [q0, q1], out| scene.difference(q0, q1, out))
+    fn difference(q0, q1; errors) |scene, py| {
+        let inputs = [scene.configuration("q0", q0)?, scene.configuration("q1", q1)?];
+        let call = scene.call(inputs, COST * scene.size(), errors)?;
+        call.array(py, &[scene.scene.nv()], |scene, _, [q0, q1], out| scene.difference(q0, q1, out)).map(Bound::into_any)
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// Neutral configuration: zero everywhere, and the identity (0, 0, 0, 1) for quaternions.
+    #[doc = section!(Returns)]
+    /// q : (nq,) ndarray
+    ///     Joint positions, rad or m.
+    #[doc = section!(Examples)]
+    /// >>> phipsi.scenes.chain(3).neutral()
+    /// array([0., 0., 0.])
+    fn neutral<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])
     }
 
     /// Joint limits per degree of freedom, as phipsi.Limits with fields of shape (nv,), read-only; infinite for none.
@@ -75,20 +74,11 @@ impl PyScene {
     /// limits="report"; limits of effort are those of PD(effort=True) and effort="clip". The others are reported only.
     #[getter]
     fn limits<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        let column = |of: fn(&Limits) -> f64| {
-            let joints = self.scene.joints().iter();
-            let numbers: Vec<f64> =
-                joints.flat_map(|joint| std::iter::repeat_n(of(&joint.limits), joint.v.len())).collect();
-            property(py, &numbers, &[self.scene.nv()])
-        };
-        imported!(py, "phipsi._results", "Limits")?.call1((
-            column(|limits| limits.lower)?,
-            column(|limits| limits.upper)?,
-            column(|limits| limits.velocity)?,
-            column(|limits| limits.effort)?,
-            column(|limits| limits.acceleration)?,
-            column(|limits| limits.deceleration)?,
-            column(|limits| limits.jerk)?,
-        ))
+        let joints = self.scene.joints().iter();
+        let rows = joints.flat_map(|joint| std::iter::repeat_n(limits_as_array(&joint.limits), joint.v.len()));
+        let rows: Vec<[f64; 7]> = rows.collect();
+        let column = |at: usize| property(py, &rows.iter().map(|row| row[at]).collect::<Vec<_>>(), &[rows.len()]);
+        let columns = (0..7).map(column).collect::<PyResult<Vec<_>>>()?;
+        imported!(py, "phipsi._results", "Limits")?.call1(PyTuple::new(py, columns)?)
     }
 }

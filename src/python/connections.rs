@@ -1,20 +1,21 @@
 //! Closed loops: the methods of `SceneBuilder` that add connections, and the properties of `Scene.loops`.
 
-use super::builder::{PySceneBuilder, frame_of, optional_triple};
+use super::builder::{Added, PySceneBuilder, frame_of, optional_triple};
 use super::connection_tuple::kind_of;
-use super::cost::WORTH_DETACHING;
+use super::errors::refuse;
 use super::groups::PyLoops;
 use super::input;
-use super::interrupts::detached_checked;
 use super::object::Object;
+use super::output::Names;
 use super::scene::{PyScene, slice};
 use crate::error::Error;
 use crate::scene::{Connection, ConnectionKind, Polynomial};
 use pyo3::prelude::*;
 use pyo3::types::{PySlice, PyTuple};
 
-#[pymethods]
-impl PySceneBuilder {
+typed_methods! {
+    in PySceneBuilder;
+
     /// Close a kinematic loop: connect a frame on a link with a frame on another link or on the base.
     #[doc = section!(Parameters)]
     /// name : str
@@ -53,25 +54,13 @@ impl PySceneBuilder {
     /// >>> scene = phipsi.scenes.chain(3).to_builder().connect("pin", "point", "link2", xyz=(0, 0, 0.3)).build()
     /// >>> scene.loops.names, scene.loops.jacobian([0.3, 0.2, 0.1]).shape
     /// (('pin',), (3, 3))
-    #[pyo3(signature = (name, kind, link, other=None, *, xyz=None, rpy=None, rotation=None, other_xyz=None,
-                        other_rpy=None, other_rotation=None, axis=None, length=None),
-           text_signature = "($self, name, kind, link, other=None, *, xyz=(0, 0, 0), rpy=None, rotation=None, \
-                             other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None)")]
-    fn connect<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        kind: &str,
-        link: String,
-        other: Option<String>,
-        xyz: Option<&Object<'py>>,
-        rpy: Option<&Object<'py>>,
-        rotation: Option<&Object<'py>>,
-        other_xyz: Option<&Object<'py>>,
-        other_rpy: Option<&Object<'py>>,
-        other_rotation: Option<&Object<'py>>,
-        axis: Option<&Object<'py>>,
-        length: Option<f64>,
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    fn connect[slf: PyRefMut<'py, Self>](
+        name: String, kind: &str, link: String, other: Option<String> = None;
+        xyz: Option<&Object<'py>> = None => "(0, 0, 0)", rpy: Option<&Object<'py>> = None,
+        rotation: Option<&Object<'py>> = None, other_xyz: Option<&Object<'py>> = None,
+        other_rpy: Option<&Object<'py>> = None, other_rotation: Option<&Object<'py>> = None,
+        axis: Option<&Object<'py>> = None, length: Option<f64> = None
+    ) -> Added<'py> {
         let first = |argument: &str| format!("{argument} of connection {name:?}");
         let second = |argument: &str| format!("other_{argument} of connection {name:?}");
         let direction = axis.map(|_| optional_triple(&first("axis"), axis, [0.0; 3])).transpose()?;
@@ -80,8 +69,7 @@ impl PySceneBuilder {
         let own = frame_of(&first, xyz, rpy, rotation)?;
         let other_frame = if is_open { None } else { Some(frame_of(&second, other_xyz, other_rpy, other_rotation)?) };
         let connection = Connection { name, kind, link, other, frame: own, other_frame };
-        slf.change(|builder| builder.connect(connection));
-        Ok(slf)
+        Ok(Self::with(slf, |builder| builder.connect(connection)))
     }
 
     /// Couple two joints by a constraint force (1 row): a coordinate is a polynomial of the other, linear by default.
@@ -117,17 +105,10 @@ impl PySceneBuilder {
     /// >>> cam = phipsi.scenes.chain(3).to_builder().couple("cam", "j2", "j0", polynomial=(0.1, 0.0, 2.0)).build()
     /// >>> cam.loops.jacobian([0.5, 0.0, 0.6])
     /// array([[-2.,  0.,  1.]])
-    #[pyo3(signature = (name, joint, other=None, *, multiplier=None, offset=None, polynomial=None),
-           text_signature = "($self, name, joint, other=None, *, multiplier=1.0, offset=0.0, polynomial=None)")]
-    fn couple<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        joint: String,
-        other: Option<&str>,
-        multiplier: Option<f64>,
-        offset: Option<f64>,
-        polynomial: Option<&Object<'py>>,
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    fn couple[slf: PyRefMut<'py, Self>](
+        name: String, joint: String, other: Option<&str> = None; multiplier: Option<f64> = None => "1.0",
+        offset: Option<f64> = None => "0.0", polynomial: Option<&Object<'py>> = None
+    ) -> Added<'py> {
         let polynomial = match polynomial {
             None => Polynomial::linear(multiplier.unwrap_or(1.0), offset.unwrap_or(0.0)),
             Some(given) => {
@@ -136,8 +117,7 @@ impl PySceneBuilder {
             }
         };
         let kind = ConnectionKind::Joint(polynomial);
-        slf.change(|builder| builder.connect(Connection::new(name, kind, joint, other)));
-        Ok(slf)
+        Ok(Self::with(slf, |builder| builder.connect(Connection::new(name, kind, joint, other))))
     }
 }
 
@@ -160,19 +140,6 @@ fn polynomial_of(connection: &str, given: &Object<'_>, is_alone: bool) -> PyResu
 
 #[pymethods]
 impl PyLoops {
-    /// Names of the connections in the order of their creation: the keys of the forces of dynamics.
-    #[getter]
-    fn names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        let scene = &self.as_scene().scene;
-        PyTuple::new(py, scene.connections().iter().map(|connection| &connection.name).collect::<Vec<_>>())
-    }
-
-    /// Geometric tolerance of linkages, an angle in rad or a relative length; see SceneBuilder.build.
-    #[getter]
-    fn tolerance(&self) -> f64 {
-        self.as_scene().scene.tolerance()
-    }
-
     /// Slice of the rows of a connection in error, bias and jacobian.
     #[doc = section!(Parameters)]
     /// connection : str
@@ -195,10 +162,21 @@ impl PyLoops {
             } else {
                 format!("one of {}", names.join(", "))
             };
-            return Err(Error::argument("connection", format!("{connection:?}"), expected).into());
+            return refuse("connection", format!("{connection:?}"), expected);
         };
         slice(py, &rows)
     }
+}
+
+getters! {
+    in PyLoops;
+
+    /// Names of the connections in the order of their creation: the keys of the forces of dynamics.
+    names: Names<'py> =
+        |of, py| PyTuple::new(py, of.as_scene().scene.connections().iter().map(|connection| &connection.name));
+
+    /// Geometric tolerance of linkages, an angle in rad or a relative length; see SceneBuilder.build.
+    tolerance: f64 = |of, _| of.as_scene().scene.tolerance();
 }
 
 #[pymethods]
@@ -211,9 +189,7 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
     /// >>> scene.without_constraints().loops.names
     /// ()
-    #[pyo3(signature = ())]
     fn without_constraints(&self, py: Python<'_>) -> PyResult<Self> {
-        let make = || self.scene.without_constraints();
-        Ok(Self::new(if self.size() < WORTH_DETACHING { make()? } else { detached_checked(py, make)? }))
+        self.derived(py, || self.scene.without_constraints())
     }
 }

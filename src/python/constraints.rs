@@ -3,7 +3,7 @@
 use super::call::BatchCall;
 use super::choice::read_judged;
 use super::cost::Cost;
-use super::errors::warn_as;
+use super::errors::{refuse, warn_as};
 use super::groups::PyLoops;
 use super::input::Input;
 use super::keywords::Keywords;
@@ -12,7 +12,6 @@ use super::output::Output;
 use super::scene::{PyScene, slice};
 use super::wrenches::Wrench;
 use crate::algorithm::Algorithm;
-use crate::error::Error;
 use crate::filter::Form;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -52,9 +51,8 @@ methods! {
     /// >>> scene.loops.error([0.0, 0.1, 0.3]).round(3)
     /// array([0.2])
     fn error(q; errors) |scene, py| {
-        let m = scene.scene.constraint_rows();
-        let call = scene.call([scene.configuration("q", q)?], scene.cost_of_rows(), errors)?;
-        call.array(py, &[m], |scene, _, [q], out| scene.constraint_error(q, out)).map(Bound::into_any)
+        let (shape, cost) = ([scene.scene.constraint_rows()], scene.cost_of_rows());
+        scene.each(py, [("q", q)], &shape, cost, errors, |scene, _, [q], out| scene.constraint_error(q, out))
     }
 
     /// Constraint Jacobian J of the connections: J qd is the time derivative of error, at every q.
@@ -70,12 +68,11 @@ methods! {
     /// >>> scene.loops.jacobian([0.0, 0.1, 0.3])
     /// array([[ 0., -1.,  1.]])
     fn jacobian(q; errors) |scene, py| {
-        let (m, nv) = (scene.scene.constraint_rows(), scene.scene.nv());
-        let call = scene.call([scene.configuration("q", q)?], scene.cost_of_rows(), errors)?;
-        call.array(py, &[m, nv], |scene, scratch, [q], out| {
+        let shape = [scene.scene.constraint_rows(), scene.scene.nv()];
+        scene.each(py, [("q", q)], &shape, scene.cost_of_rows(), errors, |scene, scratch, [q], out| {
             let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
             scene.constraint_jacobian(workspace, rows, q, out)
-        }).map(Bound::into_any)
+        })
     }
 
     /// Constraint bias J' qd: the second time derivative of error at zero joint accelerations.
@@ -93,12 +90,11 @@ methods! {
     /// >>> np.allclose(scene.loops.bias(q, qd), (ahead - behind) / 2e-6)
     /// True
     fn bias(q, qd; errors) |scene, py| {
-        let m = scene.scene.constraint_rows();
-        let call = scene.call(scene.inputs([("q", q), ("qd", qd)])?, scene.cost_of_rows(), errors)?;
-        call.array(py, &[m], |scene, scratch, [q, qd], out| {
+        let (shape, given) = ([scene.scene.constraint_rows()], [("q", q), ("qd", qd)]);
+        scene.each(py, given, &shape, scene.cost_of_rows(), errors, |scene, scratch, [q, qd], out| {
             let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
             scene.constraint_bias(workspace, rows, q, qd, out)
-        }).map(Bound::into_any)
+        })
     }
 
     /// Joint accelerations and constraint forces with connections: M qdd + bias = tau + J^T f, J qdd + J' qd = 0.
@@ -138,84 +134,6 @@ methods! {
         scene.warn_of_linkage(py)?;
         imported!(py, "phipsi._results", "constrained_dynamics")?.call1((results, nv, scene.rows_by_name(py)?))
     }
-}
-
-#[pymethods]
-impl PyLoops {
-    /// Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
-    #[doc = parameters!(q)]
-    /// qd : (..., nv) array_like, optional
-    ///     Joint velocities, rad/s or m/s.
-    #[doc = entries!(compliance models errors)]
-    #[doc = section!(Returns)]
-    /// projection : Projection
-    ///     Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
-    #[doc = section!(Raises)]
-    /// ConstraintError
-    ///     An error remains: no small displacement closes the connections. Attributes: .connections, .residual and
-    ///     .state.
-    #[doc = entries!(singular arguments)]
-    #[doc = section!(Warns)]
-    /// LinkageWarning
-    ///     Once per scene: rows count as dependent that are not dependent within rounding, or axes of a loop are nearly
-    ///     parallel.
-    #[doc = section!(Notes)]
-    /// Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy and at most 0.5 rad or m per joint;
-    /// velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
-    /// half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
-    ///
-    /// Combinations of rows that move joints by less than tolerance count as dependent if the rank of the
-    /// intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
-    /// at most 10 times the tolerance; error has them.
-    #[doc = section!(Examples)]
-    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
-    /// >>> closed = scene.loops.project([0.0, 0.1, 0.3])
-    /// >>> np.allclose(scene.loops.error(closed.q), 0.0)
-    /// True
-    #[pyo3(signature = (q, qd=None, *, compliance=None, inertias=None, armature=None, errors="raise"))]
-    fn project<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: Option<&Object<'py>>,
-        compliance: Option<&Object<'py>>,
-        inertias: Option<&Object<'py>>,
-        armature: Option<&Object<'py>>,
-        errors: &str,
-    ) -> PyResult<Object<'py>> {
-        let of = self.as_scene();
-        let (nq, nv) = (of.scene.nq(), of.scene.nv());
-        let mut inputs = vec![of.configuration("q", q)?];
-        inputs.extend(qd.map(|qd| of.rate("qd", qd)).transpose()?);
-        let is_moving = qd.is_some();
-        let given_way = inputs.len();
-        inputs.extend(compliance.map(|compliance| of.compliance(compliance)).transpose()?);
-        let is_compliant = compliance.is_some();
-        let width = nq + if is_moving { nv } else { 0 };
-        let keywords = Keywords { errors, inertias, armature, ..Keywords::none() };
-        let call = of.call_by(inputs, 5 * of.cost_of_rows(), &keywords)?;
-        let mut output = call.output(py, &[width + 1], None, super::output::Output::new)?;
-        call.each_state(py, output.numbers()?, |scene, scratch, given, out| {
-            let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
-            let (state, rank) = out.split_at_mut(width);
-            let (own_q, own_qd) = state.split_at_mut(nq);
-            own_q.copy_from_slice(given(0));
-            if is_moving {
-                own_qd.copy_from_slice(given(1));
-            }
-            let compliance = if is_compliant { given(given_way) } else { &[] };
-            let found = scene.project_compliant(workspace, rows, own_q, is_moving.then_some(own_qd), compliance)?;
-            #[allow(clippy::cast_precision_loss)] // a count
-            rank.fill(found.rank as f64);
-            Ok(())
-        })?;
-        of.warn_of_linkage(py)?;
-        imported!(py, "phipsi._results", "projection")?.call1((output.finish(), nq, is_moving))
-    }
-}
-
-methods! {
-    in PyLoops;
 
     /// Joint torques and constraint forces for given joint accelerations: tau + J^T f = M qdd + bias.
     #[doc = parameters!(q qd qdd)]
@@ -288,18 +206,81 @@ methods! {
     }
 }
 
+typed_methods! {
+    in PyLoops;
+
+    /// Nearest configuration that closes the connections, and nearest joint velocities that keep them closed.
+    #[doc = parameters!(q)]
+    /// qd : (..., nv) array_like, optional
+    ///     Joint velocities, rad/s or m/s.
+    #[doc = entries!(compliance models errors)]
+    #[doc = section!(Returns)]
+    /// projection : Projection
+    ///     Named tuple: q; qd, or None; rank (...), the number of independent rows, lower in a singular configuration.
+    #[doc = section!(Raises)]
+    /// ConstraintError
+    ///     An error remains: no small displacement closes the connections. Attributes: .connections, .residual and
+    ///     .state.
+    #[doc = entries!(singular arguments)]
+    #[doc = section!(Warns)]
+    /// LinkageWarning
+    ///     Once per scene: rows count as dependent that are not dependent within rounding, or axes of a loop are nearly
+    ///     parallel.
+    #[doc = section!(Notes)]
+    /// Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy and at most 0.5 rad or m per joint;
+    /// velocities minus M^-1 J^T (J M^-1 J^T)^+ J qd, as by an inelastic impact. With compliance, the result minimizes
+    /// half the squared distance from q in the kinetic-energy metric plus the sum of error^2 / (2 compliance).
+    ///
+    /// Combinations of rows that move joints by less than tolerance count as dependent if the rank of the
+    /// intended linkage is lower by as many: a linkage drawn with few digits keeps its mobility. Their errors remain,
+    /// at most 10 times the tolerance; error has them.
+    #[doc = section!(Examples)]
+    /// >>> scene = phipsi.scenes.chain(3).to_builder().couple("gear", "j2", "j1").build()
+    /// >>> closed = scene.loops.project([0.0, 0.1, 0.3])
+    /// >>> np.allclose(scene.loops.error(closed.q), 0.0)
+    /// True
+    fn project[&self, py: Python<'py>](
+        q: &Object<'py>, qd: Option<&Object<'py>> = None; compliance: Option<&Object<'py>> = None,
+        inertias: Option<&Object<'py>> = None, armature: Option<&Object<'py>> = None, errors: &str = "raise"
+    ) -> PyResult<Object<'py>> {
+        let of = self.as_scene();
+        let (nq, nv) = (of.scene.nq(), of.scene.nv());
+        let mut inputs = vec![of.configuration("q", q)?];
+        inputs.extend(qd.map(|qd| of.rate("qd", qd)).transpose()?);
+        let is_moving = qd.is_some();
+        let given_way = inputs.len();
+        inputs.extend(compliance.map(|compliance| of.compliance(compliance)).transpose()?);
+        let is_compliant = compliance.is_some();
+        let width = nq + if is_moving { nv } else { 0 };
+        let keywords = Keywords { errors, inertias, armature, ..Keywords::none() };
+        let call = of.call_by(inputs, 5 * of.cost_of_rows(), &keywords)?;
+        let mut output = call.output(py, &[width + 1], None, Output::new)?;
+        call.each_state(py, output.numbers()?, |scene, scratch, given, out| {
+            let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
+            let (state, rank) = out.split_at_mut(width);
+            let (own_q, own_qd) = state.split_at_mut(nq);
+            own_q.copy_from_slice(given(0));
+            if is_moving {
+                own_qd.copy_from_slice(given(1));
+            }
+            let compliance = if is_compliant { given(given_way) } else { &[] };
+            let found = scene.project_compliant(workspace, rows, own_q, is_moving.then_some(own_qd), compliance)?;
+            #[allow(clippy::cast_precision_loss)] // a count
+            rank.fill(found.rank as f64);
+            Ok(())
+        })?;
+        of.warn_of_linkage(py)?;
+        imported!(py, "phipsi._results", "projection")?.call1((output.finish(), nq, is_moving))
+    }
+}
+
 impl PyScene {
     /// Number of rows for the argument `compliance`; an error if there are none.
     pub(super) fn compliant_rows(&self) -> PyResult<usize> {
         let rows = self.scene.constraint_rows();
         if rows == 0 {
             let found = "a value for a scene without connections";
-            return Err(Error::argument(
-                "compliance",
-                found,
-                "no compliance, or a scene with connections (SceneBuilder.connect)",
-            )
-            .into());
+            return refuse("compliance", found, "no compliance, or a scene with connections (SceneBuilder.connect)");
         }
         Ok(rows)
     }

@@ -1,16 +1,14 @@
 //! Contacts: the method of `SceneBuilder` that adds them, and the methods of `Scene.contacts` that evaluate them.
 
-use super::builder::{PySceneBuilder, frame_of, optional_triple};
+use super::builder::{Added, PySceneBuilder, frame_of, optional_triple};
 use super::choice::read_judged;
-use super::cost::WORTH_DETACHING;
+use super::errors::refuse;
 use super::groups::PyContacts;
-use super::interrupts::detached_checked;
 use super::keywords::Keywords;
 use super::object::{Object, imported};
-use super::output::{Array, from_numbers};
+use super::output::{Names, from_numbers};
 use super::scene::PyScene;
 use crate::algorithm::Algorithm;
-use crate::error::Error;
 use crate::memory;
 use crate::motion::{ContactReport, ShapeContact};
 use crate::scene::{Contact, Surface};
@@ -26,8 +24,9 @@ const OF_SHAPE: usize = 17;
 /// Approximate time per contact, state and body on its path to the base, ns.
 const CONTACT: usize = 20;
 
-#[pymethods]
-impl PySceneBuilder {
+typed_methods! {
+    in PySceneBuilder;
+
     /// Add a contact of a sphere or a point on a link with a plane, sphere or box, with Coulomb friction.
     #[doc = section!(Parameters)]
     /// name : str
@@ -82,36 +81,20 @@ impl PySceneBuilder {
     /// >>> builder = builder.contact("balls", "a", friction=0.0, radius=0.1, other="b", other_radius=0.1)
     /// >>> builder.build().contacts.gaps([0, 0, 0.3, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1]).round(3)
     /// array([0.1])
-    #[pyo3(signature = (name, link, *, friction, xyz=None, radius=0.0, normal=None, offset=0.0, restitution=0.0,
-                        other=None, other_xyz=None, other_rpy=None, other_rotation=None, other_radius=None,
-                        other_size=None),
-           text_signature = "($self, name, link, *, friction, xyz=(0, 0, 0), radius=0.0, normal=(0, 0, 1), \
-                             offset=0.0, restitution=0.0, other=None, other_xyz=(0, 0, 0), other_rpy=None, \
-                             other_rotation=None, other_radius=None, other_size=None)")]
-    fn contact<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        name: String,
-        link: String,
-        friction: f64,
-        xyz: Option<&Object<'py>>,
-        radius: f64,
-        normal: Option<&Object<'py>>,
-        offset: f64,
-        restitution: f64,
-        other: Option<String>,
-        other_xyz: Option<&Object<'py>>,
-        other_rpy: Option<&Object<'py>>,
-        other_rotation: Option<&Object<'py>>,
-        other_radius: Option<f64>,
-        other_size: Option<&Object<'py>>,
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    fn contact[slf: PyRefMut<'py, Self>](
+        name: String, link: String; friction: f64, xyz: Option<&Object<'py>> = None => "(0, 0, 0)", radius: f64 = 0.0,
+        normal: Option<&Object<'py>> = None => "(0, 0, 1)", offset: f64 = 0.0, restitution: f64 = 0.0,
+        other: Option<String> = None, other_xyz: Option<&Object<'py>> = None => "(0, 0, 0)",
+        other_rpy: Option<&Object<'py>> = None, other_rotation: Option<&Object<'py>> = None,
+        other_radius: Option<f64> = None, other_size: Option<&Object<'py>> = None
+    ) -> Added<'py> {
         let of_contact = |argument: &str| format!("{argument} of contact {name:?}");
         let of_other = |argument: &str| format!("other_{argument} of contact {name:?}");
         let point = optional_triple(&of_contact("xyz"), xyz, [0.0; 3])?.into();
         let given = [normal.is_some() || offset != 0.0, other_radius.is_some(), other_size.is_some()];
         if given.iter().filter(|given| **given).count() > 1 {
             let expected = "one surface: normal and offset, or other_radius, or other_size";
-            return Err(Error::argument(of_contact("surface"), "arguments of several surfaces", expected).into());
+            return refuse(of_contact("surface"), "arguments of several surfaces", expected);
         }
         let surface = match (other_radius, other_size) {
             (Some(radius), _) => Surface::Sphere { radius },
@@ -122,18 +105,19 @@ impl PySceneBuilder {
         let other_frame = frame_of(&of_other, other_xyz, other_rpy, other_rotation)?;
         let contact =
             Contact { name, link, point, radius, normal, offset, other, other_frame, surface, friction, restitution };
-        slf.change(|builder| builder.contact(contact));
-        Ok(slf)
+        Ok(Self::with(slf, |builder| builder.contact(contact)))
     }
 }
 
-#[pymethods]
-impl PyContacts {
+getters! {
+    in PyContacts;
+
     /// Names of the contacts in the order of their creation, that of gaps and of Trajectory.contacts.
-    #[getter]
-    fn names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, self.as_scene().scene.contacts().iter().map(|contact| &contact.name).collect::<Vec<_>>())
-    }
+    names: Names<'py> = |of, py| PyTuple::new(py, of.as_scene().scene.contacts().iter().map(|contact| &contact.name));
+}
+
+methods! {
+    in PyContacts;
 
     /// Distance of each contact from its surface; negative below the surface.
     #[doc = parameters!(q errors)]
@@ -149,12 +133,9 @@ impl PyContacts {
     /// >>> scene.contacts.gaps([[0, 0, 0.3, 0, 0, 0, 1], [0, 0, 0.05, 0, 0, 0, 1]]).round(3)
     /// array([[ 0.2 ],
     ///        [-0.05]])
-    #[pyo3(signature = (q, *, errors="raise"))]
-    fn gaps<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
-        let of = self.as_scene();
-        let contacts = of.scene.contacts().len();
-        let call = of.call([of.configuration("q", q)?], of.cost_of_contacts(), errors)?;
-        call.array(py, &[contacts], |scene, _, [q], out| scene.contact_gaps(q, out))
+    fn gaps(q; errors) |of, py| {
+        let shape = [of.scene.contacts().len()];
+        of.each(py, [("q", q)], &shape, of.cost_of_contacts(), errors, |scene, _, [q], out| scene.contact_gaps(q, out))
     }
 
     /// Velocity of each contact relative to its surface, at the point of the link nearest to it, in the base frame.
@@ -170,27 +151,12 @@ impl PyContacts {
     /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)
     /// >>> scene.contacts.velocities([0, 0, 0.1, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0])
     /// array([[1., 0., 0.]])
-    #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn velocities<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
-        let of = self.as_scene();
-        let contacts = of.scene.contacts().len();
-        let call = of.call(of.inputs([("q", q), ("qd", qd)])?, of.cost_of_contacts(), errors)?;
-        call.array(py, &[contacts, 3], |scene, _, [q, qd], out| scene.contact_velocities(q, qd, out))
+    fn velocities(q, qd; errors) |of, py| {
+        let (shape, given) = ([of.scene.contacts().len(), 3], [("q", q), ("qd", qd)]);
+        of.each(py, given, &shape, of.cost_of_contacts(), errors, |scene, _, [q, qd], out| {
+            scene.contact_velocities(q, qd, out)
+        })
     }
-}
-
-#[pymethods]
-impl PyScene {
-    /// Point of each contact at which its force acts, (..., contacts, 3), in the base frame, m.
-    fn _contact_points<'py>(&self, py: Python<'py>, q: &Object<'py>) -> Array<'py> {
-        let contacts = self.scene.contacts().len();
-        let call = self.call([self.configuration("q", q)?], self.cost_of_contacts(), "raise")?;
-        call.array(py, &[contacts, 3], |scene, _, [q], out| scene.contact_positions(q, out))
-    }
-}
-
-methods! {
-    in PyContacts;
 
     /// J M^-1 J^T of the points of all contacts: their velocities, in the base frame, due to unit impulses on them.
     #[doc = parameters!(q form tolerance models errors)]
@@ -227,6 +193,12 @@ methods! {
 
 #[pymethods]
 impl PyScene {
+    /// Point of each contact at which its force acts, (..., contacts, 3), in the base frame, m.
+    fn _contact_points<'py>(&self, py: Python<'py>, q: &Object<'py>) -> PyResult<Object<'py>> {
+        let (shape, cost) = ([self.scene.contacts().len(), 3], self.cost_of_contacts());
+        self.each(py, [("q", q)], &shape, cost, "raise", |scene, _, [q], out| scene.contact_positions(q, out))
+    }
+
     /// Create the same scene without the contacts, for methods that do not support contacts.
     #[doc = section!(Returns)]
     /// scene : Scene
@@ -236,10 +208,8 @@ impl PyScene {
     /// >>> scene = builder.contact("foot", "ball", friction=0.5).build(floating_base=True)
     /// >>> scene.without_contacts().contacts.names
     /// ()
-    #[pyo3(signature = ())]
     fn without_contacts(&self, py: Python<'_>) -> PyResult<Self> {
-        let make = || self.scene.without_contacts();
-        Ok(Self::new(if self.size() < WORTH_DETACHING { make()? } else { detached_checked(py, make)? }))
+        self.derived(py, || self.scene.without_contacts())
     }
 }
 

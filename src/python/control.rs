@@ -1,6 +1,7 @@
 //! Inputs of a simulation: joint torques (constant, one per step, or from a function) and the control law.
 
 use super::coupling::Expand;
+use super::errors::refuse;
 use super::input::{self, Input, wrong_shape};
 use super::object::Object;
 use super::output::from_numbers;
@@ -43,9 +44,7 @@ impl<'py> Given<'py> {
         let rates = scene.rates();
         match (tau, tau_steps) {
             (None, None) => Ok(Self::Nothing),
-            (Some(_), Some(_)) => {
-                Err(Error::argument("tau_steps", "tau and tau_steps", "either tau or tau_steps").into())
-            }
+            (Some(_), Some(_)) => refuse("tau_steps", "tau and tau_steps", "either tau or tau_steps"),
             (Some(tau), None) if tau.is_callable() => Ok(Self::Function(tau.clone())),
             (Some(given), None) => {
                 let tau = Input::new("tau", given, rates)?;
@@ -146,33 +145,23 @@ impl<'py> Pd<'py> {
             let error = Error::argument("pd.no_load_speed", "None", "a speed at which the torque from stall is zero");
             return Err(error.into());
         }
-        Ok(Self {
-            gains: [kp?, kd?],
-            motors,
-            target: target.transpose()?,
-            rate: scene.on_tree(py, rate, Coupling::rates)?,
-            effort: effort.map(|effort| limits(scene, &effort)).transpose()?,
-            limits_sum: false,
-            changing: [None, None],
-            steps: 0,
-            neutral: scene.expanded(scene.scene.neutral(), Coupling::configuration),
-        })
+        let (gains, target) = ([kp?, kd?], target.transpose()?);
+        let law = Self::of(gains, scene.on_tree(py, rate, Coupling::rates)?, scene);
+        let effort = effort.map(|effort| limits(scene, &effort)).transpose()?;
+        Ok(Self { target, effort, motors, ..law })
     }
 
     /// The law without gains, whose limits are those of the applied torque.
     fn without_gains(py: Python<'py>, scene: &PyScene) -> PyResult<Self> {
         let zero = |name| scene.on_tree(py, Input::filled(py, name, 0.0, scene.scene.nv())?, Coupling::torques);
-        Ok(Self {
-            gains: [zero("pd.kp")?, zero("pd.kd")?],
-            target: None,
-            rate: zero("pd.target_rate")?,
-            effort: None,
-            motors: [None, None],
-            limits_sum: true,
-            changing: [None, None],
-            steps: 0,
-            neutral: scene.expanded(scene.scene.neutral(), Coupling::configuration),
-        })
+        Ok(Self::of([zero("pd.kp")?, zero("pd.kd")?], zero("pd.target_rate")?, scene))
+    }
+
+    /// A law of gains and target velocity alone.
+    fn of(gains: [Input<'py>; 2], rate: Input<'py>, scene: &PyScene) -> Self {
+        let neutral = scene.expanded(scene.scene.neutral(), Coupling::configuration);
+        let (motors, changing) = ([None, None], [None, None]);
+        Self { gains, target: None, rate, effort: None, motors, limits_sum: false, changing, steps: 0, neutral }
     }
 
     /// Limits the sum of the law, which may not be given, and of the applied torque to the limits of the scene, and to
@@ -258,7 +247,7 @@ impl<'py> Pd<'py> {
         let target = match &self.target {
             Some(target) => each(target)?,
             None if self.changing[0].is_some() || proportional.iter().all(|&kp| kp == 0.0) => self.neutral.clone(),
-            None => return Err(Error::argument("pd.target", "None", "a target configuration, or targets").into()),
+            None => return refuse("pd.target", "None", "a target configuration, or targets"),
         };
         let effort_upper = self.effort.as_ref().map(each).transpose()?.unwrap_or_default();
         let (stall, decline) = self.motors_over(each, &effort_upper)?;
@@ -292,7 +281,7 @@ impl Pd<'_> {
             Some(stall) => stall,
             None if effort.is_empty() => {
                 let expected = "stall torques, or limits of effort, which are those at rest too";
-                return Err(Error::argument("pd.stall", "None without pd.effort", expected).into());
+                return refuse("pd.stall", "None without pd.effort", expected);
             }
             None => memory::copied("pd.effort", effort)?,
         };
@@ -301,8 +290,7 @@ impl Pd<'_> {
         let of = |values: &[f64], at: usize| values[at % values.len().max(1)];
         // Joints that follow others have neither.
         if (0..count).any(|at| of(&speed, at) == 0.0 && of(&stall, at) > 0.0) {
-            let expected = "speeds that are positive, infinite for none";
-            return Err(Error::argument("pd.no_load_speed", "0", expected).into());
+            return refuse("pd.no_load_speed", "0", "speeds that are positive, infinite for none");
         }
         let decline = |at: usize| {
             let (stall, speed) = (of(&stall, at), of(&speed, at));
@@ -337,7 +325,7 @@ fn limits<'py>(scene: &PyScene, given: &Object<'py>) -> PyResult<Input<'py>> {
             joints.flat_map(|joint| std::iter::repeat_n(joint.limits.effort, joint.v.len())).collect();
         if numbers.iter().all(|limit| limit.is_infinite()) {
             let found = "a scene without limits of effort";
-            return Err(Error::argument("effort", found, "joints with limits, or an array of limits, (nv,)").into());
+            return refuse("effort", found, "joints with limits, or an array of limits, (nv,)");
         }
         return scene.on_tree(py, Input::new("pd.effort", &from_numbers(py, &numbers, &[nv])?, nv)?, Coupling::torques);
     }
@@ -349,8 +337,7 @@ fn bounds<'py>(scene: &PyScene, name: &'static str, given: &Object<'py>) -> PyRe
     let bounds = of_joints(scene, name, given, f64::INFINITY)?;
     if let Some(bound) = bounds.data()?.iter().find(|bound| !(**bound >= 0.0)) {
         let flag = if name == "pd.effort" { "True, or " } else { "" };
-        let expected = format!("{flag}limits that are zero or positive, infinite for none");
-        return Err(Error::argument(name, bound.to_string(), expected).into());
+        return refuse(name, bound.to_string(), format!("{flag}limits that are zero or positive, infinite for none"));
     }
     Ok(bounds)
 }

@@ -1,5 +1,6 @@
 //! Integer arguments.
 
+use super::errors::refuse;
 use super::object::Object;
 use crate::error::Error;
 use pyo3::prelude::*;
@@ -13,7 +14,7 @@ pub(super) fn count(name: &str, value: &Object<'_>, least: usize) -> PyResult<us
         _ => {
             let at_least = value.lt(least).is_ok_and(|below| below);
             let expected = if at_least { String::new() } else { format!(" and at most {most}") };
-            Err(Error::argument(name, value.to_string(), format!("a whole number, at least {least}{expected}")).into())
+            refuse(name, value.to_string(), format!("a whole number, at least {least}{expected}"))
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::input::Input;
 use super::object::Object;
+use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use crate::motion::Properties;
 use crate::scene::Coupling;
@@ -32,6 +33,31 @@ impl PyScene {
         let Some(coupling) = self.scene.coupling() else { return Ok(array) };
         let kept = if rates { coupling.independent_rows() } else { coupling.independent_coordinates_at() };
         array.call_method1("take", (kept.to_vec(), -1))
+    }
+
+    /// Configurations or joint velocities of the states of a simulation, with the given leading axes.
+    pub(super) fn of_states<'a, 'py>(
+        &self,
+        py: Python<'py>,
+        axes: &[usize],
+        states: impl Iterator<Item = (&'a [f64], &'a [f64])>,
+        is_rate: bool,
+    ) -> PyResult<Object<'py>> {
+        let width = if is_rate { self.scene.tree().nv() } else { self.scene.tree().nq() };
+        let mut rows = states.map(|(q, qd)| if is_rate { qd } else { q });
+        if axes.is_empty()
+            && let Some(row) = rows.next()
+        {
+            return self.of_scene(from_numbers(py, row, &[width])?, is_rate);
+        }
+        let mut output = Output::new(py, &[axes, &[width]].concat())?;
+        output.gather(py, width, rows)?;
+        self.of_scene(output.finish().into_any(), is_rate)
+    }
+
+    /// The joint properties of the scene.
+    pub(super) fn properties(&self) -> Properties {
+        self.properties_of_scene(&Properties::of(&self.scene))
     }
 
     /// Converts joint properties of the tree to the coordinates of the scene.

@@ -215,6 +215,15 @@ fn link_tuple(link: &LinkDescription) -> LinkTuple {
     (name.clone(), inertial.map(|Inertial { mass, center, central }| (mass, center.into(), central.entries)))
 }
 
+pub(super) fn limits_as_array(limits: &Limits) -> [f64; 7] {
+    let Limits { lower, upper, velocity, effort, acceleration, deceleration, jerk } = *limits;
+    [lower, upper, velocity, effort, acceleration, deceleration, jerk]
+}
+
+pub(super) fn limits_from([lower, upper, velocity, effort, acceleration, deceleration, jerk]: [f64; 7]) -> Limits {
+    Limits { lower, upper, velocity, effort, acceleration, deceleration, jerk }
+}
+
 /// The complete description of a joint, as numbers and names.
 pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
     // All fields are named, so that a new one cannot be forgotten.
@@ -233,7 +242,6 @@ pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
         limits,
         mimic,
     } = joint;
-    let Limits { lower, upper, velocity, effort, acceleration, deceleration, jerk } = *limits;
     (
         name.clone(),
         kind.name().to_owned(),
@@ -243,7 +251,7 @@ pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
         frame_tuple(origin),
         (*axis).into(),
         [*armature, *damping, *friction, *offset, *stribeck, *stribeck_speed, *load],
-        [lower, upper, velocity, effort, acceleration, deceleration, jerk],
+        limits_as_array(limits),
         mimic.as_ref().map(|Mimic { joint, multiplier, offset }| (joint.clone(), *multiplier, *offset)),
         (spring.stiffness, spring.rest.clone()),
     )
@@ -258,7 +266,6 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
     let (name, kind, pitch, parent, child, origin, axis, terms, limits, mimic, spring) = tuple;
     let [armature, damping, friction, offset, stribeck, stribeck_speed, load] = terms;
     let (stiffness, rest) = spring;
-    let [lower, upper, velocity, effort, acceleration, deceleration, jerk] = limits;
     let kind = joint_kind(&name, &kind, pitch)?;
     Ok(JointDescription {
         name,
@@ -272,7 +279,7 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
         friction,
         friction_curve: FrictionCurve { offset, stribeck, stribeck_speed, load },
         spring: Spring { stiffness, rest },
-        limits: Limits { lower, upper, velocity, effort, acceleration, deceleration, jerk },
+        limits: limits_from(limits),
         mimic: mimic.map(|(joint, multiplier, offset)| Mimic { joint, multiplier, offset }),
     })
 }

@@ -1,5 +1,6 @@
 //! The argument `dtype`: results in float64, or rounded to float32.
 
+use super::errors::refuse;
 use super::object::Object;
 use crate::algorithm::Algorithm;
 use crate::batch::Fault;
@@ -79,6 +80,6 @@ pub(super) fn is_float32(dtype: Option<&Object<'_>>) -> PyResult<bool> {
     match PyArrayDescr::new(py, given) {
         Ok(found) if found.is_equiv_to(&numpy::dtype::<f64>(py)) => Ok(false),
         Ok(found) if found.is_equiv_to(&numpy::dtype::<f32>(py)) => Ok(true),
-        _ => Err(Error::argument("dtype", given.repr()?.to_string(), "numpy.float64 or numpy.float32").into()),
+        _ => refuse("dtype", given.repr()?.to_string(), "numpy.float64 or numpy.float32"),
     }
 }

@@ -15,6 +15,15 @@ pub(super) fn classes(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
     MODULE.get_or_try_init(py, || Ok(py.import("phipsi.errors")?.unbind())).map(|module| module.bind(py))
 }
 
+/// The error of an argument, as the result of a function.
+pub(super) fn refuse<T>(
+    argument: impl Into<String>,
+    found: impl Into<String>,
+    expected: impl Into<String>,
+) -> PyResult<T> {
+    Err(Error::argument(argument, found, expected).into())
+}
+
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
         Python::attach(|py| to_python(py, &error, &[]).unwrap_or_else(|failed| failed))
@@ -48,32 +57,22 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
         }
         attributes.set_item("state", index)?;
     }
+    // The class, and attributes of the exception.
+    macro_rules! with {
+        ($class:literal, $($name:ident),+) => {{
+            $(attributes.set_item(stringify!($name), $name)?;)+
+            $class
+        }};
+    }
     let class = match error {
         Error::Scene { .. } => "SceneError",
-        Error::Shape { argument, .. } => {
-            attributes.set_item("argument", argument)?;
-            "ShapeError"
-        }
-        Error::Argument { argument, .. } => {
-            attributes.set_item("argument", argument)?;
-            "ArgumentError"
-        }
-        Error::NotFinite { argument, index, .. } => {
-            attributes.set_item("argument", argument)?;
-            attributes.set_item("index", index)?;
-            "NotFiniteError"
-        }
-        Error::SingularJoint { joint, link, pivot, .. } => {
-            attributes.set_item("joint", joint)?;
-            attributes.set_item("link", link)?;
-            attributes.set_item("pivot", pivot)?;
-            "SingularJointError"
-        }
+        Error::Shape { argument, .. } => with!("ShapeError", argument),
+        Error::Argument { argument, .. } => with!("ArgumentError", argument),
+        Error::NotFinite { argument, index, .. } => with!("NotFiniteError", argument, index),
+        Error::SingularJoint { joint, link, pivot, .. } => with!("SingularJointError", joint, link, pivot),
         Error::SingularTask { links, rank, directions, .. } => {
-            attributes.set_item("links", PyTuple::new(py, links)?)?;
-            attributes.set_item("rank", rank)?;
-            attributes.set_item("directions", directions)?;
-            "SingularTaskError"
+            let links = PyTuple::new(py, links)?;
+            with!("SingularTaskError", links, rank, directions)
         }
         Error::Constraint { violation, .. } => {
             attributes.set_item("connections", PyTuple::new(py, &violation.connections)?)?;

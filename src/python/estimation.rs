@@ -3,6 +3,7 @@
 use super::axis::Axis;
 use super::call::BatchCall;
 use super::choice::renamed;
+use super::errors::refuse;
 use super::input::{Input, is_bare};
 use super::keywords::Keywords;
 use super::object::{Object, imported};
@@ -97,7 +98,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         renamed("torque", torque, "tau")?;
         let Some(tau) = tau else {
-            return Err(Error::argument("tau", "no value", "the measured torques, (..., nv)").into());
+            return refuse("tau", "no value", "the measured torques, (..., nv)");
         };
         self.scene.check_independent()?;
         let nv = self.scene.nv();

@@ -6,7 +6,7 @@ use super::errors::{asked_by, fault};
 use super::input::{self, Input};
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
 use super::object::{Object, imported};
-use super::output::{Array, Output, from_numbers};
+use super::output::{Array, Names, Output, from_numbers};
 use super::scene::PyScene;
 use super::scratch::Scratch;
 use crate::algorithm::Algorithm;
@@ -163,8 +163,9 @@ impl PyScene {
     }
 }
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    in PyScene;
+
     /// Factorize the mass matrix at q, to solve and multiply with it, and for the operators of the paper (3.1, 3.6).
     #[doc = parameters!(q form tolerance)]
     #[doc = section!(Returns)]
@@ -176,14 +177,8 @@ impl PyScene {
     /// >>> factor = scene.factor([0.3, 0.2, 0.1])
     /// >>> np.allclose(factor.mul(factor.solve([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0])
     /// True
-    #[pyo3(signature = (q, *, form="auto", tolerance=None, **unknown),
-           text_signature = "($self, q, *, form='auto', tolerance=None)")]
-    fn factor<'py>(
-        slf: &Bound<'py, Self>,
-        q: &Object<'py>,
-        form: &str,
-        tolerance: Option<f64>,
-        unknown: Option<&Bound<'py, PyDict>>,
+    fn factor[slf: &Bound<'py, Self>](
+        q: &Object<'py>; form: &str = "auto", tolerance: Option<f64> = None, **unknown
     ) -> PyResult<Object<'py>> {
         refuse_unknown(slf.py(), "Scene.factor", unknown)?;
         imported!(slf.py(), "phipsi.operators", "Factor")?.call1((rebuild_factor(slf, q, form, tolerance)?,))
@@ -212,18 +207,6 @@ impl PyFactor {
     fn __deepcopy__(&self, py: Python<'_>, memo: &Object<'_>) -> Self {
         let _ = memo;
         self.__copy__(py)
-    }
-
-    /// Number of degrees of freedom.
-    #[getter]
-    fn nv(&self) -> usize {
-        self.model().nv()
-    }
-
-    /// Leading axes of the configurations.
-    #[getter]
-    fn batch<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, &self.batch)
     }
 
     /// log det M of every configuration, with the shape of the batch.
@@ -323,6 +306,16 @@ impl PyFactor {
         })?;
         output.finish_or_scalar()
     }
+}
+
+getters! {
+    in PyFactor;
+
+    /// Number of degrees of freedom.
+    nv: usize = |of, _| of.model().nv();
+
+    /// Leading axes of the configurations.
+    batch: Names<'py> = |of, py| PyTuple::new(py, &of.batch);
 }
 
 /// Factors every configuration of q, for Scene.factor and from the result of RawFactor.__reduce__.

@@ -12,7 +12,6 @@ use pyo3::types::{PyDict, PyList, PyTuple};
 /// few: the number of states below which the scene is faster than compiled code; None: no code is generated for it.
 /// `watched`: the function that also returns a margin. scenes: those with code.
 #[pyfunction(name = "_function_table")]
-#[pyo3(signature = ())]
 pub(super) fn function_table(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
     let all = PyList::empty(py);
     for entry in FUNCTIONS {

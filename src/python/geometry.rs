@@ -9,8 +9,7 @@ use crate::algorithm::{KinematicQuantity, PLACEMENTS};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-#[pymethods]
-impl PyScene {
+methods! {
     /// Poses of all links by name (forward kinematics): homogeneous matrices from link to base frame.
     #[doc = parameters!(q errors)]
     #[doc = section!(Returns)]
@@ -23,11 +22,10 @@ impl PyScene {
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.placements(scene.neutral())["flange"][:3, 3].round(3)
     /// array([0.412, 0.15 , 0.488])
-    #[pyo3(signature = (q, *, errors="raise"))]
-    fn placements<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
-        let links = self.scene.links();
-        let call =
-            self.call([self.configuration("q", q)?], PLACEMENTS.cost[0] * (self.size() + links.len()), errors)?;
+    fn placements(q; errors) |scene, py| {
+        let links = scene.scene.links();
+        let cost = PLACEMENTS.cost[0] * (scene.size() + links.len());
+        let call = scene.call([scene.configuration("q", q)?], cost, errors)?;
         let mut all = call.scratch_results(py, 16 * links.len())?;
         call.quantity_in_chunks(py, &KinematicQuantity::Poses(links), all.numbers()?)?;
         let shape = [&call.batch[..], &[4, 4]].concat();
@@ -37,7 +35,7 @@ impl PyScene {
             output.gather(py, 16, all.numbers()?.chunks_exact(16).skip(at).step_by(links.len()))?;
             placements.set_item(&link.name, output.finish())?;
         }
-        Ok(placements)
+        Ok(placements.into_any())
     }
 
     /// Poses of all links in one array (forward kinematics): homogeneous matrices from link to base frame.
@@ -53,14 +51,10 @@ impl PyScene {
     /// >>> poses = scene.poses(scene.neutral())
     /// >>> poses[scene.link_names.index("flange"), :3, 3].round(3)
     /// array([0.412, 0.15 , 0.488])
-    #[pyo3(signature = (q, *, errors="raise"))]
-    fn poses<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
-        let what = KinematicQuantity::Poses(self.scene.links());
-        self.kinematic_quantity(py, &what, [q], &Keywords { errors, ..Keywords::none() })
+    fn poses(q; errors) |scene, py, keywords| {
+        scene.kinematic_quantity(py, &KinematicQuantity::Poses(scene.scene.links()), [q], keywords)
     }
-}
 
-methods! {
     /// Kinetic energy qd^T M qd / 2, including armature, and potential energy.
     #[doc = parameters!(q qd models errors)]
     #[doc = section!(Returns)]

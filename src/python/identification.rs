@@ -16,8 +16,9 @@ use pyo3::types::PyDict;
 const BODY: usize = 100;
 const PAIR: usize = 30;
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    in PyScene;
+
     /// Joint torque regressor Y: inverse_dynamics(q, qd, qdd) = Y parameters + armature qdd.
     #[doc = parameters!(q qd qdd)]
     #[doc = entries!(errors)]
@@ -35,13 +36,8 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3)
     /// >>> scene.regressor([0.1, 0.2, 0.3], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]).shape
     /// (3, 3, 10)
-    #[pyo3(signature = (q, qd, qdd, *, errors="raise"))]
-    fn regressor<'py>(
-        slf: &Bound<'py, Self>,
-        q: &Object<'py>,
-        qd: &Object<'py>,
-        qdd: &Object<'py>,
-        errors: &str,
+    fn regressor[slf: &Bound<'py, Self>](
+        q: &Object<'py>, qd: &Object<'py>, qdd: &Object<'py>; errors: &str = "raise"
     ) -> PyResult<Object<'py>> {
         let py = slf.py();
         let this = slf.get();

@@ -2,7 +2,7 @@
 
 use super::choice::choose;
 use super::counts::{count, count_or, number};
-use super::errors::warn_as;
+use super::errors::{refuse, warn_as};
 use super::input::Input;
 use super::keywords::Keywords;
 use super::object::{Object, imported};
@@ -35,8 +35,9 @@ const BESIDE: usize = 5;
 /// distance has the names of its colliders instead of the links, and none for all pairs.
 type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<'py>, usize, Option<String>);
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    in PyScene;
+
     /// Most probable joint positions that reach tasks, within joint limits and with closed connections.
     #[doc = section!(Parameters)]
     /// tasks : task or list of tasks
@@ -93,29 +94,12 @@ impl PyScene {
     /// >>> found = scene.inverse_kinematics(phipsi.tasks.Pose("flange", goal))
     /// >>> found.reached, np.allclose(scene.placement(found.q, "flange"), goal)
     /// (True, True)
-    #[pyo3(signature = (tasks, q0=None, *, follow=false, starts=None, posture=None, limits=true, tolerance=1e-9,
-                        iterations=None, metric="coordinates", inertias=None, armature=None, covariance=false,
-                        seed=None, errors="raise"),
-           text_signature = "($self, tasks, q0=None, *, follow=False, starts=None, posture=None, limits=True, \
-                             tolerance=1e-9, iterations=100, metric='coordinates', inertias=None, armature=None, \
-                             covariance=False, seed=0, errors='raise')")]
-    fn inverse_kinematics<'py>(
-        &self,
-        py: Python<'py>,
-        tasks: &Object<'py>,
-        q0: Option<&Object<'py>>,
-        follow: bool,
-        starts: Option<&Object<'py>>,
-        posture: Option<f64>,
-        limits: bool,
-        tolerance: f64,
-        iterations: Option<&Object<'py>>,
-        metric: &str,
-        inertias: Option<&Object<'py>>,
-        armature: Option<&Object<'py>>,
-        covariance: bool,
-        seed: Option<&Object<'py>>,
-        errors: &str,
+    fn inverse_kinematics[&self, py: Python<'py>](
+        tasks: &Object<'py>, q0: Option<&Object<'py>> = None; follow: bool = false, starts: Option<&Object<'py>> = None,
+        posture: Option<f64> = None, limits: bool = true, tolerance: f64 = 1e-9,
+        iterations: Option<&Object<'py>> = None => "100", metric: &str = "coordinates",
+        inertias: Option<&Object<'py>> = None, armature: Option<&Object<'py>> = None, covariance: bool = false,
+        seed: Option<&Object<'py>> = None => "0", errors: &str = "raise"
     ) -> PyResult<Object<'py>> {
         let metric = choose("metric", metric, &METRICS)?;
         let usual = Options::default();
@@ -202,30 +186,14 @@ impl PyScene {
     /// ...     q += 0.01 * scene.inverse_kinematics_rates(task, q, dt=0.01, gain=0.2)
     /// >>> scene.placement(q, "flange")[:3, 3].round(3)
     /// array([0.5, 0.1, 0.4])
-    #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true, velocity=None, inertias=None,
-                        errors="raise"))]
-    fn inverse_kinematics_rates<'py>(
-        &self,
-        py: Python<'py>,
-        tasks: &Object<'py>,
-        q: &Object<'py>,
-        dt: f64,
-        gain: f64,
-        damping: f64,
-        limits: bool,
-        velocity: Option<&Object<'py>>,
-        inertias: Option<&Object<'py>>,
-        errors: &str,
+    fn inverse_kinematics_rates[&self, py: Python<'py>](
+        tasks: &Object<'py>, q: &Object<'py>; dt: f64, gain: f64 = 1.0, damping: f64 = 1e-6, limits: bool = true,
+        velocity: Option<&Object<'py>> = None, inertias: Option<&Object<'py>> = None, errors: &str = "raise"
     ) -> PyResult<Object<'py>> {
         let options = RateOptions { dt, gain, damping, limits, velocity: None };
         options.check(&self.scene)?;
         if velocity.is_some() && !limits {
-            return Err(Error::argument(
-                "velocity",
-                "velocity limits with limits=False",
-                "limits=True, or no velocity",
-            )
-            .into());
+            return refuse("velocity", "velocity limits with limits=False", "limits=True, or no velocity");
         }
         let (fixed, mut inputs) = self.tasks(tasks, ("q", q))?;
         let is_limited = velocity.is_some();
@@ -254,11 +222,10 @@ impl PyScene {
     ) -> PyResult<(Vec<Task>, Vec<Input<'py>>)> {
         let given = imported!(tasks.py(), "phipsi.tasks", "unpacked")?.call1((tasks,))?.extract::<Vec<Given<'py>>>()?;
         if given.is_empty() && self.scene.constraints().is_empty() {
-            return Err(Error::argument("tasks", "no task", "at least one task of phipsi.tasks").into());
+            return refuse("tasks", "no task", "at least one task of phipsi.tasks");
         }
         let mut inputs = vec![self.configuration(name, q)?];
-        let mut fixed = Vec::with_capacity(given.len());
-        let mut rest = Vec::new();
+        let (mut all, mut rest) = (Vec::with_capacity(given.len()), Vec::new());
         for (kind, name, on, point, axis, position, rotation, target, width, relative_to) in given {
             if kind == "distance" {
                 let pair = relative_to.map(|second| [on, second]);
@@ -267,15 +234,10 @@ impl PyScene {
                     self.scene.check_collider_pair(&format!("{name}.pair"), pair)?;
                     let goal = Goal::Distance { pair, lower: f64::NAN };
                     let task = Task { goal, position, rotation, relative_to: None };
-                    task.check_deviations(fixed.len())?;
-                    let input = Input::new(format!("{name}.lower"), &target, width)?;
+                    task.check_deviations(all.len())?;
                     // The index of every other task is that of the caller.
-                    if at == 0 {
-                        fixed.push(task);
-                        inputs.push(input);
-                    } else {
-                        rest.push((task, input));
-                    }
+                    let to = if at == 0 { &mut all } else { &mut rest };
+                    to.push((task, Input::new(format!("{name}.lower"), &target, width)?));
                 }
                 continue;
             }
@@ -284,14 +246,11 @@ impl PyScene {
                 let frame = self.scene.frame(&link.as_str().into());
                 task.relative_to = Some(frame.map_err(|error| error.of_argument(&format!("{name}.relative_to")))?);
             }
-            task.check_deviations(fixed.len())?;
-            fixed.push(task);
-            inputs.push(Input::new(format!("{name}.target"), &target, width)?);
+            task.check_deviations(all.len())?;
+            all.push((task, Input::new(format!("{name}.target"), &target, width)?));
         }
-        for (task, input) in rest {
-            fixed.push(task);
-            inputs.push(input);
-        }
+        let (fixed, targets): (_, Vec<_>) = all.into_iter().chain(rest).unzip();
+        inputs.extend(targets);
         Ok((fixed, inputs))
     }
 
@@ -338,7 +297,7 @@ fn on_paths(mut inputs: Vec<Input<'_>>) -> PyResult<Vec<Input<'_>>> {
     let axes = inputs.iter().skip(1).map(|target| target.leading().len()).max().unwrap_or(0);
     if axes == 0 {
         let expected = "targets with an axis of the path, (k, 4, 4) for Pose, or follow=False";
-        return Err(Error::argument("follow", "True with a single target per task", expected).into());
+        return refuse("follow", "True with a single target per task", expected);
     }
     let start = inputs.remove(0);
     if start.leading().len() >= axes {

@@ -15,8 +15,9 @@ use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    in PyScene;
+
     /// Pose of one link or of several (forward kinematics): homogeneous matrices from link to base frame.
     #[doc = parameters!(q)]
     /// link : str or sequence of str
@@ -32,13 +33,8 @@ impl PyScene {
     /// >>> scene = phipsi.load(phipsi.BUNDLED_ARM)
     /// >>> scene.placement(scene.neutral(), "flange")[:3, 3].round(3)
     /// array([0.412, 0.15 , 0.488])
-    #[pyo3(signature = (q, link, *, errors="raise"))]
-    fn placement<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        link: &Object<'py>,
-        errors: &str,
+    fn placement[&self, py: Python<'py>](
+        q: &Object<'py>, link: &Object<'py>; errors: &str = "raise"
     ) -> PyResult<Object<'py>> {
         if let Ok(name) = link.cast::<PyString>() {
             let frame = Frame::from(self.scene.link(name.to_str()?)?);

@@ -1,4 +1,5 @@
-//! The declarations of methods whose arguments are arrays of a state and the keywords that many methods share.
+//! The declarations of methods and properties in Python. An argument stands once: what PyO3 reads, and the signature
+//! that Python shows, are made from it.
 
 /// Methods of `Scene` for Python: `fn name(arrays; keywords) => function(what);` calls a function of the scene with
 /// `what`, the arrays and the [`Keywords`](super::keywords::Keywords); `|scene, py, keywords| body` has its own body.
@@ -93,6 +94,85 @@ macro_rules! methods_in_python {
                     imported!(py, $module, $function)?.call((slf, $($argument,)*), how).map_err(|error| {
                         crate::python::choice::of_unknown(py, concat!("Scene.", stringify!($name)), how, error)
                     })
+                }
+            )*
+        }
+    };
+}
+
+/// The name of an argument in Python.
+#[rustfmt::skip]
+macro_rules! name_of {
+    (r#type) => { "type" };
+    ($name:ident) => { stringify!($name) };
+}
+
+/// A default as `inspect.signature` shows it.
+#[rustfmt::skip]
+macro_rules! shown {
+    (true) => { "True" };
+    (false) => { "False" };
+    ($usual:tt) => { stringify!($usual) };
+    ($usual:tt, $shown:literal) => { $shown };
+}
+
+/// Arguments in parentheses and the end of the signature in a docstring: first `$self`, if any.
+#[rustfmt::skip]
+macro_rules! listed {
+    ([$($this:tt)?] $($part:tt)*) => { listed!($($this)? $($part)*) };
+    (($($first:tt)*) $(($($other:tt)*))*) => { concat!("(", $($first)* $(, ", ", $($other)*)*, ")\n--\n") };
+}
+
+/// Methods of a class whose arguments stand once: `fn name[receiver](positional; keywords) -> Result { body }`, each
+/// argument as `name: Type = default`. `=>`: the default as signatures show it; `**name`: other keywords, which they do
+/// not show. Python takes the signature from the first line of the docstring. `static in`: methods without an object.
+macro_rules! typed_methods {
+    (in $class:ident; $($methods:tt)*) => { typed_methods!(@ [("$self")] $class; $($methods)*); };
+    (static in $class:ident; $($methods:tt)*) => { typed_methods!(@ [] $class; $($methods)*); };
+    (@ $this:tt $class:ident; $(
+        $(#[$meta:meta])*
+        fn $name:ident[$($receiver:tt)*](
+            $($first:ident: $kind:ty $(= $usual:tt $(=> $shown:literal)?)?),*
+            $(; $($keyword:ident: $type:ty $(= $value:tt $(=> $text:literal)?)?),*)?
+            $(, **$rest:ident)?
+        ) -> $result:ty $body:block
+    )*) => {
+        #[pymethods]
+        #[allow(clippy::elidable_lifetime_names, clippy::extra_unused_lifetimes)] // of some types
+        impl $class {
+            $(
+                #[doc = concat!(stringify!($name), listed!(
+                    $this $((name_of!($first) $(, "=", shown!($usual $(, $shown)?))?))*
+                    $(("*") $((stringify!($keyword) $(, "=", shown!($value $(, $text)?))?))*)?
+                ))]
+                $(#[$meta])*
+                #[pyo3(
+                    signature = ($($first $(= $usual)?,)* $(*, $($keyword $(= $value)?,)*)? $(**$rest)?),
+                    text_signature = None
+                )]
+                fn $name<'py>(
+                    $($receiver)*, $($first: $kind,)* $($($keyword: $type,)*)? $($rest: Option<&Bound<'py, PyDict>>)?
+                ) -> $result $body
+            )*
+        }
+    };
+}
+
+/// Properties of a class in Python: `name: Type = |object, py| value;`.
+macro_rules! getters {
+    (in $class:ident; $(
+        $(#[$meta:meta])*
+        $visible:vis $name:ident: $kind:ty = |$of:ident, $py:pat_param| $value:expr;
+    )*) => {
+        #[pymethods]
+        #[allow(clippy::elidable_lifetime_names)] // the lifetime is that of some types
+        impl $class {
+            $(
+                $(#[$meta])*
+                #[getter]
+                $visible fn $name<'py>(&self, py: Python<'py>) -> $kind {
+                    let ($of, $py) = (self, py);
+                    $value
                 }
             )*
         }

@@ -17,6 +17,8 @@ mod docstrings;
 mod dtype;
 #[macro_use]
 mod methods;
+#[macro_use]
+mod stepping;
 
 mod accuracy;
 mod actuators;
@@ -79,7 +81,6 @@ mod simulator;
 mod single;
 mod stability;
 mod start;
-mod stepping;
 mod stochastic;
 mod threads;
 mod uncertainty;

@@ -4,12 +4,12 @@ use super::choice::of_unknown;
 use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
-use super::errors::{asked_by, of_batch};
+use super::errors::{asked_by, of_batch, refuse};
 use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
-use super::output::{Output, from_numbers, property};
+use super::output::{Output, property};
 use super::own_models;
 use super::scene::PyScene;
 use super::stepping::{Allowed, BLOCK, Blocks, Keywords, Stopped, about, set_outcome, warn_of_limits, warn_of_start};
@@ -17,30 +17,34 @@ use super::wrenches::LinkWrenches;
 use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
 use crate::memory;
-use crate::motion::{Properties, Records, Rollout, Torque};
+use crate::motion::{Records, Rollout, Torque};
 use crate::scene::{Coupling, FrictionCurve, Scene};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::time::Instant;
 
-#[pymethods]
-impl PyScene {
+getters! {
+    in PyScene;
+
     /// Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m, read-only; used in simulations.
-    #[getter]
-    fn damping<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).damping, &[self.scene.nv()])
-    }
+    damping: PyResult<Object<'py>> = |of, py| property(py, &of.properties().damping, &[of.scene.nv()]);
 
     /// Coulomb friction of each degree of freedom, (nv,), N m or N, read-only; used in simulations.
-    #[getter]
-    fn friction<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).friction, &[self.scene.nv()])
-    }
+    friction: PyResult<Object<'py>> = |of, py| property(py, &of.properties().friction, &[of.scene.nv()]);
 
+    /// Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, read-only; used in simulations.
+    stiffness: PyResult<Object<'py>> = |of, py| property(py, &of.properties().stiffness, &[of.scene.nv()]);
+
+    /// Configuration in which the springs are at rest, (nq,), read-only.
+    rest: PyResult<Object<'py>> = |of, py| property(py, &of.properties().rest, &[of.scene.nq()]);
+}
+
+#[pymethods]
+impl PyScene {
     /// Terms of friction: friction_offset, stribeck, stribeck_speed and load_friction, (4, nv), read-only.
     #[getter]
     fn friction_terms<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        let (curves, nv) = (self.properties_of_scene(&Properties::of(&self.scene)).curves, self.scene.nv());
+        let (curves, nv) = (self.properties().curves, self.scene.nv());
         let each = |row: usize| curves.get(row).copied().unwrap_or_default();
         let terms = |term: fn(&FrictionCurve) -> f64| (0..nv).map(move |row| term(&each(row)));
         let all = terms(|of| of.offset).chain(terms(|of| of.stribeck));
@@ -48,18 +52,10 @@ impl PyScene {
         property(py, &all, &[4, nv])
     }
 
-    /// Spring stiffness of each degree of freedom, (nv,), N m/rad or N/m, read-only; used in simulations.
-    #[getter]
-    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).stiffness, &[self.scene.nv()])
-    }
-
-    /// Configuration in which the springs are at rest, (nq,), read-only.
-    #[getter]
-    fn rest<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        property(py, &self.properties_of_scene(&Properties::of(&self.scene)).rest, &[self.scene.nq()])
-    }
-
+    #[doc = signature!("simulate", "q, qd, *, dt=None, steps=None, tau=None, tau_steps=None", method;
+                       ", record_every=1", joints form; ", progress=None", compliance stops accuracy smoothing;
+                       ", duration=None, covariance=None", targets effort; ", control=None, activation=None",
+                       wrenches contacts)]
     /// Simulate one state or a batch in time: M(q) dv/dt + bias(q, v) = tau + forces of joints and stops, dq/dt = v.
     #[doc = section!(Parameters)]
     /// q : (..., nq) array_like
@@ -173,13 +169,7 @@ impl PyScene {
     /// ((11, 6), 'rk4', array([0.79, 0.35]))
     #[pyo3(signature = (q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, record_every=None, progress=None,
                         duration=None, covariance=None, control=None, activation=None, **given),
-           text_signature = "($self, q, qd, *, dt=None, steps=None, tau=None, tau_steps=None, method='auto', \
-                             record_every=1, pd=None, inertias=None, armature=None, damping=None, stiffness=None, \
-                             rest=None, friction=None, friction_speed=None, form='auto', tolerance=None, \
-                             progress=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
-                             smoothing=0.0, duration=None, covariance=None, targets=None, target_rates=None, effort=None, \
-                             control=None, activation=None, wrenches=None, frame='link', contact_friction=None, \
-                             contact_restitution=None)")]
+           text_signature = None)]
     #[allow(clippy::too_many_lines)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
@@ -283,13 +273,8 @@ impl PyScene {
             let shapes = rollout.shape_contacts();
             fields.set_item("contacts", contact_motion(slf, rows, (&shapes, every))?)?;
         }
-        let last = |of: &dyn Fn(usize) -> Vec<f64>, width: usize, rates: bool| -> PyResult<Object<'py>> {
-            let values: Vec<f64> = (0..states).flat_map(of).collect();
-            own.of_scene(from_numbers(py, &values, &[&batch[..], &[width]].concat())?, rates)
-        };
-        let ends =
-            (last(&|i| rollout.state(i).0.to_vec(), nq, false)?, last(&|i| rollout.state(i).1.to_vec(), nv, true)?);
-        fields.set_item("end", ends)?;
+        let end = |is_rate| own.of_states(py, &batch, (0..states).map(|state| rollout.state(state)), is_rate);
+        fields.set_item("end", (end(false)?, end(true)?))?;
         let whole = (own.of_scene(out_q.finish().into_any(), false)?, own.of_scene(out_qd.finish().into_any(), true)?);
         let trajectory = imported!(py, "phipsi._motion", "trajectory_of")?.call(whole, Some(&fields))?;
         match (stopped, covariance) {
@@ -345,15 +330,13 @@ fn length_of_run(
     if let Some(duration) = duration
         && !(duration.is_finite() && duration > 0.0)
     {
-        return Err(Error::argument("duration", format!("{duration}"), "a time in s, finite and positive").into());
+        return refuse("duration", format!("{duration}"), "a time in s, finite and positive");
     }
     let dt = match (dt, duration) {
         (Some(dt), _) => dt,
         (None, Some(duration)) if controlled => duration / ROWS,
         _ => {
-            return Err(
-                Error::argument("dt", "None", "a step in s, which is optional with accuracy and duration").into()
-            );
+            return refuse("dt", "None", "a step in s, which is optional with accuracy and duration");
         }
     };
     match (steps, duration) {
@@ -362,13 +345,13 @@ fn length_of_run(
             let found = (duration / dt).round();
             if !((1.0..1e15).contains(&found)) || !((found * dt - duration).abs() <= 1e-6 * duration) {
                 let expected = "a multiple of dt, or steps instead of duration";
-                return Err(Error::argument("duration", format!("{duration} with dt {dt}"), expected).into());
+                return refuse("duration", format!("{duration} with dt {dt}"), expected);
             }
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // in these bounds
             Ok((dt, found as usize))
         }
-        (None, None) => Err(Error::argument("steps", "None", "a number of steps, or duration").into()),
-        (Some(_), Some(_)) => Err(Error::argument("duration", "steps and duration", "either steps or duration").into()),
+        (None, None) => refuse("steps", "None", "a number of steps, or duration"),
+        (Some(_), Some(_)) => refuse("duration", "steps and duration", "either steps or duration"),
     }
 }
 
@@ -467,22 +450,11 @@ fn advanced(
 
 /// Calls the function of the caller for the torques at the current states.
 fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<&Scene>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
-    let py = tau.py();
-    let states = rollout.states();
-    let (nq, nv) = (plan.own.scene.tree().nq(), plan.own.scene.tree().nv());
-    let mut q = memory::with_capacity("q", states * nq)?;
-    let mut qd = memory::with_capacity("qd", states * nv)?;
-    for state in 0..rollout.states() {
-        let (own_q, own_qd) = rollout.state(state);
-        q.extend_from_slice(own_q);
-        qd.extend_from_slice(own_qd);
-    }
-    let of_scene = |numbers: &[f64], width: usize, rates: bool| {
-        plan.own.of_scene(from_numbers(py, numbers, &[plan.batch, &[width]].concat())?, rates)
-    };
+    let (py, states) = (tau.py(), || (0..rollout.states()).map(|state| rollout.state(state)));
+    let now = |is_rate| plan.own.of_states(py, plan.batch, states(), is_rate);
     #[allow(clippy::cast_precision_loss)] // a time
     let t = rollout.steps() as f64 * plan.dt;
-    let value = tau.call1((t, of_scene(&q, nq, false)?, of_scene(&qd, nv, true)?))?;
+    let value = tau.call1((t, now(false)?, now(true)?))?;
     let tau = Input::new("tau(t, q, qd)", &value, plan.own.rates())?;
     check_finite("tau(t, q, qd)", tau.data()?)?;
     plan.own.on_tree(py, tau, Coupling::torques)

@@ -1,7 +1,7 @@
 //! The compiled part of `phipsi.estimation.Observer`: a filter of one robot or a batch.
 
 use super::cost::WORTH_RELEASING;
-use super::errors::{fault, of_batch};
+use super::errors::{fault, of_batch, refuse};
 use super::interrupts::detached;
 use super::object::Object;
 use super::output::{Output, from_numbers};
@@ -274,7 +274,7 @@ impl PyScene {
         let arrays = [q.as_array(), qd.as_array(), qdd.as_array(), tau.as_array()];
         let count = arrays[0].nrows();
         if arrays.iter().any(|array| array.nrows() != count) {
-            return Err(Error::argument("state", "arrays of different lengths", "one row per state").into());
+            return refuse("state", "arrays of different lengths", "one row per state");
         }
         let states = (0..count).map(|i| arrays.each_ref().map(|array| array.row(i).to_vec()));
         let (nv, mut found, mut size, mut depends) = (scene.nv(), [const { Vec::new() }; 5], 0, [false; 2]);

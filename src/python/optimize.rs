@@ -1,5 +1,6 @@
 //! The method `Scene.optimize`, and the compiled part of `phipsi.control`: an optimizer with its memory.
 
+use super::errors::refuse;
 use super::interrupts::detached;
 use super::inverse_kinematics::all_aimed;
 use super::object::{Object, imported};
@@ -167,9 +168,7 @@ impl PyOptimizer {
     ) -> PyResult<Self> {
         let (raised, (dt, steps), own) = (Raised::default(), times, scene.get());
         let mut problem = Problem::new(&own.scene, dt, steps);
-        for (at, given) in terms.iter().enumerate() {
-            problem.costs.push(own.term(at, given, &raised)?);
-        }
+        problem.costs = own.terms(&terms, &raised)?;
         if has_limits {
             problem.costs.extend(Problem::limits_of(&own.scene, steps));
         }
@@ -186,14 +185,9 @@ impl PyOptimizer {
     fn retarget(&self, terms: Vec<GivenTerm<'_>>) -> PyResult<()> {
         if terms.len() != self.terms {
             let (found, expected) = (format!("{} terms", terms.len()), format!("{}, as before", self.terms));
-            return Err(Error::argument("costs", found, expected).into());
+            return refuse("costs", found, expected);
         }
-        let own = self.scene.get();
-        let new = terms
-            .iter()
-            .enumerate()
-            .map(|(at, given)| own.term(at, given, &self.raised))
-            .collect::<PyResult<Vec<_>>>()?;
+        let new = self.scene.get().terms(&terms, &self.raised)?;
         Ok(self.optimizer()?.set_costs(new)?)
     }
 
@@ -275,6 +269,10 @@ impl PyOptimizer {
 }
 
 impl PyScene {
+    fn terms(&self, given: &[GivenTerm<'_>], raised: &Raised) -> PyResult<Vec<Cost>> {
+        given.iter().enumerate().map(|(at, given)| self.term(at, given, raised)).collect()
+    }
+
     /// A term from its arguments.
     fn term(&self, at: usize, given: &GivenTerm<'_>, raised: &Raised) -> PyResult<Cost> {
         let &(ref kind, first, last, is_limit, ref arguments) = given;

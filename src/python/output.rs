@@ -19,6 +19,9 @@ use std::ops::Range;
 /// Result of most methods.
 pub(super) type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
 
+/// Result of properties that list names or sizes.
+pub(super) type Names<'py> = PyResult<Bound<'py, PyTuple>>;
+
 /// Number of values that are copied between two checks for signals.
 const AT_A_TIME: usize = 1 << 19;
 

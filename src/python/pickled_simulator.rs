@@ -2,12 +2,13 @@
 
 use super::choice::name_of;
 use super::description::body_names;
+use super::errors::refuse;
 use super::input::shaped;
 use super::object::Object;
 use super::output::from_numbers;
 use super::scene::PyScene;
 use super::simulator::PySimulator;
-use crate::error::Error;
+use super::stepping::{Keywords, OF_CONTACTS, OF_RATES};
 use crate::memory;
 use crate::motion::{Gains, Limits, Method, Properties, Settings};
 use pyo3::prelude::*;
@@ -46,7 +47,7 @@ impl PySimulator {
         keywords.set_item("dt", dt)?;
         keywords.set_item("method", method.name())?;
         keywords.set_item("form", name_of(form))?;
-        keywords.set_item("tolerance", settings.tolerance)?;
+        Keywords::add_fields(&keywords, settings)?;
         if !compliance.is_empty() {
             keywords.set_item("compliance", from_numbers(py, &compliance, &[compliance.len()])?)?;
         }
@@ -56,33 +57,24 @@ impl PySimulator {
             Limits::Report => Some("report"),
         };
         keywords.set_item("limits", limits)?;
-        keywords.set_item("restitution", settings.restitution)?;
-        keywords.set_item("accuracy", settings.accuracy)?;
-        keywords.set_item("smoothing", settings.smoothing)?;
         let own = self.scene.get();
         let is_given = own.scene.coupling().is_none() || properties != Properties::of(&own.scene);
         // The properties of coupled joints are not those of the independent joints only.
-        let properties = own.properties_of_scene(&properties);
-        let of_joints = [
-            ("armature", &properties.armature),
-            ("damping", &properties.damping),
-            ("stiffness", &properties.stiffness),
-            ("rest", &properties.rest),
-            ("friction", &properties.friction),
-        ];
-        for (name, numbers) in of_joints.into_iter().filter(|_| is_given) {
-            let width = if name == "rest" { own.scene.nq() } else { own.scene.nv() };
+        let mut properties = own.properties_of_scene(&properties);
+        for (name, place) in OF_RATES.into_iter().filter(|_| is_given) {
+            let (numbers, width) = (&*place(&mut properties), own.scene.nv());
             let of_states = if numbers.len() == width { &[][..] } else { &self.batch };
             keywords.set_item(name, from_numbers(py, numbers, &[of_states, &[width]].concat())?)?;
+        }
+        if is_given {
+            keywords.set_item("rest", from_numbers(py, &properties.rest, &[own.scene.nq()])?)?;
         }
         if !properties.inertias.is_empty() {
             let shape = [&self.batch[..], &[body_names(&own.scene).len(), 10]].concat();
             keywords.set_item("inertias", from_numbers(py, &properties.inertias, &shape)?)?;
         }
-        for (name, numbers) in [
-            ("contact_friction", &properties.contact_friction),
-            ("contact_restitution", &properties.contact_restitution),
-        ] {
+        for (name, place) in OF_CONTACTS {
+            let numbers = &*place(&mut properties);
             if !numbers.is_empty() {
                 let shape = [&self.batch[..], &[own.scene.contact_coefficients()]].concat();
                 keywords.set_item(name, from_numbers(py, numbers, &shape)?)?;
@@ -128,7 +120,7 @@ pub(super) fn rebuild_simulator<'py>(
     let made = scene.call_method("simulator", (q, qd), Some(keywords))?.cast_into::<PySimulator>()?;
     let (_, numbers) = shaped("pickled simulator", numbers, 0)?;
     if !made.get().moving()?.resume(Method::named(method)?, (&numbers, &begun), steps) {
-        return Err(Error::argument("pickled simulator", "data of another size", "the data that pickle wrote").into());
+        return refuse("pickled simulator", "data of another size", "the data that pickle wrote");
     }
     Ok(made)
 }

@@ -2,13 +2,12 @@
 
 use super::choice::choose;
 use super::counts::count;
-use super::errors::asked_by;
+use super::errors::{asked_by, refuse};
 use super::input::{Input, state};
 use super::interrupts::detached_checked;
 use super::object::Object;
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use crate::error::Error;
 use crate::filter::FORMS;
 use crate::report::accuracy::{METHODS, States, measure, reference};
 use crate::report::{growth, residuals};
@@ -53,8 +52,7 @@ impl<'py> Arguments<'py> {
         }
         for input in [&all.qd, &all.tau] {
             if input.leading() != all.q.leading() {
-                let found = format!("leading axes {:?}", input.leading());
-                return Err(Error::argument(&*input.name, found, "those of q").into());
+                return refuse(&*input.name, format!("leading axes {:?}", input.leading()), "those of q");
             }
             for state in input.data()?.chunks_exact(scene.nv().max(1)) {
                 scene.check_rates(&input.name, state)?;
@@ -88,7 +86,6 @@ impl PyScene {
     #[doc = section!(Examples)]
     /// >>> max(phipsi.scenes.chain(3).check([0.3, 0.2, 0.1]).values()) < 1e-12
     /// True
-    #[pyo3(signature = (q))]
     fn check<'py>(&self, py: Python<'py>, q: &Object<'py>) -> PyResult<Bound<'py, PyDict>> {
         let scene = &self.scene;
         let q = state("q", q, self.coordinates())?;
@@ -107,7 +104,6 @@ impl PyScene {
 
 /// Residuals at one state, as (name, relative residual, whether rounding grows with the condition number of M).
 #[pyfunction(name = "residuals")]
-#[pyo3(signature = (scene, q, qd, tau))]
 pub(super) fn residuals_at(
     py: Python<'_>,
     scene: &PyScene,
@@ -123,7 +119,6 @@ pub(super) fn residuals_at(
 
 /// Accelerations of n states in double-double arithmetic, about 31 digits; q: (n, nq), qd and tau: (n, nv).
 #[pyfunction(name = "reference")]
-#[pyo3(signature = (scene, q, qd, tau))]
 pub(super) fn reference_of(
     py: Python<'_>,
     scene: &PyScene,
@@ -143,7 +138,6 @@ pub(super) fn reference_of(
 /// joints relative to the largest acceleration, or NaN after an invalid pivot. method: one of METHODS; repeats: passes over
 /// the states.
 #[pyfunction(name = "measure")]
-#[pyo3(signature = (scene, method, q, qd, tau, reference, repeats))]
 pub(super) fn measure_method<'py>(
     py: Python<'py>,
     scene: &PyScene,
@@ -159,8 +153,7 @@ pub(super) fn measure_method<'py>(
     let arguments = Arguments::read(scene, q, qd, tau)?;
     let states = arguments.states()?;
     if reference.values.len() != states.tau.len() {
-        let found = format!("{} numbers", reference.values.len());
-        return Err(Error::argument("reference", found, "the reference of these states").into());
+        return refuse("reference", format!("{} numbers", reference.values.len()), "the reference of these states");
     }
     let values = &reference.values;
     let measurement = detached_checked(py, || measure(&scene.scene, method, states, values, repeats))?;
@@ -172,7 +165,6 @@ pub(super) fn measure_method<'py>(
 ///
 /// Times `Scene::evaluate` in Rust, one state per call, over repeats passes.
 #[pyfunction(name = "growth")]
-#[pyo3(signature = (bodies, repeats))]
 pub(super) fn growth_of(py: Python<'_>, bodies: &Object<'_>, repeats: &Object<'_>) -> PyResult<(f64, f64, f64)> {
     let (bodies, repeats) = (count("bodies", bodies, 0)?, count("repeats", repeats, 1)?);
     let growth = detached_checked(py, || growth::growth(bodies, repeats))?;
@@ -181,7 +173,6 @@ pub(super) fn growth_of(py: Python<'_>, bodies: &Object<'_>, repeats: &Object<'_
 
 /// Rust function of a method of METHODS, and its form; None if its calls have no form.
 #[pyfunction(name = "method_call")]
-#[pyo3(signature = (method))]
 pub(super) fn call_of_method(method: &str) -> PyResult<(&'static str, Option<&'static str>)> {
     let method = choose("method", method, METHODS)?;
     let name = |form| FORMS.iter().find(|(_, known)| *known == form).map(|&(name, _)| name);
@@ -190,7 +181,6 @@ pub(super) fn call_of_method(method: &str) -> PyResult<(&'static str, Option<&'s
 
 /// Median time per body (ns) of each operator, and with a star of its transpose, on a chain: (name, ns).
 #[pyfunction(name = "operator_growth")]
-#[pyo3(signature = (bodies, repeats))]
 pub(super) fn operator_growth_of(
     py: Python<'_>,
     bodies: &Object<'_>,

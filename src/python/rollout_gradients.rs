@@ -3,7 +3,7 @@
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
 use super::coupling::Expand;
-use super::errors::{asked_by, batch_index, fault, of_batch};
+use super::errors::{asked_by, batch_index, fault, of_batch, refuse};
 use super::fresh::states_of;
 use super::input::Input;
 use super::interrupts::detached;
@@ -15,7 +15,7 @@ use super::scene::PyScene;
 use super::stepping::{Allowed, Keywords};
 use super::wrenches::LinkWrenches;
 use crate::batch::{Fault, broadcast_axes};
-use crate::error::{Error, check_finite};
+use crate::error::check_finite;
 use crate::memory;
 use crate::motion::{ContactId, Gains, ModeChange, RecordedRows, Rollout, RolloutGradients, ShapeGradients};
 use crate::scene::{Coupling, Scene};
@@ -25,6 +25,9 @@ use std::collections::BTreeSet;
 
 #[pymethods]
 impl PyScene {
+    #[doc = signature!("simulate_vjp", "q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None",
+                       method; ", record_every=1", joints form; ", parameters=False", stops compliance smoothing
+                       targets effort wrenches contacts)]
     /// Gradients of a function of a trajectory by the adjoint of every step, from recorded rows; as Trajectory.vjp.
     #[doc = section!(Parameters)]
     /// q : (..., rows, nq) array_like
@@ -39,15 +42,15 @@ impl PyScene {
     ///     Step, s.
     /// steps : int
     ///     Number of steps.
-    /// tau, tau_steps, method, record_every, pd, inertias, armature, damping, stiffness, rest, friction, friction_speed
+    #[doc = concat!("tau, tau_steps, method, record_every, ", names_of_keywords!(joints))]
     ///     As given to simulate; tau is an array.
-    /// form, tolerance
+    #[doc = names_of_keywords!(form)]
     ///     As given to simulate.
     /// parameters : bool, default False
     ///     If true, compute the gradients with respect to inertial parameters too.
-    /// limits, restitution, compliance, smoothing, targets, target_rates, effort, wrenches, frame
+    #[doc = names_of_keywords!(stops compliance smoothing targets effort wrenches)]
     ///     As given to simulate.
-    /// contact_friction, contact_restitution
+    #[doc = names_of_keywords!(contacts)]
     ///     As given to simulate.
     #[doc = section!(Returns)]
     /// gradients : RolloutGradients
@@ -77,13 +80,7 @@ impl PyScene {
     /// True
     #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, record_every=None,
                         parameters=false, **given),
-           text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, \
-                             method='auto', record_every=1, pd=None, inertias=None, armature=None, damping=None, \
-                             stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
-                             tolerance=None, parameters=False, limits=None, restitution=0.0, compliance=None, \
-                             smoothing=0.0, targets=None, target_rates=None, effort=None, \
-                             wrenches=None, frame='link', contact_friction=None, \
-                             contact_restitution=None)")]
+           text_signature = None)]
     fn simulate_vjp<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
@@ -110,7 +107,7 @@ impl PyScene {
         let wrenches = keywords.wrenches(own, steps)?;
         if matches!(given, Given::Function(_)) {
             let expected = "an array; the torques of a function can be given as tau_steps";
-            return Err(Error::argument("tau", "a function, which has no known gradients", expected).into());
+            return refuse("tau", "a function, which has no known gradients", expected);
         }
         let inputs = [
             Input::table("q", q, rows, own.coordinates())?,

@@ -4,15 +4,16 @@ use super::axis::Axis;
 use super::choice::{names, read_mimic};
 use super::cost::WORTH_DETACHING;
 use super::description::{self, Description, body_names};
+use super::errors::refuse;
 use super::input::in_python;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
+use super::output::{Names, property};
 use super::scratch::Scratch;
-use super::{errors, input, output};
+use super::{errors, input};
 use crate::batch::{self, Pool};
 use crate::error::Error;
 use crate::memory;
-use crate::motion::Properties;
 use crate::scene::{Scene, SceneBuilder};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
@@ -68,6 +69,11 @@ impl PyScene {
         Self { scene, pool: Pool::default() }
     }
 
+    /// Makes a scene from this one, without the GIL if it is large.
+    pub(super) fn derived(&self, py: Python<'_>, make: impl FnOnce() -> Result<Scene, Error> + Send) -> PyResult<Self> {
+        Ok(Self::new(if self.size() < WORTH_DETACHING { make()? } else { detached_checked(py, make)? }))
+    }
+
     /// Checks that the workspaces of the threads of a batch fit in memory, if they are large.
     pub(super) fn check_scratch(&self, states: usize) -> Result<(), Error> {
         /// Approximate size of the workspace of a thread per body, in bytes, including lanes.
@@ -103,8 +109,9 @@ impl PyScene {
     }
 }
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    static in PyScene;
+
     /// Create the scene of a URDF file or text.
     #[doc = section!(Parameters)]
     /// source : str or os.PathLike
@@ -150,19 +157,10 @@ impl PyScene {
     /// >>> scene.joint_names[:2], scene.nv
     /// (('root_joint', 'joint1'), 12)
     #[staticmethod]
-    #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None, mimic="free",
-                        contacts=None),
-           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None, \
-                             mimic='free', contacts=None)")]
-    fn from_urdf<'py>(
-        py: Python<'py>,
-        source: &Object<'py>,
-        floating_base: bool,
-        gravity: Option<&Object<'py>>,
-        strict: bool,
-        leave_out: Option<&Object<'py>>,
-        mimic: &str,
-        contacts: Option<&Object<'py>>,
+    fn from_urdf[py: Python<'py>](
+        source: &Object<'py>; floating_base: bool = false, gravity: Option<&Object<'py>> = None => "(0, 0, -9.81)",
+        strict: bool = false, leave_out: Option<&Object<'py>> = None, mimic: &str = "free",
+        contacts: Option<&Object<'py>> = None
     ) -> PyResult<Object<'py>> {
         let mimic = read_mimic(mimic)?;
         let given = source;
@@ -253,16 +251,10 @@ impl PyScene {
     /// >>> scene.joint_names
     /// ('hinge',)
     #[staticmethod]
-    #[pyo3(signature = (source, *, gravity=None, strict=false, leave_out=None, ignore=None, contacts=None),
-           text_signature = "(source, *, gravity=None, strict=False, leave_out=None, ignore=(), contacts=None)")]
-    fn from_mujoco<'py>(
-        py: Python<'py>,
-        source: &Object<'py>,
-        gravity: Option<&Object<'py>>,
-        strict: bool,
-        leave_out: Option<&Object<'py>>,
-        ignore: Option<&Object<'py>>,
-        contacts: Option<&Object<'py>>,
+    fn from_mujoco[py: Python<'py>](
+        source: &Object<'py>; gravity: Option<&Object<'py>> = None, strict: bool = false,
+        leave_out: Option<&Object<'py>> = None, ignore: Option<&Object<'py>> = None => "()",
+        contacts: Option<&Object<'py>> = None
     ) -> PyResult<Object<'py>> {
         let ignored = ignore.map(|ignore| names("ignore", ignore, "a list of names")).transpose()?.unwrap_or_default();
         imported!(py, "phipsi.mujoco", "read")?.call1((source, gravity, strict, leave_out, ignored, contacts))
@@ -298,43 +290,16 @@ impl PyScene {
     /// >>> phipsi.Scene.from_pinocchio(model).nv
     /// 6
     #[staticmethod]
-    #[pyo3(signature = (model, *, gravity=None, strict=false, leave_out=None),
-           text_signature = "(model, *, gravity=None, strict=False, leave_out=None)")]
-    fn from_pinocchio<'py>(
-        py: Python<'py>,
-        model: &Object<'py>,
-        gravity: Option<&Object<'py>>,
-        strict: bool,
-        leave_out: Option<&Object<'py>>,
+    fn from_pinocchio[py: Python<'py>](
+        model: &Object<'py>; gravity: Option<&Object<'py>> = None, strict: bool = false,
+        leave_out: Option<&Object<'py>> = None
     ) -> PyResult<Object<'py>> {
         imported!(py, "phipsi.pinocchio", "read")?.call1((model, gravity, strict, leave_out))
     }
+}
 
-    /// URDF or MJCF file of the scene, a pathlib.Path; None for a scene from text or code.
-    #[getter]
-    fn file(&self) -> Option<&Path> {
-        self.scene.source().file()
-    }
-
-    /// URDF texts whose `<visual>` elements are drawn, in addition to those of the file.
-    #[getter]
-    fn _shapes(&self) -> Vec<&str> {
-        self.scene.source().shapes().iter().map(String::as_str).collect()
-    }
-
-    /// Number of coordinates in q.
-    #[getter]
-    fn nq(&self) -> usize {
-        self.scene.nq()
-    }
-
-    /// Inertia of rotors and gears that each degree of freedom adds to M, (nv,), kg m^2 or kg, read-only.
-    #[getter]
-    fn armature<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        let armature = self.properties_of_scene(&Properties::of(&self.scene)).armature;
-        output::property(py, &armature, &[self.scene.nv()])
-    }
-
+#[pymethods]
+impl PyScene {
     /// Inertial parameters of the bodies, (bodies, 10), read-only: mass, mass moments and moments of inertia.
     ///
     /// Row b belongs to the link body_names[b] with the links fixed to it. The parameters are (m, m cx, m cy, m cz,
@@ -344,40 +309,7 @@ impl PyScene {
     #[getter]
     fn inertial_parameters<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let numbers = self.scene.inertial_parameters();
-        output::property(py, &numbers, &[numbers.len() / 10, 10])
-    }
-
-    /// Number of degrees of freedom: the length of qd, qdd and tau.
-    #[getter]
-    fn nv(&self) -> usize {
-        self.scene.nv()
-    }
-
-    /// Names of the movable joints in the order of q, that of a floating base ("root_joint") first.
-    #[getter]
-    fn joint_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.name).collect::<Vec<_>>())
-    }
-
-    /// Names of the links that movable joints carry, one for each entry of an axis of bodies.
-    ///
-    /// They are in the order of joint_names. With mimic joints they include the links of the joints that follow others,
-    /// which joint_names does not list.
-    #[getter]
-    fn body_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, body_names(&self.scene))
-    }
-
-    /// Names of all links in depth-first order, including links on fixed joints.
-    #[getter]
-    fn link_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, self.scene.links().iter().map(|link| &link.name).collect::<Vec<_>>())
-    }
-
-    /// Gravity in the base frame, (3,), m/s^2, read-only.
-    #[getter]
-    fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        output::property(py, self.scene.model().gravity.as_slice(), &[3])
+        property(py, &numbers, &[numbers.len() / 10, 10])
     }
 
     /// Create a scene in which joints are fixed at their coordinates in q; the names of links remain.
@@ -398,9 +330,67 @@ impl PyScene {
         let names = names("joints", joints, "a list of joint names")?;
         let q = input::state("q", q, self.coordinates())?;
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        let lock = || self.scene.lock(&names, &q);
-        Ok(Self::new(if self.size() < WORTH_DETACHING { lock()? } else { detached_checked(py, lock)? }))
+        self.derived(py, || self.scene.lock(&names, &q))
     }
+
+    fn __repr__(&self) -> String {
+        description::summary(&self.scene)
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
+        let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_scene")?;
+        Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
+    }
+
+    /// The scene itself, because it is immutable.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// The scene itself, because it is immutable.
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
+        let _ = memo;
+        slf
+    }
+}
+
+getters! {
+    in PyScene;
+
+    /// URDF or MJCF file of the scene, a pathlib.Path; None for a scene from text or code.
+    file: Option<&Path> = |of, _| of.scene.source().file();
+
+    /// URDF texts whose `<visual>` elements are drawn, in addition to those of the file.
+    _shapes: Vec<&str> = |of, _| of.scene.source().shapes().iter().map(String::as_str).collect();
+
+    /// Number of coordinates in q.
+    nq: usize = |of, _| of.scene.nq();
+
+    /// Inertia of rotors and gears that each degree of freedom adds to M, (nv,), kg m^2 or kg, read-only.
+    armature: PyResult<Object<'py>> = |of, py| property(py, &of.properties().armature, &[of.scene.nv()]);
+
+    /// Number of degrees of freedom: the length of qd, qdd and tau.
+    nv: usize = |of, _| of.scene.nv();
+
+    /// Names of the movable joints in the order of q, that of a floating base ("root_joint") first.
+    joint_names: Names<'py> = |of, py| PyTuple::new(py, of.scene.joints().iter().map(|joint| &joint.name));
+
+    /// Names of the links that movable joints carry, one for each entry of an axis of bodies.
+    ///
+    /// They are in the order of joint_names. With mimic joints they include the links of the joints that follow others,
+    /// which joint_names does not list.
+    body_names: Names<'py> = |of, py| PyTuple::new(py, body_names(&of.scene));
+
+    /// Names of all links in depth-first order, including links on fixed joints.
+    link_names: Names<'py> = |of, py| PyTuple::new(py, of.scene.links().iter().map(|link| &link.name));
+
+    /// Gravity in the base frame, (3,), m/s^2, read-only.
+    gravity: PyResult<Object<'py>> = |of, py| property(py, of.scene.model().gravity.as_slice(), &[3]);
+}
+
+typed_methods! {
+    in PyScene;
 
     /// Write the scene as URDF, which from_urdf reads back to the same numbers, apart from the rounding of angles.
     #[doc = section!(Parameters)]
@@ -427,8 +417,9 @@ impl PyScene {
     /// >>> copy = phipsi.Scene.from_urdf(scene.to_urdf())
     /// >>> copy.joint_names == scene.joint_names
     /// True
-    #[pyo3(signature = (path=None, *, name="robot"))]
-    fn to_urdf<'py>(slf: &Bound<'py, Self>, path: Option<&Object<'py>>, name: &str) -> PyResult<Object<'py>> {
+    fn to_urdf[slf: &Bound<'py, Self>](
+        path: Option<&Object<'py>> = None; name: &str = "robot"
+    ) -> PyResult<Object<'py>> {
         imported!(slf.py(), "phipsi._urdf", "to_urdf")?.call1((slf, path, name))
     }
 
@@ -450,34 +441,10 @@ impl PyScene {
     /// >>> q = scene.random_configuration(7, size=100)
     /// >>> bool(np.all((scene.limits.lower <= q) & (q <= scene.limits.upper)))
     /// True
-    #[pyo3(signature = (seed=None, *, size=None), text_signature = "($self, seed=None, *, size=())")]
-    fn random_configuration<'py>(
-        slf: &Bound<'py, Self>,
-        seed: Option<&Object<'py>>,
-        size: Option<&Object<'py>>,
+    fn random_configuration[slf: &Bound<'py, Self>](
+        seed: Option<&Object<'py>> = None; size: Option<&Object<'py>> = None => "()"
     ) -> PyResult<Object<'py>> {
         imported!(slf.py(), "phipsi._random", "configuration")?.call1((slf, seed, size))
-    }
-
-    fn __repr__(&self) -> String {
-        description::summary(&self.scene)
-    }
-
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
-        let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_scene")?;
-        Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
-    }
-
-    /// The scene itself, because it is immutable.
-    fn __copy__(slf: Py<Self>) -> Py<Self> {
-        slf
-    }
-
-    /// The scene itself, because it is immutable.
-    #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
-        let _ = memo;
-        slf
     }
 }
 
@@ -547,7 +514,7 @@ impl Source {
             return Ok(Self::File(path));
         }
         let found = format!("an object of type {}", source.get_type().name()?);
-        Err(Error::argument("source", found, "a path (str or os.PathLike) or the text of a URDF").into())
+        refuse("source", found, "a path (str or os.PathLike) or the text of a URDF")
     }
 }
 

@@ -14,7 +14,6 @@ type Case<'py> = (PyScene, Object<'py>, Object<'py>, Object<'py>, &'static str, 
 
 /// Extreme case as (scene, q, qd, tau, name, value, parameter, values); see phipsi.scenes.extreme.
 #[pyfunction(name = "extreme")]
-#[pyo3(signature = (name, value, bodies, seed))]
 pub(super) fn extreme_case<'py>(
     py: Python<'py>,
     name: &str,
@@ -39,7 +38,6 @@ pub(super) fn extreme_names(py: Python<'_>) -> PyResult<Bound<'_, PyTuple>> {
 
 /// Chain of n equal links; see phipsi.scenes.chain.
 #[pyfunction(name = "chain")]
-#[pyo3(signature = (n))]
 pub(super) fn chain_of(py: Python<'_>, n: &Object<'_>) -> PyResult<PyScene> {
     let n = count("n", n, 0)?;
     Ok(PyScene::new(detached_checked(py, || scenes::chain(n))?))

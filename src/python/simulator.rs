@@ -4,13 +4,13 @@ use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Pd, everyone};
 use super::cost::WORTH_RELEASING;
 use super::counts::count;
-use super::errors::{fault, of_batch};
+use super::errors::{fault, of_batch, refuse};
 use super::fresh::states_of;
 use super::input::{Input, plain};
 use super::interrupts::detached;
 use super::motion::{Room, without_control};
 use super::object::{Object, imported};
-use super::output::{Output, from_numbers};
+use super::output::{Names, Output, from_numbers};
 use super::own_models;
 use super::scene::PyScene;
 use super::stepping::{
@@ -34,6 +34,8 @@ use std::time::Instant;
 #[derive(Clone, Copy)]
 struct Steps(usize);
 
+const ONE: Steps = Steps(1);
+
 impl<'py> FromPyObject<'_, 'py> for Steps {
     type Error = PyErr;
 
@@ -50,12 +52,6 @@ impl Borrow<Scene> for Held {
         &self.0.get().scene
     }
 }
-
-/// Accessor of the configuration or the joint velocities of a state.
-type Part = for<'a> fn(&'a Simulator<Held>, usize) -> &'a [f64];
-
-const CONFIGURATION: Part = |moving, state| moving.state(state).0;
-const RATES: Part = |moving, state| moving.state(state).1;
 
 /// States that are advanced by calls of step, for controllers, learning and real-time loops.
 ///
@@ -85,6 +81,8 @@ pub(crate) struct PySimulator {
 
 #[pymethods]
 impl PyScene {
+    #[doc = signature!("simulator", "q, qd=None, *, dt", method joints form compliance stops accuracy smoothing effort
+                       contacts; ", control=None, activation=None")]
     /// Create a Simulator: one state or a batch that is advanced call by call.
     #[doc = section!(Parameters)]
     /// q : (..., nq) array_like
@@ -93,9 +91,9 @@ impl PyScene {
     ///     Joint velocities at the start, rad/s or m/s; zero by default.
     /// dt : float
     ///     Step, s.
-    /// method, pd, inertias, armature, damping, stiffness, rest, friction, friction_speed, form, tolerance
+    #[doc = names_of_keywords!(method joints form)]
     ///     As in simulate, for all steps.
-    /// compliance, limits, restitution, accuracy, smoothing, effort, contact_friction, contact_restitution
+    #[doc = names_of_keywords!(compliance stops accuracy smoothing effort contacts)]
     ///     As in simulate, for all steps. The targets of pd can be changed by step.
     /// control : (..., n) array_like or dict of str to float, optional
     ///     Controls of scene.actuators, which then act in all steps; step(control=...) changes them.
@@ -111,11 +109,7 @@ impl PyScene {
     /// >>> simulator.q.round(3)
     /// array([0.4, 0.2, 0.1])
     #[pyo3(signature = (q, qd=None, *, dt, control=None, activation=None, **given),
-           text_signature = "($self, q, qd=None, *, dt, method='auto', pd=None, inertias=None, armature=None, \
-                             damping=None, stiffness=None, rest=None, friction=None, friction_speed=None, form='auto', \
-                             tolerance=None, compliance=None, limits=None, restitution=0.0, accuracy=None, \
-                             smoothing=0.0, effort=None, contact_friction=None, \
-                             contact_restitution=None, control=None, activation=None)")]
+           text_signature = None)]
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
         q: &Object<'py>,
@@ -191,22 +185,16 @@ impl PySimulator {
         free(&self.moving, "simulator", expected)
     }
 
-    /// Array of one part of every state, with the given axes between batch and width.
+    /// Configurations or joint velocities of all states, with the given axes after the batch.
     fn of_all<'py>(
         &self,
         py: Python<'py>,
         moving: &Simulator<Held>,
         between: &[usize],
-        (width, of): (usize, Part),
+        is_rate: bool,
     ) -> PyResult<Object<'py>> {
-        let own = self.scene.get();
-        let is_rate = std::ptr::fn_addr_eq(of, RATES);
-        if self.batch.is_empty() && between.is_empty() {
-            return own.of_scene(from_numbers(py, of(moving, 0), &[width])?, is_rate);
-        }
-        let mut output = Output::new(py, &[&self.batch[..], between, &[width]].concat())?;
-        output.gather(py, width, (0..moving.states()).map(|state| of(moving, state)))?;
-        own.of_scene(output.finish().into_any(), is_rate)
+        let states = (0..moving.states()).map(|state| moving.state(state));
+        self.scene.get().of_states(py, &[&self.batch[..], between].concat(), states, is_rate)
     }
 
     /// Advances all states; long runs release the GIL and check for signals between blocks.
@@ -295,8 +283,7 @@ impl PySimulator {
         if let Some(contacts) = self.contacts_now(py, moving, &[1])? {
             fields.set_item("contacts", contacts)?;
         }
-        let (nq, nv) = (moving.scene().nq(), moving.scene().nv());
-        let rows = (self.of_all(py, moving, &[1], (nq, CONFIGURATION))?, self.of_all(py, moving, &[1], (nv, RATES))?);
+        let rows = (self.of_all(py, moving, &[1], false)?, self.of_all(py, moving, &[1], true)?);
         imported!(py, "phipsi._motion", "only_now")?.call(rows, Some(&fields))
     }
 }
@@ -315,8 +302,9 @@ fn in_blocks(py: Python<'_>, moving: &mut Simulator<Held>, torque: &Torque<'_>, 
     Ok(())
 }
 
-#[pymethods]
-impl PySimulator {
+typed_methods! {
+    in PySimulator;
+
     /// Advance all states by steps of dt, with constant joint torques.
     #[doc = section!(Parameters)]
     /// tau : (..., nv) array_like, optional
@@ -349,26 +337,16 @@ impl PySimulator {
     /// >>> simulator.step([0.5, 0.0, 0.0], steps=100)
     /// >>> bool(simulator.qd[0] > 0.0)
     /// True
-    #[pyo3(signature = (tau=None, steps=Steps(1), *, target=None, target_rate=None, control=None, wrenches=None,
-                        frame=None),
-           text_signature = "($self, tau=None, steps=1, *, target=None, target_rate=None, control=None, \
-                             wrenches=None, frame='link')")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn step<'py>(
-        slf: &Bound<'py, Self>,
-        tau: Option<&Object<'py>>,
-        steps: Steps,
-        target: Option<&Object<'py>>,
-        target_rate: Option<&Object<'py>>,
-        control: Option<&Object<'py>>,
-        wrenches: Option<&Object<'py>>,
-        frame: Option<&str>,
+    fn step[slf: &Bound<'py, Self>](
+        tau: Option<&Object<'py>> = None, steps: Steps = ONE => "1"; target: Option<&Object<'py>> = None,
+        target_rate: Option<&Object<'py>> = None, control: Option<&Object<'py>> = None,
+        wrenches: Option<&Object<'py>> = None, frame: Option<&str> = None => "'link'"
     ) -> PyResult<()> {
         let (py, own) = (slf.py(), slf.get());
         if let Some(drive) = &own.drive {
             if target.is_some() || target_rate.is_some() {
                 let expected = "one of them: the targets of servos are their controls";
-                return Err(Error::argument("target", "a target and control", expected).into());
+                return refuse("target", "a target and control", expected);
             }
             own.push(py, wrenches, frame)?;
             drive.call_method1(py, "step", (slf, tau, steps.0, control))?;
@@ -376,12 +354,70 @@ impl PySimulator {
         }
         if control.is_some() {
             let expected = "Scene.simulator(..., control=...) with the first controls";
-            return Err(Error::argument("control", "controls for a simulator without", expected).into());
+            return refuse("control", "controls for a simulator without", expected);
         }
         own.push(py, wrenches, frame)?;
         own.advance_by(py, tau, steps, target, target_rate)
     }
 
+    /// Set states and their times to a new start; the other states remain.
+    #[doc = section!(Parameters)]
+    /// q : (..., nq) array_like
+    ///     Joint positions, rad or m.
+    /// qd : (..., nv) array_like, optional
+    ///     Joint velocities, rad/s or m/s; zero by default.
+    /// states : optional
+    ///     Selection of states as in array[states] = q: a mask, an index, a list of indices or a slice. None: all.
+    /// activation : (..., n) array_like or dict, optional
+    ///     Activations of the actuators of these states; None: zero. The controls remain.
+    #[doc = raises!(arguments)]
+    #[doc = section!(Warns)]
+    /// ContactWarning, LimitWarning
+    ///     Contacts that start below their surface, and joints that start outside of limits that are stops.
+    #[doc = section!(Notes)]
+    /// If the call raises, all states are unchanged.
+    #[doc = section!(Examples)]
+    /// >>> simulator = phipsi.scenes.chain(3).simulator(np.zeros((4, 3)), dt=1e-3)
+    /// >>> simulator.step(steps=10)
+    /// >>> simulator.reset([0.3, 0.2, 0.1], states=2)
+    /// >>> simulator.t
+    /// array([0.01, 0.01, 0.  , 0.01])
+    fn reset[&self, py: Python<'py>](
+        q: &Object<'py>, qd: Option<&Object<'py>> = None; states: Option<&Object<'py>> = None,
+        activation: Option<&Object<'py>> = None
+    ) -> PyResult<()> {
+        let own = self.scene.get();
+        let activation = match &self.drive {
+            Some(drive) => Some(drive.call_method1(py, "read", (activation,))?),
+            None if activation.is_some() => return Err(without_control().into()),
+            None => None,
+        };
+        let [q, qd] = own.state_of_tree(py, q, qd)?;
+        let (axes, chosen) = match states {
+            None => (self.batch.clone(), self.every()?),
+            Some(states) => self.chosen(states)?,
+        };
+        let (q, qd) = (q.over(&axes)?, qd.over(&axes)?);
+        let mut guard = self.moving()?;
+        let moving = &mut *guard;
+        let outcome = if chosen.len() * (own.scene.nq() + own.scene.nv()) < RESET_AT_ONCE {
+            moving.reset(&chosen, &q, &qd)
+        } else {
+            detached(py, || moving.reset(&chosen, &q, &qd))?
+        };
+        outcome.map_err(|error| fault(py, error, &self.batch))?;
+        if let (Some(drive), Some(activation)) = (&self.drive, activation) {
+            drive.call_method1(py, "reset", (states, activation))?;
+        }
+        let warnings = [guard.limit_warning(chosen.iter().copied()), guard.contact_warning(chosen)];
+        // The lock is released first, because a handler of warnings can call the simulator.
+        drop(guard);
+        warn_of_start(py, warnings)
+    }
+}
+
+#[pymethods]
+impl PySimulator {
     /// Advances all states, also if the simulator has controls, whose torques are in the arguments.
     #[pyo3(name = "_advance", signature = (tau, steps, target, target_rate, /))]
     fn advance_by<'py>(
@@ -410,92 +446,6 @@ impl PySimulator {
         self.advance(py, &Torque::Constant(tau.over(&self.batch)?), steps)
     }
 
-    /// Set states and their times to a new start; the other states remain.
-    #[doc = section!(Parameters)]
-    /// q : (..., nq) array_like
-    ///     Joint positions, rad or m.
-    /// qd : (..., nv) array_like, optional
-    ///     Joint velocities, rad/s or m/s; zero by default.
-    /// states : optional
-    ///     Selection of states as in array[states] = q: a mask, an index, a list of indices or a slice. None: all.
-    /// activation : (..., n) array_like or dict, optional
-    ///     Activations of the actuators of these states; None: zero. The controls remain.
-    #[doc = raises!(arguments)]
-    #[doc = section!(Warns)]
-    /// ContactWarning, LimitWarning
-    ///     Contacts that start below their surface, and joints that start outside of limits that are stops.
-    #[doc = section!(Notes)]
-    /// If the call raises, all states are unchanged.
-    #[doc = section!(Examples)]
-    /// >>> simulator = phipsi.scenes.chain(3).simulator(np.zeros((4, 3)), dt=1e-3)
-    /// >>> simulator.step(steps=10)
-    /// >>> simulator.reset([0.3, 0.2, 0.1], states=2)
-    /// >>> simulator.t
-    /// array([0.01, 0.01, 0.  , 0.01])
-    #[pyo3(signature = (q, qd=None, *, states=None, activation=None))]
-    fn reset<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Object<'py>,
-        qd: Option<&Object<'py>>,
-        states: Option<&Object<'py>>,
-        activation: Option<&Object<'py>>,
-    ) -> PyResult<()> {
-        let own = self.scene.get();
-        let activation = match &self.drive {
-            Some(drive) => Some(drive.call_method1(py, "read", (activation,))?),
-            None if activation.is_some() => return Err(without_control().into()),
-            None => None,
-        };
-        let [q, qd] = own.state_of_tree(py, q, qd)?;
-        let (axes, chosen) = match states {
-            None => (self.batch.clone(), self.every()?),
-            Some(states) => self.chosen(states)?,
-        };
-        let (q, qd) = (q.over(&axes)?, qd.over(&axes)?);
-        let mut guard = self.moving()?;
-        let moving = &mut *guard;
-        let outcome = if chosen.len() * self.width() < RESET_AT_ONCE {
-            moving.reset(&chosen, &q, &qd)
-        } else {
-            detached(py, || moving.reset(&chosen, &q, &qd))?
-        };
-        outcome.map_err(|error| fault(py, error, &self.batch))?;
-        if let (Some(drive), Some(activation)) = (&self.drive, activation) {
-            drive.call_method1(py, "reset", (states, activation))?;
-        }
-        let warnings = [guard.limit_warning(chosen.iter().copied()), guard.contact_warning(chosen)];
-        // The lock is released first, because a handler of warnings can call the simulator.
-        drop(guard);
-        warn_of_start(py, warnings)
-    }
-
-    /// Current joint positions, (..., nq), rad or m, a copy.
-    #[getter]
-    pub(super) fn q<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        let moving = self.moving()?;
-        self.of_all(py, &moving, &[], (moving.scene().nq(), CONFIGURATION))
-    }
-
-    /// Current joint velocities, (..., nv), rad/s or m/s, a copy.
-    #[getter]
-    pub(super) fn qd<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        let moving = self.moving()?;
-        self.of_all(py, &moving, &[], (moving.scene().nv(), RATES))
-    }
-
-    /// Controls of the actuators, (..., n), a copy; None without control.
-    #[getter]
-    pub(super) fn control<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
-        self.of_drive(py, "control")
-    }
-
-    /// Activations of the actuators, (..., n), a copy, zero for those without one; None without control.
-    #[getter]
-    pub(super) fn activation<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
-        self.of_drive(py, "activation")
-    }
-
     /// Time since the start or last reset of each state, (...), s: a float for one state, otherwise an array.
     #[getter]
     fn t<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
@@ -505,36 +455,6 @@ impl PySimulator {
             *time = moving.time(state);
         }
         times.finish_or_scalar()
-    }
-
-    /// Number of steps since the creation of the simulator; reset does not change it.
-    #[getter]
-    fn steps(&self) -> PyResult<usize> {
-        Ok(self.moving()?.steps())
-    }
-
-    /// Step, s.
-    #[getter]
-    fn dt(&self) -> f64 {
-        self.dt
-    }
-
-    /// Integration method, one of the names of Scene.simulate.
-    #[getter]
-    fn method(&self) -> &'static str {
-        self.method.name()
-    }
-
-    /// Scene that is simulated.
-    #[getter]
-    fn scene(&self, py: Python<'_>) -> Py<PyScene> {
-        self.scene.clone_ref(py)
-    }
-
-    /// Shape of the batch; () for one state.
-    #[getter]
-    fn batch<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, &self.batch)
     }
 
     /// Return the impacts of joints on their stops since the last call, and clear the list.
@@ -553,19 +473,46 @@ impl PySimulator {
         stop_impacts(py, &self.batch, self.scene.get(), &impacts)
     }
 
-    /// Contact forces of the last step and impulses since the start, a ContactMotion; None without contacts.
-    #[getter]
-    fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
-        let moving = self.moving()?;
-        self.contacts_now(py, &moving, &[])
-    }
-
     fn __repr__(&self) -> PyResult<String> {
         let moving = self.moving()?;
         let (dt, method) = (self.dt, self.method.name());
         let states = if self.batch.is_empty() { "one state".to_owned() } else { format!("{} states", moving.states()) };
         Ok(format!("<phipsi.Simulator: {states}, {} steps of {dt} s by {method}>", moving.steps()))
     }
+}
+
+getters! {
+    in PySimulator;
+
+    /// Current joint positions, (..., nq), rad or m, a copy.
+    pub(super) q: PyResult<Object<'py>> = |of, py| of.of_all(py, &*of.moving()?, &[], false);
+
+    /// Current joint velocities, (..., nv), rad/s or m/s, a copy.
+    pub(super) qd: PyResult<Object<'py>> = |of, py| of.of_all(py, &*of.moving()?, &[], true);
+
+    /// Contact forces of the last step and impulses since the start, a ContactMotion; None without contacts.
+    contacts: PyResult<Option<Object<'py>>> = |of, py| of.contacts_now(py, &*of.moving()?, &[]);
+
+    /// Controls of the actuators, (..., n), a copy; None without control.
+    pub(super) control: PyResult<Option<Object<'py>>> = |of, py| of.of_drive(py, "control");
+
+    /// Activations of the actuators, (..., n), a copy, zero for those without one; None without control.
+    pub(super) activation: PyResult<Option<Object<'py>>> = |of, py| of.of_drive(py, "activation");
+
+    /// Number of steps since the creation of the simulator; reset does not change it.
+    steps: PyResult<usize> = |of, _| Ok(of.moving()?.steps());
+
+    /// Step, s.
+    dt: f64 = |of, _| of.dt;
+
+    /// Integration method, one of the names of Scene.simulate.
+    method: &'static str = |of, _| of.method.name();
+
+    /// Scene that is simulated.
+    scene: Py<PyScene> = |of, py| of.scene.clone_ref(py);
+
+    /// Shape of the batch; () for one state.
+    batch: Names<'py> = |of, py| PyTuple::new(py, &of.batch);
 }
 
 /// Resets of fewer values keep the GIL.
@@ -575,12 +522,6 @@ impl PySimulator {
     fn of_drive<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Object<'py>>> {
         let part = |drive: &Py<PyAny>| drive.bind(py).getattr(name)?.call_method0("copy");
         self.drive.as_ref().map(part).transpose()
-    }
-
-    /// Number of values per state.
-    fn width(&self) -> usize {
-        let scene = &self.scene.get().scene;
-        scene.nq() + scene.nv()
     }
 
     /// Indices of all states.

@@ -2,12 +2,12 @@
 
 use super::choice::choose;
 use super::counts::{count, count_or, number};
+use super::errors::refuse;
 use super::input::{fixed, state};
 use super::interrupts::{detached, detached_checked};
 use super::object::Object;
 use super::output::from_numbers;
 use super::scene::PyScene;
-use crate::error::Error;
 use crate::report::accuracy::{States, measure};
 use crate::report::sensitivity::{Difference, Exact, QUANTITIES, Quantity, State, sensitivity};
 use crate::report::stability::{FORMS, Failure, forward_error, recursion_error};
@@ -41,7 +41,6 @@ impl PyExact {
 #[pymethods]
 impl PyExact {
     #[new]
-    #[pyo3(signature = (scene, quantity, q, qd, u))]
     fn new(
         scene: &Bound<'_, PyScene>,
         quantity: &str,
@@ -76,7 +75,6 @@ impl PyExact {
     ///
     /// method: one of FORMS; for other quantities than forward dynamics, the recursion of the library. After a failure,
     /// the errors are NaN and the reason is a text, otherwise None.
-    #[pyo3(signature = (method))]
     fn error<'py>(&self, py: Python<'py>, method: &str) -> PyResult<(f64, Object<'py>, Option<&'static str>)> {
         let method = choose("method", method, FORMS)?;
         let (scene, state, exact) = (&self.scene.get().scene, self.state(), &self.exact);
@@ -90,13 +88,26 @@ impl PyExact {
         Ok((norm, components, reason))
     }
 
+    /// Median time (ns) of a method of forward dynamics on this state over repeats calls.
+    fn time(&self, py: Python<'_>, method: &str, repeats: &Object<'_>) -> PyResult<f64> {
+        let repeats = count("repeats", repeats, 1)?;
+        let method = choose("method", method, FORMS)?;
+        if self.quantity != Quantity::ForwardDynamics {
+            return refuse("quantity", format!("{:?}", self.quantity), "forward dynamics");
+        }
+        let (scene, values) = (&self.scene.get().scene, &self.exact.values);
+        let states = States { q: &self.q, qd: &self.qd, tau: &self.u };
+        let measured = detached_checked(py, || measure(scene, method, states, values, repeats))?;
+        Ok(measured.ns)
+    }
+}
+
+typed_methods! {
+    in PyExact;
+
     /// Change of the exact result for one unit in the last place of an input: kind to (max-norm, components).
-    #[pyo3(signature = (draws=None, seed=None), text_signature = "($self, draws=4, seed=0)")]
-    fn sensitivity<'py>(
-        &self,
-        py: Python<'py>,
-        draws: Option<&Object<'py>>,
-        seed: Option<&Object<'py>>,
+    fn sensitivity[&self, py: Python<'py>](
+        draws: Option<&Object<'py>> = None => "4", seed: Option<&Object<'py>> = None => "0"
     ) -> PyResult<Bound<'py, PyDict>> {
         let draws = count_or("draws", draws, 0, 4)?;
         let seed = seed.map_or(Ok(0), |seed| number("seed", seed))?;
@@ -107,20 +118,6 @@ impl PyExact {
             all.set_item(name, norms(py, &difference)?)?;
         }
         Ok(all)
-    }
-
-    /// Median time (ns) of a method of forward dynamics on this state over repeats calls.
-    #[pyo3(signature = (method, repeats))]
-    fn time(&self, py: Python<'_>, method: &str, repeats: &Object<'_>) -> PyResult<f64> {
-        let repeats = count("repeats", repeats, 1)?;
-        let method = choose("method", method, FORMS)?;
-        if self.quantity != Quantity::ForwardDynamics {
-            return Err(Error::argument("quantity", format!("{:?}", self.quantity), "forward dynamics").into());
-        }
-        let (scene, values) = (&self.scene.get().scene, &self.exact.values);
-        let states = States { q: &self.q, qd: &self.qd, tau: &self.u };
-        let measured = detached_checked(py, || measure(scene, method, states, values, repeats))?;
-        Ok(measured.ns)
     }
 }
 

@@ -1,19 +1,20 @@
 //! Starts and keyframes: the method of `SceneBuilder` that adds them, and the methods of `Scene` that return them.
 
-use super::builder::PySceneBuilder;
+use super::builder::{Added, PySceneBuilder};
 use super::choice::items;
+use super::errors::refuse;
 use super::input;
 use super::object::Object;
-use super::output::from_numbers;
+use super::output::{Names, from_numbers};
 use super::scene::PyScene;
-use crate::error::Error;
 use crate::scene::Start;
 use pyo3::prelude::*;
 use pyo3::types::{PyMapping, PyTuple};
 use std::collections::BTreeMap;
 
-#[pymethods]
-impl PySceneBuilder {
+typed_methods! {
+    in PySceneBuilder;
+
     /// Set the start, from which motions begin by default, or add a keyframe. Replaces the one with the same name.
     #[doc = section!(Parameters)]
     /// q : dict of str to float or array_like, optional
@@ -35,26 +36,23 @@ impl PySceneBuilder {
     /// >>> scene = builder.start({"j2": -1.0}, {"j0": 0.1}, keyframe="kick").build()
     /// >>> scene.initial(), scene.initial("kick"), scene.initial_velocity("kick")
     /// (array([0. , 0.5, 0. ]), array([ 0. ,  0.5, -1. ]), array([0.1, 0. , 0. ]))
-    #[pyo3(signature = (q=None, qd=None, *, keyframe=None))]
-    fn start<'py>(
-        mut slf: PyRefMut<'py, Self>,
-        q: Option<&Object<'py>>,
-        qd: Option<&Object<'py>>,
-        keyframe: Option<&str>,
-    ) -> PyResult<PyRefMut<'py, Self>> {
+    fn start[slf: PyRefMut<'py, Self>](
+        q: Option<&Object<'py>> = None, qd: Option<&Object<'py>> = None; keyframe: Option<&str> = None
+    ) -> Added<'py> {
         let start = Start::new(keyframe).with_q(by_joint("q", q)?).with_qd(by_joint("qd", qd)?);
-        slf.change(|builder| builder.start(start));
-        Ok(slf)
+        Ok(Self::with(slf, |builder| builder.start(start)))
     }
 }
 
-#[pymethods]
-impl PyScene {
+getters! {
+    in PyScene;
+
     /// Names of the keyframes, in the order of the file; unnamed ones are called "key0" and so on.
-    #[getter]
-    fn keyframes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, self.scene.keyframes().collect::<Vec<_>>())
-    }
+    keyframes: Names<'py> = |of, py| PyTuple::new(py, of.scene.keyframes().collect::<Vec<_>>());
+}
+
+typed_methods! {
+    in PyScene;
 
     /// Configuration from which motions begin: that of the file (MJCF: qpos0), or of a keyframe.
     #[doc = section!(Parameters)]
@@ -70,8 +68,7 @@ impl PyScene {
     /// >>> scene = phipsi.scenes.chain(3).to_builder().start({"j1": 0.5}, keyframe="bent").build()
     /// >>> scene.keyframes, scene.initial("bent")
     /// (('bent',), array([0. , 0.5, 0. ]))
-    #[pyo3(signature = (keyframe=None))]
-    fn initial<'py>(&self, py: Python<'py>, keyframe: Option<&Object<'py>>) -> PyResult<Object<'py>> {
+    fn initial[&self, py: Python<'py>](keyframe: Option<&Object<'py>> = None) -> PyResult<Object<'py>> {
         let q = self.scene.initial(self.keyframe(keyframe)?.as_deref())?;
         from_numbers(py, &q, &[self.scene.nq()])
     }
@@ -89,8 +86,7 @@ impl PyScene {
     #[doc = section!(Examples)]
     /// >>> phipsi.scenes.chain(3).initial_velocity()
     /// array([0., 0., 0.])
-    #[pyo3(signature = (keyframe=None))]
-    fn initial_velocity<'py>(&self, py: Python<'py>, keyframe: Option<&Object<'py>>) -> PyResult<Object<'py>> {
+    fn initial_velocity[&self, py: Python<'py>](keyframe: Option<&Object<'py>> = None) -> PyResult<Object<'py>> {
         let qd = self.scene.initial_velocity(self.keyframe(keyframe)?.as_deref())?;
         from_numbers(py, &qd, &[self.scene.nv()])
     }
@@ -113,8 +109,7 @@ impl PyScene {
 fn by_joint(argument: &str, given: Option<&Object<'_>>) -> PyResult<BTreeMap<String, Vec<f64>>> {
     let Some(given) = given else { return Ok(BTreeMap::new()) };
     let Ok(mapping) = given.cast::<PyMapping>() else {
-        let expected = "a dict from names of joints to coordinates";
-        return Err(Error::argument(argument, given.repr()?.to_string(), expected).into());
+        return refuse(argument, given.repr()?.to_string(), "a dict from names of joints to coordinates");
     };
     let each = items(argument, mapping, "names of joints")?.into_iter().map(|(joint, value)| {
         let name = format!("{argument}[{joint:?}]");

@@ -3,7 +3,7 @@
 use super::choice::{read_form, refuse_unknown};
 use super::control::Pd;
 use super::description::body_names;
-use super::errors::{batch_index, fault, warn_as};
+use super::errors::{batch_index, fault, refuse, warn_as};
 use super::input;
 use super::input::Input;
 use super::object::{Object, imported};
@@ -12,7 +12,6 @@ use super::own_models::{OfStates, Place};
 use super::scene::PyScene;
 use super::wrenches::LinkWrenches;
 use crate::batch::Fault;
-use crate::error::Error;
 use crate::motion::properties::joint_of_row;
 use crate::motion::{FRICTION_SPEED, Limits, Method, Properties, Settings, StepFault, StopImpact, Totals};
 use crate::scene::Coupling;
@@ -28,17 +27,22 @@ pub(super) const BLOCK: Duration = Duration::from_millis(50);
 /// Shortest step with a warning, s.
 const LONG_STEP: f64 = 1.0;
 
-/// The keywords of a simulation as given, with their defaults; with `if`, those of some methods only. Those of `fields`
-/// are fields of a trajectory.
+/// Names with commas.
+macro_rules! joined {
+    ($first:ident $($other:ident)*) => { concat!(stringify!($first) $(, ", ", stringify!($other))*) };
+}
+
+/// The keywords of a simulation with their defaults, in sections that follow each other in signatures; with `if`, those
+/// of some methods only. `=>`: the default as signatures show it. `in`: the field of [`Settings`] that has this value.
 macro_rules! keywords {
-    (
-        fields { $($of_field:ident: $kind_of_field:ty = $usual_of_field:expr;)* }
-        given { $($visible:vis $name:ident: $kind:ty = $usual:expr $(, if $has:ident)?;)* }
-    ) => {
+    ($(
+        $section:ident $(if $has:ident)? {
+            $($visible:vis $name:ident: $kind:ty = $usual:expr $(=> $shown:literal)? $(, in $field:ident)?;)*
+        }
+    )*) => {
         /// Keywords of a simulation, as given.
         pub(super) struct Keywords<'py> {
-            $($of_field: $kind_of_field,)*
-            $($visible $name: $kind,)*
+            $($($visible $name: $kind,)*)*
         }
 
         impl<'py> Keywords<'py> {
@@ -51,12 +55,12 @@ macro_rules! keywords {
             ) -> PyResult<Self> {
                 let none = PyDict::new(py);
                 let given = given.unwrap_or(&none);
-                let keywords = Self {
-                    $($of_field: taken(given, stringify!($of_field), $usual_of_field)?,)*
-                    $($name: if true $(&& allowed.$has)? { taken(given, stringify!($name), $usual)? } else { $usual },)*
-                };
+                $(
+                    let is_taken = true $(&& allowed.$has)?;
+                    $(let $name = if is_taken { taken(given, stringify!($name), $usual)? } else { $usual };)*
+                )*
                 refuse_unknown(py, method, Some(given))?;
-                Ok(keywords)
+                Ok(Self { $($($name,)*)* })
             }
 
             /// Keywords and torques of a run that are not fields of the trajectory.
@@ -68,13 +72,50 @@ macro_rules! keywords {
                 let given = PyDict::new(py);
                 let torques = [("tau", tau), ("tau_steps", tau_steps)];
                 let torques = torques.into_iter().filter_map(|(name, tau)| Some((name, tau?.clone())));
-                let all = [$((stringify!($name), (&self.$name).into_bound_py_any(py)?)),*];
-                for (name, value) in torques.chain(all).filter(|(_, value)| !value.is_none()) {
+                let all = [$($((stringify!($name), (&self.$name).into_bound_py_any(py)?)),*),*];
+                let is_given = |(name, value): &(&str, Object<'_>)| !OF_TRAJECTORY.contains(name) && !value.is_none();
+                for (name, value) in torques.chain(all).filter(is_given) {
                     given.set_item(name, value)?;
                 }
                 Ok(given)
             }
+
+            /// Sets the fields of the settings that are keywords.
+            fn set(&self, settings: &mut Settings) {
+                $($($(settings.$field = self.$name;)?)*)*
+            }
+
+            /// Adds the keywords that are fields of the settings.
+            pub fn add_fields(keywords: &Bound<'py, PyDict>, settings: &Settings) -> PyResult<()> {
+                $($($(keywords.set_item(stringify!($name), settings.$field)?;)?)*)*
+                Ok(())
+            }
         }
+
+        /// The keywords of a section with their defaults, for a signature in Python.
+        macro_rules! section_of_signature {
+            $(($section) => { concat!($(", ", stringify!($name), "=", shown!($usual $(, $shown)?)),*) };)*
+        }
+
+        /// The names of a section, for a docstring.
+        macro_rules! section_of_names {
+            $(($section) => { joined!($($name)*) };)*
+        }
+    };
+}
+
+/// The first line of a docstring, from which Python takes the signature: arguments, and sections of the keywords of a
+/// simulation.
+macro_rules! signature {
+    ($method:literal, $($arguments:literal $(, $($section:ident)+)?);+) => {
+        concat!($method, "($self, ", $($arguments $(, $(section_of_signature!($section)),+)?),+, ")\n--\n")
+    };
+}
+
+/// The names of these sections of keywords.
+macro_rules! names_of_keywords {
+    ($first:ident $($section:ident)*) => {
+        concat!(section_of_names!($first) $(, ", ", section_of_names!($section))*)
     };
 }
 
@@ -88,34 +129,57 @@ pub(super) struct Allowed {
 }
 
 keywords! {
-    fields {
-        method: Option<String> = None;
+    method { method: Option<String> = None => "'auto'"; }
+    joints {
+        pd: Option<Object<'py>> = None;
+        inertias: Option<Object<'py>> = None;
         armature: Option<Object<'py>> = None;
+        damping: Option<Object<'py>> = None;
         stiffness: Option<Object<'py>> = None;
         rest: Option<Object<'py>> = None;
-        inertias: Option<Object<'py>> = None;
-    }
-    given {
-        pd: Option<Object<'py>> = None;
-        contact_friction: Option<Object<'py>> = None;
-        contact_restitution: Option<Object<'py>> = None;
-        damping: Option<Object<'py>> = None;
         friction: Option<Object<'py>> = None;
         friction_speed: Option<f64> = None;
-        form: String = "auto".to_owned();
-        tolerance: Option<f64> = None;
-        compliance: Option<Object<'py>> = None;
+    }
+    form {
+        form: String = "auto".to_owned() => "'auto'";
+        tolerance: Option<f64> = None, in tolerance;
+    }
+    compliance { compliance: Option<Object<'py>> = None; }
+    stops {
         limits: Option<String> = None;
-        restitution: f64 = 0.0;
-        pub accuracy: Option<f64> = None, if accuracy;
-        smoothing: f64 = 0.0;
-        targets: Option<Object<'py>> = None, if steps;
-        target_rates: Option<Object<'py>> = None, if steps;
-        effort: Option<String> = None;
-        wrenches: Option<Object<'py>> = None, if steps;
-        frame: Option<String> = None, if steps;
+        restitution: f64 = 0.0, in restitution;
+    }
+    accuracy if accuracy { pub accuracy: Option<f64> = None, in accuracy; }
+    smoothing { smoothing: f64 = 0.0, in smoothing; }
+    targets if steps {
+        targets: Option<Object<'py>> = None;
+        target_rates: Option<Object<'py>> = None;
+    }
+    effort { effort: Option<String> = None; }
+    wrenches if steps {
+        wrenches: Option<Object<'py>> = None;
+        frame: Option<String> = None => "'link'";
+    }
+    contacts {
+        contact_friction: Option<Object<'py>> = None;
+        contact_restitution: Option<Object<'py>> = None;
     }
 }
+
+/// The keywords that are fields of a trajectory.
+const OF_TRAJECTORY: [&str; 5] = ["method", "armature", "stiffness", "rest", "inertias"];
+
+/// The properties of each degree of freedom that are keywords.
+pub(super) const OF_RATES: [(&str, Place); 4] = [
+    ("armature", |of| &mut of.armature),
+    ("damping", |of| &mut of.damping),
+    ("stiffness", |of| &mut of.stiffness),
+    ("friction", |of| &mut of.friction),
+];
+
+/// The coefficients of contacts that are keywords.
+pub(super) const OF_CONTACTS: [(&str, Place); 2] =
+    [("contact_friction", |of| &mut of.contact_friction), ("contact_restitution", |of| &mut of.contact_restitution)];
 
 /// Removes a keyword from those given; without it, `usual`.
 fn taken<'py, T: FromPyObjectOwned<'py>>(given: &Bound<'py, PyDict>, name: &str, usual: T) -> PyResult<T> {
@@ -146,24 +210,16 @@ impl<'py> Keywords<'py> {
         settings.limits = match self.limits.as_deref() {
             None | Some("stop") => Limits::Stop,
             Some("report") => Limits::Report,
-            Some(other) => return Err(Error::argument("limits", format!("{other:?}"), "\"stop\" or \"report\"").into()),
+            Some(other) => return refuse("limits", format!("{other:?}"), "\"stop\" or \"report\""),
         };
-        settings.restitution = self.restitution;
-        settings.accuracy = self.accuracy;
-        settings.smoothing = self.smoothing;
+        self.set(&mut settings);
         if let Some(compliance) = &self.compliance {
             settings.compliance = input::spread("compliance", compliance, own.compliant_rows()?.into())?;
         }
         settings.form = read_form(&self.form)?;
-        settings.tolerance = self.tolerance;
         let (properties, mut of_states) = (&mut settings.properties, OfStates::new());
-        let places: [(_, _, Place); 4] = [
-            ("armature", &self.armature, |of| &mut of.armature),
-            ("damping", &self.damping, |of| &mut of.damping),
-            ("stiffness", &self.stiffness, |of| &mut of.stiffness),
-            ("friction", &self.friction, |of| &mut of.friction),
-        ];
-        for (name, given, place) in places {
+        let of_rates = [&self.armature, &self.damping, &self.stiffness, &self.friction];
+        for ((name, place), given) in OF_RATES.into_iter().zip(of_rates) {
             let Some(given) = given else { continue };
             let input = own.on_tree(py, Input::spread(name, given, own.rates())?, Coupling::torques)?;
             if input.leading().is_empty() {
@@ -176,16 +232,11 @@ impl<'py> Keywords<'py> {
             let input = Input::table("inertias", given, body_names(&own.scene).len(), 10)?;
             of_states.push((|of| &mut of.inertias, input));
         }
-        let places: [(_, _, Place); 2] = [
-            ("contact_friction", &self.contact_friction, |of| &mut of.contact_friction),
-            ("contact_restitution", &self.contact_restitution, |of| &mut of.contact_restitution),
-        ];
-        for (name, given, place) in places {
+        for ((name, place), given) in OF_CONTACTS.into_iter().zip([&self.contact_friction, &self.contact_restitution]) {
             let Some(given) = given else { continue };
             let contacts = own.scene.contact_coefficients();
             if contacts == 0 {
-                let expected = "a scene with contacts or colliders";
-                return Err(Error::argument(name, "coefficients for a scene without contacts", expected).into());
+                return refuse(name, "coefficients for a scene without contacts", "a scene with contacts or colliders");
             }
             of_states.push((place, Input::spread(name, given, contacts.into())?));
         }
@@ -198,14 +249,14 @@ impl<'py> Keywords<'py> {
         if targets.iter().any(Option::is_some) {
             let Some(law) = pd else {
                 let expected = "targets with pd=PD(kp, kd), whose targets they are";
-                return Err(Error::argument("targets", "targets without a control law", expected).into());
+                return refuse("targets", "targets without a control law", expected);
             };
             pd = Some(law.with_targets(targets, steps, own)?);
         }
         match self.effort.as_deref() {
             None | Some("report") => {}
             Some("clip") => pd = Some(Pd::clipped(py, pd, own)?),
-            Some(other) => return Err(Error::argument("effort", format!("{other:?}"), "\"report\" or \"clip\"").into()),
+            Some(other) => return refuse("effort", format!("{other:?}"), "\"report\" or \"clip\""),
         }
         Ok((settings, pd, of_states))
     }

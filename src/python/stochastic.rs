@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use super::choice::{choose, refuse_unknown};
 use super::counts::{count, count_or, number};
-use super::errors::asked_by;
+use super::errors::{asked_by, refuse};
 use super::input::state;
 use super::interrupts::detached_checked;
 use super::object::{Object, imported};
@@ -48,8 +48,9 @@ pub(super) fn rebuild_random_model(
     Ok(PyRandomModel { model, scene: scene.clone().unbind(), q, qd, acceleration_variance })
 }
 
-#[pymethods]
-impl PyScene {
+typed_methods! {
+    in PyScene;
+
     /// Create a model with random forces on bodies at q, to sample joint torques (1.1 to 1.6).
     #[doc = section!(Parameters)]
     /// q : (nq,) array_like
@@ -70,14 +71,8 @@ impl PyScene {
     /// >>> model = scene.random_model([0.3, 0.2, 0.1])
     /// >>> np.allclose(model.mass_matrix(method="sigma-points").mass_matrix, scene.mass_matrix([0.3, 0.2, 0.1]))
     /// True
-    #[pyo3(signature = (q, qd=None, *, acceleration_variance=1.0, **unknown),
-           text_signature = "($self, q, qd=None, *, acceleration_variance=1.0)")]
-    fn random_model(
-        slf: &Bound<'_, Self>,
-        q: &Object<'_>,
-        qd: Option<&Object<'_>>,
-        acceleration_variance: f64,
-        unknown: Option<&Bound<'_, PyDict>>,
+    fn random_model[slf: &Bound<'py, Self>](
+        q: &Object<'py>, qd: Option<&Object<'py>> = None; acceleration_variance: f64 = 1.0, **unknown
     ) -> PyResult<PyRandomModel> {
         refuse_unknown(slf.py(), "Scene.random_model", unknown)?;
         let q = state("q", q, slf.get().coordinates())?;
@@ -86,25 +81,21 @@ impl PyScene {
     }
 }
 
-#[pymethods]
-impl PyRandomModel {
+getters! {
+    in PyRandomModel;
+
     /// Number of degrees of freedom.
-    #[getter]
-    fn nv(&self) -> usize {
-        self.model.nv()
-    }
+    nv: usize = |of, _| of.model.nv();
 
     /// Random numbers per sample: six per body (rods and point masses: fewer), one per joint with armature.
-    #[getter]
-    fn dimension(&self) -> usize {
-        self.model.dimension()
-    }
+    dimension: usize = |of, _| of.model.dimension();
 
     /// Acceleration variance s, (rad/s^2)^2 of 1 kg m^2.
-    #[getter]
-    fn acceleration_variance(&self) -> f64 {
-        self.acceleration_variance
-    }
+    acceleration_variance: f64 = |of, _| of.acceleration_variance;
+}
+
+typed_methods! {
+    in PyRandomModel;
 
     /// Samples of the process W, the force X = phi W and the torque T = H X + v.
     #[doc = parameters!(samples)]
@@ -121,13 +112,8 @@ impl PyRandomModel {
     /// >>> one, other = model.sample(4, seed=1), model.sample(2, seed=1, first=2)
     /// >>> np.array_equal(one.torque[2:], other.torque)
     /// True
-    #[pyo3(signature = (samples, *, seed, first=None))]
-    fn sample<'py>(
-        &self,
-        py: Python<'py>,
-        samples: &Object<'py>,
-        seed: &Object<'py>,
-        first: Option<&Object<'py>>,
+    fn sample[&self, py: Python<'py>](
+        samples: &Object<'py>; seed: &Object<'py>, first: Option<&Object<'py>> = None
     ) -> PyResult<Object<'py>> {
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
@@ -153,13 +139,8 @@ impl PyRandomModel {
     /// >>> model = phipsi.scenes.chain(3).random_model([0.3, 0.2, 0.1])
     /// >>> np.array_equal(model.sample_torque(4, seed=1), model.sample(4, seed=1).torque)
     /// True
-    #[pyo3(signature = (samples, *, seed, first=None))]
-    fn sample_torque<'py>(
-        &self,
-        py: Python<'py>,
-        samples: &Object<'py>,
-        seed: &Object<'py>,
-        first: Option<&Object<'py>>,
+    fn sample_torque[&self, py: Python<'py>](
+        samples: &Object<'py>; seed: &Object<'py>, first: Option<&Object<'py>> = None
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
@@ -193,17 +174,9 @@ impl PyRandomModel {
     /// >>> estimate = model.mass_matrix(2000, seed=1)
     /// >>> bool((estimate.low <= estimate.high).all())
     /// True
-    #[pyo3(signature = (samples=None, *, seed=None, method="monte-carlo", confidence=0.95, replicates=None),
-           text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, \
-                             replicates=8)")]
-    fn mass_matrix<'py>(
-        &self,
-        py: Python<'py>,
-        samples: Option<&Object<'py>>,
-        seed: Option<&Object<'py>>,
-        method: &str,
-        confidence: f64,
-        replicates: Option<&Object<'py>>,
+    fn mass_matrix[&self, py: Python<'py>](
+        samples: Option<&Object<'py>> = None; seed: Option<&Object<'py>> = None, method: &str = "monte-carlo",
+        confidence: f64 = 0.95, replicates: Option<&Object<'py>> = None => "8"
     ) -> PyResult<Object<'py>> {
         let drawn = || -> PyResult<(usize, u64)> {
             let missing = |name: &str| Error::argument(name, "none", format!("an integer, for method {method:?}"));
@@ -222,14 +195,16 @@ impl PyRandomModel {
             }
             "sigma-points" => Method::SigmaPoints,
             _ => {
-                let expected = "one of \"monte-carlo\", \"sobol\", \"sigma-points\"";
-                return Err(Error::argument("method", format!("{method:?}"), expected).into());
+                return refuse("method", format!("{method:?}"), "one of \"monte-carlo\", \"sobol\", \"sigma-points\"");
             }
         };
         let estimate = detached_checked(py, || self.model.mass_matrix(method))?;
         to_python(py, &estimate, self.model.nv(), confidence)
     }
+}
 
+#[pymethods]
+impl PyRandomModel {
     /// Arguments of the model.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Remade)> {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_random_model")?;
@@ -249,7 +224,11 @@ impl PyRandomModel {
     }
 
     fn __repr__(&self) -> String {
-        format!("<phipsi.RandomModel of {} torques, {} random numbers a sample>", self.nv(), self.dimension())
+        format!(
+            "<phipsi.RandomModel of {} torques, {} random numbers a sample>",
+            self.model.nv(),
+            self.model.dimension()
+        )
     }
 }
 
@@ -275,12 +254,7 @@ fn points_of(samples: &Object<'_>, seed: &Object<'_>, first: Option<&Object<'_>>
     let samples = count("samples", samples, 1)? as u64;
     let first = first.map_or(Ok(0), |first| number("first", first))?;
     let Some(end) = first.checked_add(samples) else {
-        return Err(Error::argument(
-            "first",
-            first.to_string(),
-            "a number of the first sample such that all are below 2^64",
-        )
-        .into());
+        return refuse("first", first.to_string(), "a number of the first sample such that all are below 2^64");
     };
     Ok((Points::random(number("seed", seed)?), first..end))
 }
@@ -296,7 +270,6 @@ fn at_most(name: &str, count: usize) -> Result<usize, Error> {
 /// route: one of ROUTES; samples and seed: for "monte-carlo" and "sobol" (a power of two); repeats: number of
 /// timings. The error is in the Frobenius norm.
 #[pyfunction(name = "emergence")]
-#[pyo3(signature = (scene, q, route, samples, seed, repeats))]
 pub(super) fn emergence_of(
     py: Python<'_>,
     scene: &PyScene,

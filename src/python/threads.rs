@@ -23,7 +23,6 @@ use std::sync::{Mutex, MutexGuard, TryLockError};
 /// 1
 /// >>> phipsi.set_num_threads(None)
 #[pyfunction]
-#[pyo3(signature = (threads))]
 pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> PyResult<()> {
     let wanted = match threads {
         None => 0,
@@ -44,7 +43,6 @@ pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> P
 /// >>> phipsi.get_num_threads() >= 1
 /// True
 #[pyfunction]
-#[pyo3(signature = ())]
 pub(super) fn get_num_threads(py: Python<'_>) -> usize {
     py.detach(batch::threads)
 }

@@ -2,6 +2,7 @@
 //! simulation.
 
 use super::choice::items;
+use super::errors::refuse;
 use super::input::{Input, wrong_shape};
 use super::object::Object;
 use crate::batch::Broadcast;
@@ -36,7 +37,7 @@ impl<'py> Wrench<'py> {
         let Some(wrenches) = wrenches else { return Ok(Vec::new()) };
         let Ok(mapping) = wrenches.cast::<PyMapping>() else {
             let found = format!("an object of type {}", wrenches.get_type().name()?);
-            return Err(Error::argument(argument, found, "a dict from link names to arrays (..., 6)").into());
+            return refuse(argument, found, "a dict from link names to arrays (..., 6)");
         };
         let mut read = Vec::with_capacity(mapping.len()?);
         for (name, value) in items(argument, mapping, "names of links")? {

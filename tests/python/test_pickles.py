@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import pickle
 from collections.abc import Callable
 from typing import Any
@@ -186,3 +187,11 @@ def test_errors_pickle(arm: phipsi.Scene) -> None:
         arm.mass_matrix(np.full((3, 7), np.nan))
     again = pickle.loads(pickle.dumps(found.value))
     assert (str(again), again.argument, again.state) == (str(found.value), "q", 0)
+
+
+@pytest.mark.parametrize("name", [name for name, of in inspect.signature(phipsi.Scene.simulator).parameters.items() if isinstance(of.default, float)])
+def test_every_number_of_a_simulation_is_kept(remade: Remade, name: str) -> None:
+    scene = phipsi.scenes.chain(2).to_builder().contact("tip", "link1", friction=0.5, xyz=(0.1, 0.1, 0.3), offset=-9.0).build()
+    simulator = scene.simulator([0.3, 0.2], dt=1e-3, **{name: 0.25})  # type: ignore[arg-type]
+    _, (_, _, _, keywords, *_) = remade(simulator).__reduce__()
+    assert keywords[name] == 0.25
