@@ -9,7 +9,7 @@ use super::connected::{self, ConnectedKernel};
 use super::derivatives::{self, DerivativeKernel};
 use super::factor;
 use super::finite::{any_not_finite, not_finite};
-use super::instruction_set::{Entry, Target, Vectorized, Work, within_target};
+use super::instruction_set::{Entry, Target, Vectorized, Work, in_lanes, within_target};
 use super::own_model::{self, InertiaPlaces, OwnModel};
 #[cfg(feature = "derivatives")]
 use super::products::{self, ProductKernel};
@@ -274,12 +274,6 @@ fn gather<'a, T: Vectorized>(
         return (faults[0] + faults[1]) + (faults[2] + faults[3]);
     }
     T::take_lanes(numbers, |lane| of(states[lane]))
-}
-
-/// The state of each lane; lanes without a state repeat the last one.
-#[inline(always)]
-pub(super) fn in_lanes<'a>(states: &'a [Arguments<'a>]) -> [&'a Arguments<'a>; MOST_LANES] {
-    std::array::from_fn(|lane| &states[lane.min(states.len() - 1)])
 }
 
 /// Gathers q, qd and u of every state into lanes. Returns zero if all values are finite, otherwise NaN.

@@ -5,7 +5,7 @@
 
 use super::finite::any_not_finite;
 use crate::error::{by_name, name_in, named};
-use crate::scalar::{ColumnsOf, Real};
+use crate::scalar::{ColumnsOf, MOST_LANES, Real};
 #[cfg(all(feature = "lanes", any(target_arch = "x86_64", target_arch = "aarch64")))]
 use crate::scalar::{Fused, Instructions, Lanes};
 #[cfg(all(target_arch = "aarch64", feature = "lanes"))]
@@ -318,6 +318,12 @@ pub trait Vectorized: Real {
     /// As [`Self::put_lanes`], with the values that `chosen` selects by their index in `entries`, of which the first is
     /// zero. Does nothing if the entries were written to the result.
     fn put_entries(entries: &[Entry<Self>], chosen: &[u32], out: &mut [f64]);
+}
+
+/// The state of each lane; lanes without a state repeat the last one.
+#[inline(always)]
+pub(super) fn in_lanes<S>(states: &[S]) -> [&S; MOST_LANES] {
+    std::array::from_fn(|lane| &states[lane.min(states.len() - 1)])
 }
 
 /// Gathers one array of every state into lanes; lanes without a state repeat the last one.

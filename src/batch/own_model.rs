@@ -1,7 +1,6 @@
 //! The models of states in lanes, for batches whose states differ in inertia or armature.
 
-use super::chunk::in_lanes;
-use super::instruction_set::{Vectorized, within_target};
+use super::instruction_set::{Vectorized, in_lanes, within_target};
 use crate::algorithm::Arguments;
 use crate::dynamics::sweeps::{AxisPermutation, SweepModel};
 use crate::model::Model;
