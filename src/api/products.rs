@@ -5,7 +5,6 @@ use super::declared::algorithms;
 use crate::algorithm::{Algorithm, Arguments, FORWARD_DYNAMICS_JVP, INVERSE_DYNAMICS_JVP, Products};
 use crate::dynamics::derivatives::{self, HessianScratch};
 use crate::error::{Error, check_length};
-use crate::model::StateModel;
 use crate::scene::{Coupling, Scene};
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
@@ -67,9 +66,7 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        if !state.model.is_of_scene() {
-            let own = self.with_state_model(&state.model)?;
-            let state = Arguments { model: StateModel::default(), ..*state };
+        if let Some((own, state)) = self.of_own_model(state)? {
             return own.inverse_dynamics_hvp(&mut own.hessian_scratch(), &state, direction, out);
         }
         self.check_product_state(Products::gradient(None), state, (scratch.identity(), out.len()))?;
@@ -101,9 +98,7 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        if !state.model.is_of_scene() {
-            let own = self.with_state_model(&state.model)?;
-            let state = Arguments { model: StateModel::default(), ..*state };
+        if let Some((own, state)) = self.of_own_model(state)? {
             let mut of_own = own.workspace().in_form(workspace.form);
             of_own.tolerance = workspace.tolerance;
             return own.forward_dynamics_hvp(&mut of_own, &mut own.hessian_scratch(), &state, direction, out);

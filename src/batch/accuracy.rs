@@ -42,16 +42,14 @@ impl Scene {
         let mut again = vec![f64::NAN; self.nv()];
         let checked = &mut evaluator.independent.checked;
         checked.workspace.estimates_error = true;
-        for (i, (state, accuracy)) in states.iter().zip(accuracy).enumerate() {
-            if let Err(error) = crate::interrupt::check() {
-                checked.workspace.estimates_error = false;
-                return Err(Fault { state: i, error });
-            }
+        let outcome = states.iter().zip(accuracy).enumerate().try_for_each(|(i, (state, accuracy))| {
+            crate::interrupt::check().map_err(|error| Fault { state: i, error })?;
             if self.evaluate_checked(checked, Algorithm::ForwardDynamics(form), state, &mut again).is_ok() {
                 *accuracy = checked.workspace.accuracy;
             }
-        }
+            Ok(())
+        });
         checked.workspace.estimates_error = false;
-        Ok(())
+        outcome
     }
 }

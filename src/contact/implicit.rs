@@ -157,6 +157,7 @@ impl Cone {
             if springs.residual(&found, c, limits) <= springs.floor(&found, c, limits) {
                 return Some((springs, found));
             }
+            // Not [`Cone::newton`], which projects onto the cones and then does not converge for some contacts.
             let modes = springs.modes(&found, c, limits);
             let defect = springs.defect_in(&modes, &found, c, limits);
             found -= springs.linearized(&modes, &found, c).matrix.lu().solve(&defect)?;

@@ -33,10 +33,9 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        if !state.model.is_of_scene() {
-            let scene = self.with_state_model(&state.model)?;
+        if let Some((scene, state)) = self.of_own_model(state)? {
             let mut own = scene.workspace();
-            scene.recursion(&mut own, None, algorithm, &Arguments { model: StateModel::default(), ..*state }, out)?;
+            scene.recursion(&mut own, None, algorithm, &state, out)?;
             workspace.accuracy = own.accuracy;
             return Ok(());
         }

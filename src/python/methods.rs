@@ -158,6 +158,26 @@ macro_rules! typed_methods {
     };
 }
 
+/// Copies of an immutable object of a class in Python.
+macro_rules! copied_as_itself {
+    ($class:ident) => {
+        #[pymethods]
+        impl $class {
+            /// The object itself, because it is immutable.
+            fn __copy__(slf: Py<Self>) -> Py<Self> {
+                slf
+            }
+
+            /// The object itself, because it is immutable.
+            #[pyo3(signature = (memo, /))]
+            fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
+                let _ = memo;
+                slf
+            }
+        }
+    };
+}
+
 /// Properties of a class in Python: `name: Type = |object, py| value;`.
 macro_rules! getters {
     (in $class:ident; $(

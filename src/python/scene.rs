@@ -298,6 +298,8 @@ typed_methods! {
     }
 }
 
+copied_as_itself!(PyScene);
+
 #[pymethods]
 impl PyScene {
     /// Inertial parameters of the bodies, (bodies, 10), read-only: mass, mass moments and moments of inertia.
@@ -340,18 +342,6 @@ impl PyScene {
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
         let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_scene")?;
         Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
-    }
-
-    /// The scene itself, because it is immutable.
-    fn __copy__(slf: Py<Self>) -> Py<Self> {
-        slf
-    }
-
-    /// The scene itself, because it is immutable.
-    #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
-        let _ = memo;
-        slf
     }
 }
 

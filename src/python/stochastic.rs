@@ -203,24 +203,14 @@ typed_methods! {
     }
 }
 
+copied_as_itself!(PyRandomModel);
+
 #[pymethods]
 impl PyRandomModel {
     /// Arguments of the model.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Remade)> {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_random_model")?;
         Ok((rebuild, (self.scene.clone_ref(py), self.q.clone(), self.qd.clone(), self.acceleration_variance)))
-    }
-
-    /// The model itself, because it is immutable.
-    fn __copy__(slf: Py<Self>) -> Py<Self> {
-        slf
-    }
-
-    /// The model itself, because it is immutable.
-    #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
-        let _ = memo;
-        slf
     }
 
     fn __repr__(&self) -> String {

@@ -20,7 +20,6 @@ use crate::estimation::lanes::{Kept, Question, VarianceLanes};
 use crate::estimation::{JointCovariance, ParameterRoots, TorqueVariance, Variances};
 use crate::filter::Form;
 use crate::kinematics::Frame;
-use crate::model::StateModel;
 use crate::scene::Scene;
 use crate::spatial::Symmetric6;
 use crate::workspace::Workspace;
@@ -342,9 +341,8 @@ fn of_states(
 /// One state with every check.
 #[cold]
 fn one_by_one(scene: &Scene, question: &Question<'_>, state: &Arguments<'_>, out: &mut [f64]) -> Result<(), Error> {
-    if !state.model.is_of_scene() {
-        let own = scene.with_state_model(&state.model)?;
-        return one_by_one(&own, question, &Arguments { model: StateModel::default(), ..*state }, out);
+    if let Some((own, state)) = scene.of_own_model(state)? {
+        return one_by_one(&own, question, &state, out);
     }
     let Question { forward, parameters, torque, frames } = question;
     let mut scratch = scene.variance_scratch();

@@ -3,6 +3,7 @@
 use super::Scene;
 use super::description::Inertial;
 use super::shared::Shared;
+use crate::algorithm::Arguments;
 use crate::error::{Error, check_finite, check_length};
 use crate::model::{Identity, StateModel};
 use crate::spatial::inertial_parameters::{inertia, parameters};
@@ -116,6 +117,19 @@ impl Scene {
             *of_restitution = restitution.get(i).copied().unwrap_or(*of_restitution);
         }
         source.build()
+    }
+
+    /// The scene of the model of a state, and the state without its model; `None` if it has the model of this scene.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Scene::with_state_model`].
+    pub(crate) fn of_own_model<'a>(&self, state: &Arguments<'a>) -> Result<Option<(Self, Arguments<'a>)>, Error> {
+        if state.model.is_of_scene() {
+            return Ok(None);
+        }
+        let own = self.with_state_model(&state.model)?;
+        Ok(Some((own, Arguments { model: StateModel::default(), ..*state })))
     }
 
     /// The scene with the model of one state of a batch: one scene per state, in place of states in lanes.

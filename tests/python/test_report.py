@@ -558,6 +558,8 @@ def test_marks_of_an_axis_are_few_and_inside() -> None:
         centers = 280.0 * np.log([value / low for value, _ in ticks]) / np.log(high / low)
         halves = np.array([3.0 * len(name) for _, name in ticks])
         assert len(ticks) >= 2 and np.all(np.diff(centers) > halves[1:] + halves[:-1] + 3.0), (low, high, ticks)
+    # A range of a billionth has as few candidates as any other.
+    assert len(plotting.log_ticks(0.5, 0.5 + 1e-9, str)) <= plotting.MOST_TICKS
     assert [name for _, name in plotting.Axis.powers("", 1e-16, 1e-14).ticks or ()] == ["10⁻¹⁶", "10⁻¹⁵", "10⁻¹⁴"]
 
 

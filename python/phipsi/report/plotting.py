@@ -65,7 +65,8 @@ def log_ticks(low: float, high: float, name: Callable[[float], str]) -> list[tup
     found += [[10.0**e for e in exponents if e % every == 0] for every in range(2, len(exponents))]
     # For a range below a decade: equidistant.
     size = 10.0 ** math.floor(math.log10((high - low) / MOST_TICKS))
-    found += [[k * m * size for k in range(1, math.floor(high / (m * size)) + 1)] for m in (1.0, 2.0, 5.0, 10.0, 20.0)]
+    steps = [m * size for m in (1.0, 2.0, 5.0, 10.0, 20.0)]
+    found += [[k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)] for step in steps]
     ticks = [[(value, name(value)) for value in values if low <= value <= high] for values in found]
     legible = [row for row in ticks if len(row) <= MOST_TICKS and _fit(row, math.log(high / low))]
     return next((row for row in legible if len(row) > 2), max(legible, key=len, default=[]))
