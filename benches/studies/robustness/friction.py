@@ -14,9 +14,10 @@ from .finishing import peer_of
 STEP, FINER = 1e-3, 32
 #: Duration, s, and random poses of each robot.
 DURATION, POSES = 0.3, 8
-#: Reference: friction regularized at this speed, rad/s, by this method at this step, s; and the tolerance of SciPy's
+#: Reference: friction regularized at this speed, rad/s, by this method at this step, s (at 1e-4 rad/s the reference itself is
+#: wrong by 1e-2 in a pose of tiago_pro: its error falls as the speed to the power 0.8); and the tolerance of SciPy's
 #: Radau, which verifies it.
-SPEED, REFERENCE, REFERENCE_STEP, TOLERANCE = 1e-4, "rosenbrock-3", 2e-5, 1e-7
+SPEED, REFERENCE, REFERENCE_STEP, TOLERANCE = 1e-6, "rosenbrock-3", 2e-6, 1e-7
 #: A run is wrong if its error exceeds this value, rad or m; it is silent if the estimate is below a third of the
 #: error.
 WRONG, TOLD = 1e-2, 1 / 3
