@@ -31,14 +31,24 @@ pub(crate) enum Pair {
     Distance(f64),
 }
 
+/// The names of the rows of a weld.
+const ROWS: [&str; 6] = [
+    "rotation about x",
+    "rotation about y",
+    "rotation about z",
+    "position along x",
+    "position along y",
+    "position along z",
+];
+
 impl Pair {
-    /// Number of scalar rows.
-    pub fn rows(self) -> usize {
+    /// The names of the scalar rows, in their order.
+    pub fn rows(self) -> &'static [&'static str] {
         match self {
-            Self::Point => 3,
-            Self::Axis => 5,
-            Self::Weld => 6,
-            Self::Distance(_) => 1,
+            Self::Point => &ROWS[3..],
+            Self::Axis => &[ROWS[0], ROWS[1], ROWS[3], ROWS[4], ROWS[5]],
+            Self::Weld => &ROWS,
+            Self::Distance(_) => &["distance"],
         }
     }
 }

@@ -5,33 +5,6 @@ use crate::scene::{Connection, ConnectionKind, Polynomial};
 use crate::spatial::RigidShift;
 use nalgebra::Matrix3;
 
-/// Reads a kind of connection with its axis or length.
-pub(super) fn kind_of(
-    connection: &str,
-    name: &str,
-    axis: Option<[f64; 3]>,
-    length: Option<f64>,
-) -> Result<ConnectionKind, Error> {
-    let refused = |found: String, expected: &str| Error::scene(format!("connection {connection:?}"), found, expected);
-    let kind = match name {
-        "point" => ConnectionKind::Point,
-        "axis" => ConnectionKind::Axis(axis.unwrap_or([0.0, 0.0, 1.0]).into()),
-        "weld" => ConnectionKind::Weld,
-        "distance" | "rod" => ConnectionKind::Distance(length),
-        _ => {
-            let expected = "one of \"point\", \"axis\", \"weld\", \"distance\", \"rod\" (couple ties joints)";
-            return Err(refused(format!("kind {name:?}"), expected));
-        }
-    };
-    if axis.is_some() && !matches!(kind, ConnectionKind::Axis(_)) {
-        return Err(refused(format!("an axis for kind {name:?}"), "an axis for kind \"axis\" only"));
-    }
-    if length.is_some() && !matches!(kind, ConnectionKind::Distance(_)) {
-        return Err(refused(format!("a length for kind {name:?}"), "a length for kind \"distance\" only"));
-    }
-    Ok(kind)
-}
-
 /// A connection as numbers and names: name, kind, axis, length, coefficients of a polynomial, link, other, and the two
 /// frames (rotation in row-major order, lever).
 pub(super) type ConnectionTuple = (
@@ -66,7 +39,7 @@ pub(super) fn connection_tuple(connection: &Connection) -> ConnectionTuple {
         ConnectionKind::Axis(axis) => (Some(axis.into()), None, None),
         ConnectionKind::Distance(length) => (None, length, None),
         ConnectionKind::Joint(polynomial) => (None, None, Some(polynomial.coefficients())),
-        ConnectionKind::Point | ConnectionKind::Weld => (None, None, None),
+        _ => (None, None, None),
     };
     let other_frame = other_frame.as_ref().map(frame_tuple);
     (
@@ -87,7 +60,7 @@ pub(super) fn connection_of(tuple: ConnectionTuple) -> Result<Connection, Error>
     let (name, kind, axis, length, polynomial, link, other, frame, other_frame) = tuple;
     let kind = match polynomial {
         Some(coefficients) => ConnectionKind::Joint(Polynomial::new(coefficients)),
-        None => kind_of(&name, &kind, axis, length)?,
+        None => ConnectionKind::named(&name, &kind, axis.map(Into::into), length)?,
     };
     let (frame, other_frame) = (frame_from(frame), other_frame.map(frame_from));
     Ok(Connection { name, kind, link, other, frame, other_frame })

@@ -1,7 +1,6 @@
 //! Closed loops: the methods of `SceneBuilder` that add connections, and the properties of `Scene.loops`.
 
 use super::builder::{Added, PySceneBuilder, frame_of, optional_triple};
-use super::connection_tuple::kind_of;
 use super::errors::refuse;
 use super::groups::PyLoops;
 use super::input;
@@ -64,7 +63,7 @@ typed_methods! {
         let first = |argument: &str| format!("{argument} of connection {name:?}");
         let second = |argument: &str| format!("other_{argument} of connection {name:?}");
         let direction = axis.map(|_| optional_triple(&first("axis"), axis, [0.0; 3])).transpose()?;
-        let kind = kind_of(&name, kind, direction, length)?;
+        let kind = ConnectionKind::named(&name, kind, direction.map(Into::into), length)?;
         let is_open = other_xyz.is_none() && other_rpy.is_none() && other_rotation.is_none();
         let own = frame_of(&first, xyz, rpy, rotation)?;
         let other_frame = if is_open { None } else { Some(frame_of(&second, other_xyz, other_rpy, other_rotation)?) };

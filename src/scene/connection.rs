@@ -38,6 +38,35 @@ pub enum ConnectionKind {
 }
 
 impl ConnectionKind {
+    /// The kind between two links with this name (a rod is a distance), of the connection `connection`; without an axis,
+    /// that of a hinge is z.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Scene`], which names the connection: an unknown name, or an axis or a length of another kind.
+    pub fn named(connection: &str, name: &str, axis: Option<Vector3<f64>>, length: Option<f64>) -> Result<Self, Error> {
+        let known = [
+            ("point", Self::Point),
+            ("axis", Self::Axis(axis.unwrap_or_else(Vector3::z))),
+            ("weld", Self::Weld),
+            ("distance", Self::Distance(length)),
+            ("rod", Self::Distance(length)),
+        ];
+        let refused =
+            |found: String, expected: &str| Error::scene(format!("connection {connection:?}"), found, expected);
+        let Some((_, kind)) = known.into_iter().find(|(known, _)| *known == name) else {
+            let names = known.map(|(name, _)| format!("{name:?}")).join(", ");
+            return Err(refused(format!("kind {name:?}"), &format!("one of {names} (couple ties joints)")));
+        };
+        if axis.is_some() && !matches!(kind, Self::Axis(_)) {
+            return Err(refused(format!("an axis for kind {name:?}"), "an axis for kind \"axis\" only"));
+        }
+        if length.is_some() && !matches!(kind, Self::Distance(_)) {
+            return Err(refused(format!("a length for kind {name:?}"), "a length for kind \"distance\" only"));
+        }
+        Ok(kind)
+    }
+
     /// The name in Python and in messages.
     #[must_use]
     pub fn name(&self) -> &'static str {

@@ -117,13 +117,17 @@ pub(crate) struct Constraint {
 }
 
 impl Constraint {
+    /// The names of its rows.
+    pub fn names(&self) -> &'static [&'static str] {
+        match self.tie {
+            Tie::Frames { pair, .. } => pair.rows(),
+            Tie::Coordinates(_) => &["coordinate"],
+        }
+    }
+
     /// Its rows among the rows of all connections.
     pub fn rows(&self) -> Range<usize> {
-        let count = match self.tie {
-            Tie::Frames { pair, .. } => pair.rows(),
-            Tie::Coordinates(_) => 1,
-        };
-        self.first_row..self.first_row + count
+        self.first_row..self.first_row + self.names().len()
     }
 
     /// The degrees of freedom that move its rows: J is zero in the columns of all others.

@@ -101,7 +101,7 @@ impl Scene {
             "connection {:?}, row {row} ({}): {about}, and the row counts as dependent on others (tolerance {:.1e}); \
              {} uses the dimensions as given",
             constraint.name,
-            name_of_row(&constraint.tie, row),
+            constraint.names()[row],
             self.tolerance(),
             in_language("SceneBuilder::strict(true)", "SceneBuilder.build(strict=True)"),
         ))
@@ -169,19 +169,5 @@ impl Scene {
             }
         }
         axes
-    }
-}
-
-/// Name of a row of a connection.
-fn name_of_row(tie: &Tie, row: usize) -> &'static str {
-    const ANGLES: [&str; 3] = ["rotation about x", "rotation about y", "rotation about z"];
-    const LENGTHS: [&str; 3] = ["position along x", "position along y", "position along z"];
-    match tie {
-        Tie::Frames { pair: Pair::Distance(_), .. } => "distance",
-        Tie::Frames { pair, .. } => {
-            let angular = pair.rows() - 3;
-            if row < angular { ANGLES[row] } else { LENGTHS[row - angular] }
-        }
-        Tie::Coordinates(_) => "coordinate",
     }
 }
