@@ -399,30 +399,16 @@ impl KinematicQuantity<'_> {
         }
     }
 
-    /// The number of rows of a matrix with one column per degree of freedom; None for other quantities.
-    pub(crate) fn rows_of_columns(&self) -> Option<usize> {
-        match self.entry().results {
-            [(_, [Axis::Fixed(rows), Axis::Velocities])] => Some(*rows),
-            _ => None,
-        }
-    }
-
-    /// True if it has derivatives by q, which are those of independent joints.
-    pub(crate) fn is_by_coordinates(&self) -> bool {
-        matches!(
-            self,
-            Self::VelocityDerivatives(..)
-                | Self::AccelerationDerivatives(..)
-                | Self::JacobianDerivatives(..)
-                | Self::CentroidalMomentumDerivatives
-        )
+    /// The lengths of its axes for a robot of `nv` degrees of freedom.
+    pub(crate) fn sizes(&self, nv: usize) -> Sizes {
+        let links = if let Self::Poses(links) = self { links.len() } else { 0 };
+        Sizes { nv, links, ..Sizes::default() }
     }
 
     /// The number of values for one state of a robot of `nv` degrees of freedom.
     #[must_use]
     pub fn width(&self, nv: usize) -> usize {
-        let links = if let Self::Poses(links) = self { links.len() } else { 0 };
-        self.entry().width(&Sizes { nv, links, ..Sizes::default() })
+        self.entry().width(&self.sizes(nv))
     }
 
     /// The number of state arrays that it reads: q, then qd, then qdd.

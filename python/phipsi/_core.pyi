@@ -1866,8 +1866,6 @@ class Scene:
 
         Raises
         ------
-        ArgumentError
-            Joints that follow others (mimic), by name.
         ShapeError, NotFiniteError, ArgumentError
             An invalid argument or an unknown name. The message names the argument and the state.
 
@@ -1929,8 +1927,6 @@ class Scene:
 
         Raises
         ------
-        ArgumentError
-            Joints that follow others (mimic), by name.
         ShapeError, NotFiniteError, ArgumentError
             An invalid argument or an unknown name. The message names the argument and the state.
 
@@ -1979,8 +1975,6 @@ class Scene:
 
         Raises
         ------
-        ArgumentError
-            Joints that follow others (mimic), by name.
         ShapeError, NotFiniteError, ArgumentError
             An invalid argument or an unknown name. The message names the argument and the state.
 
@@ -3418,7 +3412,7 @@ class Scene:
         Raises
         ------
         ArgumentError
-            Joints that follow others (mimic), by name; a scene whose moving links have no mass.
+            A scene whose moving links have no mass.
         ShapeError, NotFiniteError, ArgumentError
             An invalid argument or an unknown name. The message names the argument and the state.
 
@@ -5688,8 +5682,6 @@ class Contacts:
 
         Raises
         ------
-        ArgumentError
-            Connections or mimic joints, and as below.
         SingularJointError
             A joint without inertia along its axis: its pivot D(k) is lost in rounding.
         ShapeError, NotFiniteError, ArgumentError
@@ -5697,8 +5689,9 @@ class Contacts:
 
         Notes
         -----
-        J qd are the those of velocities. All contacts are included, open ones too. The factor of M and one
-        right-hand side per row, O(m N + m^2 nv) for m rows.
+        J qd are those of velocities. All contacts are included, open ones too. The factor of M and one right-hand side
+        per row, O(m N + m^2 nv) for m rows. With connections M^-1 is loops.mass_matrix_inverse, with mimic joints that
+        of the independent joints; then, and for contacts with other links, spheres or boxes, O(nv^2 (nv + m)).
 
         Examples
         --------

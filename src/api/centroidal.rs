@@ -92,6 +92,6 @@ quantities! {
     ///
     /// # Errors
     ///
-    /// As [`Scene::center_of_mass`], and [`Error::Argument`] for joints that follow others.
+    /// As [`Scene::center_of_mass`].
     fn centroidal_momentum_derivatives(q, qd) -> _ = CentroidalMomentumDerivatives;
 }

@@ -5,6 +5,7 @@ use crate::dynamics::forward::factorise;
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
+use nalgebra::DMatrix;
 
 /// A scene with at most this many contacts counts as coupled.
 const FEW_CONTACTS: usize = 8;
@@ -57,20 +58,31 @@ impl Scene {
 
     /// J M^-1 J^T of the points of all contacts at `q`, (contacts x 3 x contacts x 3) row by row, written to `out`: the
     /// velocities ([`Scene::contact_velocities`]) of all points, in the base frame, due to unit impulses along the axes
-    /// of the base frame. Symmetric and positive semidefinite, 1/kg. The factor of M has the form of the workspace.
+    /// of the base frame. Symmetric and positive semidefinite, 1/kg. The factor of M has the form of the workspace. With
+    /// connections M^-1 is that of [`Scene::constrained_mass_matrix_inverse`], and with mimic joints J and M^-1 are those
+    /// of the independent joints.
     ///
     /// # Errors
     ///
-    /// As [`Scene::contact_gaps`], [`Error::Argument`] for a scene with connections or mimic joints, and
-    /// [`Error::SingularJoint`].
+    /// As [`Scene::contact_gaps`], and [`Error::SingularJoint`].
     pub fn contact_gram(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        self.check_no_connections("contact_gram")?;
-        self.check_no_pairs("contact_gram")?;
-        self.check_independent()?;
-        self.check_configuration("q", q)?;
-        check_length("out", out.len(), 9 * self.contact_points().len().pow(2))?;
+        let rows = 3 * self.tree().contact_points().len();
+        check_length("out", out.len(), rows * rows)?;
         self.check_workspace(workspace)?;
         self.check_form(workspace)?;
+        if self.coupling().is_some() || !self.constraints().is_empty() || !self.contacts_have_planes() {
+            let (mut transpose, mut unit) = (DMatrix::from_element(self.nv(), rows, f64::NAN), vec![0.0; self.nv()]);
+            let mut moved = vec![f64::NAN; rows];
+            for (row, mut of_row) in transpose.row_iter_mut().enumerate() {
+                unit[row] = 1.0;
+                self.contact_velocities(q, &unit, &mut moved)?;
+                of_row.copy_from_slice(&moved);
+                unit[row] = 0.0;
+            }
+            self.gram_through_rows(workspace, q, &transpose, out)?;
+            return self.check_result("contact gram", out);
+        }
+        self.check_configuration("q", q)?;
         let pivots = factorise(self.model(), workspace, q);
         self.check_pivots(workspace, pivots)?;
         let (scene, store) = workspace.passes(self.model());
@@ -109,15 +121,5 @@ impl Scene {
             format!("a scene with contacts or colliders ({})", names.join(", ")),
             "a scene without contacts: scene.without_contacts() returns one",
         ))
-    }
-
-    /// Returns an error if the scene has contacts with other surfaces than planes of the base, for functions that do
-    /// not support them.
-    pub(crate) fn check_no_pairs(&self, what: &str) -> Result<(), Error> {
-        let Some(point) = self.tree().contact_points().iter().find(|point| point.other.is_some()) else {
-            return Ok(());
-        };
-        let found = format!("a contact with a sphere, a box or another link ({:?})", point.name);
-        Err(Error::argument(what, found, "contacts with planes of the base: scene.without_contacts() has no contacts"))
     }
 }

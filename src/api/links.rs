@@ -192,7 +192,7 @@ quantities_of_links! {
     ///
     /// # Errors
     ///
-    /// As [`Scene::placement`], and [`Error::Argument`] for joints that follow others.
+    /// As [`Scene::placement`].
     fn velocity_derivatives(q, qd; reference: ReferenceFrame) -> _ = VelocityDerivatives;
 
     /// Derivatives of [`Scene::acceleration`] with respect to q, qd and qdd, (3 x 6 x nv) row by row; the third is

@@ -94,7 +94,7 @@ impl Scene {
         self.check_result("operational inverse inertia", out)
     }
 
-    /// J M^-1 J^T with the inverse mass matrix of the scene with its connections and of its independent joints.
+    /// As [`Scene::operational_inverse_inertia`] with connections or joints that follow others.
     fn operational_through_rows(
         &self,
         workspace: &mut Workspace<f64>,
@@ -102,7 +102,27 @@ impl Scene {
         frames: &[Frame<f64>],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let (nv, rows) = (self.nv(), 6 * frames.len());
+        let nv = self.nv();
+        // Row-major: the transpose of J in the order of nalgebra.
+        let mut transpose = DMatrix::from_element(nv, 6 * frames.len(), f64::NAN);
+        for (frame, own) in frames.iter().zip(transpose.as_mut_slice().chunks_exact_mut((6 * nv).max(1))) {
+            self.tree_columns(6, own, |out| {
+                local_jacobian(self.model(), q_of_tree, frame, out);
+            })?;
+        }
+        self.gram_through_rows(workspace, q, &transpose, out)
+    }
+
+    /// J M^-1 J^T with the inverse mass matrix of the scene with its connections and of its independent joints, for the
+    /// transpose of J.
+    pub(super) fn gram_through_rows(
+        &self,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        transpose: &DMatrix<f64>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let (nv, rows) = transpose.shape();
         let mut inverse = DMatrix::from_element(nv, nv, f64::NAN);
         if self.constraints().is_empty() {
             self.mass_matrix_inverse(workspace, &mut self.inverse_scratch(), q, inverse.as_mut_slice())?;
@@ -110,14 +130,7 @@ impl Scene {
             let scratch = &mut self.constraint_scratch();
             self.constrained_mass_matrix_inverse(workspace, scratch, q, inverse.as_mut_slice())?;
         }
-        // Row-major: the transpose of J in the order of nalgebra.
-        let mut jacobian = DMatrix::from_element(nv, rows, f64::NAN);
-        for (frame, own) in frames.iter().zip(jacobian.as_mut_slice().chunks_exact_mut((6 * nv).max(1))) {
-            self.tree_columns(6, own, |out| {
-                local_jacobian(self.model(), q_of_tree, frame, out);
-            })?;
-        }
-        let product = jacobian.transpose() * inverse * &jacobian;
+        let product = transpose.transpose() * inverse * transpose;
         for i in 0..rows {
             for j in 0..rows {
                 out[i * rows + j] = product[(i.min(j), i.max(j))];

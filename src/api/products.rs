@@ -138,12 +138,10 @@ impl Scene {
         let names = entry.arguments.iter().chain(along.seeds());
         let all: Vec<_> = names.zip(given).map(|(&(name, _), given)| coupling.expanded(name, acts, given)).collect();
         let [q, qd, u, cotangent, dq, dqd, du] = &all[..] else { return Ok(()) };
-        let full = coupling.tree().nv();
-        let (mut of_tree, mut reduced) = (vec![f64::NAN; 3 * full], Vec::new());
+        let sizes = coupling.tree().sizes();
+        let (mut of_tree, mut reduced) = (vec![f64::NAN; 3 * sizes.nv], Vec::new());
         product(&Arguments { q, qd, u, seed: [cotangent, &[], &[]], ..*state }, [dq, dqd, du], &mut of_tree)?;
-        for (&array, of_tree) in entry.results.iter().zip(of_tree.chunks_exact(full.max(1))) {
-            coupling.reduced(array, acts, of_tree, &mut reduced);
-        }
+        coupling.reduced_all(entry.results, (&sizes, acts), &of_tree, &mut reduced);
         out.copy_from_slice(&reduced);
         self.check_result("derivatives", out)
     }

@@ -55,9 +55,6 @@ impl Scene {
             (None, Some(workspace)) => self.check_workspace(workspace)?,
             (None, None) => {}
         }
-        if what.is_by_coordinates() {
-            self.check_independent()?;
-        }
         if what.entry().needs_mass {
             self.check_has_mass()?;
         }
@@ -73,8 +70,12 @@ impl Scene {
                 of_all_bodies(model, workspace, what, state, out);
             }
         };
-        match what.rows_of_columns() {
-            Some(rows) => self.tree_columns(rows, out, compute)?,
+        match self.coupling() {
+            Some(coupling) => {
+                let mut of_tree = vec![f64::NAN; what.width(model.nv())];
+                compute(&mut of_tree);
+                coupling.reduce_quantity(what, &of_tree, out);
+            }
             None => compute(out),
         }
         if out.iter().all(|value| value.is_finite()) {

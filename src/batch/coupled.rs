@@ -63,14 +63,11 @@ impl Scene {
             let model = StateModel { armature, ..state.model };
             asked.push(Arguments { q, qd, u, model, ..Arguments::default() });
         }
-        if what.rows_of_columns().is_none() {
-            return tied.quantity_independent(kernels, what, &asked, out);
-        }
         let of_tree = what.width(tied.nv());
         let mut results = vec![f64::NAN; of_tree * states.len()];
         tied.quantity_independent(kernels, what, &asked, &mut results)?;
         for (from, to) in results.chunks_exact(of_tree.max(1)).zip(out.chunks_exact_mut(width.max(1))) {
-            coupling.reduce_columns(from, to);
+            coupling.reduce_quantity(what, from, to);
         }
         Ok(())
     }

@@ -141,9 +141,6 @@ impl Scene {
         if let Some(frame) = what.frame() {
             self.check_frame(frame).map_err(|error| Fault { state: 0, error })?;
         }
-        if what.is_by_coordinates() {
-            self.check_independent().map_err(|error| Fault { state: 0, error })?;
-        }
         match self.coupling() {
             Some(coupling) => self.quantity_on_tied(coupling, &mut evaluator.independent, what, states, out),
             None => self.quantity_independent(&mut evaluator.independent, what, states, out),

@@ -7,7 +7,7 @@
 //! (G^T M G)^-1 tau'.
 
 use crate::accuracy::Accuracy;
-use crate::algorithm::{Algorithm, Arguments, table};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::error::{Error, Fault, check_length};
 use crate::filter::Form;
 use crate::model::StateModel;
@@ -142,12 +142,8 @@ impl Call<'_, '_> {
         let mut results = vec![f64::NAN; states.len() * width];
         (self.ask)(is_weightless, algorithm, &asked, &mut results, found)?;
         let mut out = Vec::new();
-        for mut rest in results.chunks_exact(width.max(1)) {
-            for &array in entry.results {
-                let (of_tree, others) = rest.split_at(table::width(array, &sizes));
-                coupling.reduced(array, acts, of_tree, &mut out);
-                rest = others;
-            }
+        for of_state in results.chunks_exact(width.max(1)) {
+            let rest = coupling.reduced_all(entry.results, (&sizes, acts), of_state, &mut out);
             if algorithm.gives_constants() {
                 let (armature, others) = rest.split_at(sizes.nv);
                 out.extend(coupling.by_armature(armature));

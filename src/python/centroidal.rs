@@ -113,7 +113,7 @@ methods! {
     ///     dh/dq and dh/dqd in SI units, with the rows of centroidal_momentum_matrix.
     #[doc = section!(Raises)]
     /// ArgumentError
-    ///     Joints that follow others (mimic), by name; a scene whose moving links have no mass.
+    ///     A scene whose moving links have no mass.
     #[doc = entries!(arguments)]
     #[doc = section!(Notes)]
     /// O(N). Derivatives with respect to q are along its tangent space, as in velocity_derivatives.

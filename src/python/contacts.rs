@@ -164,13 +164,11 @@ methods! {
     /// gram : (..., contacts, 3, contacts, 3) ndarray
     ///     Velocity of contact i along axis a of the base frame due to a unit impulse on contact j along axis b, 1/kg,
     ///     in the order of names. Symmetric.
-    #[doc = section!(Raises)]
-    /// ArgumentError
-    ///     Connections or mimic joints, and as below.
-    #[doc = entries!(singular arguments)]
+    #[doc = raises!(singular arguments)]
     #[doc = section!(Notes)]
-    /// J qd are the those of velocities. All contacts are included, open ones too. The factor of M and one
-    /// right-hand side per row, O(m N + m^2 nv) for m rows.
+    /// J qd are those of velocities. All contacts are included, open ones too. The factor of M and one right-hand side
+    /// per row, O(m N + m^2 nv) for m rows. With connections M^-1 is loops.mass_matrix_inverse, with mimic joints that
+    /// of the independent joints; then, and for contacts with other links, spheres or boxes, O(nv^2 (nv + m)).
     #[doc = section!(Examples)]
     /// >>> builder = phipsi.SceneBuilder().link("ball", mass=2.0, inertia=0.004 * np.eye(3))
     /// >>> scene = builder.contact("foot", "ball", friction=0.5, radius=0.1).build(floating_base=True)

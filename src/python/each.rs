@@ -25,9 +25,6 @@ impl PyScene {
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let (entry, mut room) = (what.entry(), [0; 4]);
-        if what.is_by_coordinates() {
-            self.scene.check_independent()?;
-        }
         if entry.needs_mass && !keywords.has_models() {
             self.scene.check_has_mass()?;
         }

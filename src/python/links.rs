@@ -162,10 +162,7 @@ methods! {
     #[doc = section!(Returns)]
     /// dv : (..., 2, 6, nv) ndarray
     ///     dv/dq and dv/dqd of velocity, SI units, angular rows first.
-    #[doc = section!(Raises)]
-    /// ArgumentError
-    ///     Joints that follow others (mimic), by name.
-    #[doc = entries!(arguments)]
+    #[doc = raises!(arguments)]
     #[doc = section!(Notes)]
     /// O(depth). Derivatives with respect to q are along its tangent space, as those of the dynamics: column k is the
     /// change of v as q moves by integrate(q, e_k).
@@ -190,10 +187,7 @@ methods! {
     #[doc = section!(Returns)]
     /// da : (..., 3, 6, nv) ndarray
     ///     da/dq, da/dqd and da/dqdd of acceleration, SI units, angular rows first.
-    #[doc = section!(Raises)]
-    /// ArgumentError
-    ///     Joints that follow others (mimic), by name.
-    #[doc = entries!(arguments)]
+    #[doc = raises!(arguments)]
     #[doc = section!(Notes)]
     /// O(depth). Derivatives with respect to q are along its tangent space, as in velocity_derivatives.
     #[doc = section!(Examples)]
@@ -211,10 +205,7 @@ methods! {
     #[doc = section!(Returns)]
     /// dJ : (..., 6, nv, nv) ndarray
     ///     Entry [i, j, k] is the derivative of jacobian[i, j] along degree of freedom k, SI units.
-    #[doc = section!(Raises)]
-    /// ArgumentError
-    ///     Joints that follow others (mimic), by name.
-    #[doc = entries!(arguments)]
+    #[doc = raises!(arguments)]
     #[doc = section!(Notes)]
     /// O(depth^2). Derivatives are along the tangent space of q, as in velocity_derivatives; dJ @ qd is jacobian_rate,
     /// and np.einsum("ijk,j", dJ, qd) is the first of velocity_derivatives.

@@ -5,7 +5,8 @@ use super::description::{Mimic, MimicJoints};
 use super::polynomial::Polynomial;
 use super::shared::Shared;
 use super::{Joint, Scene};
-use crate::algorithm::table::{Array, Axis};
+use crate::algorithm::KinematicQuantity;
+use crate::algorithm::table::{self, Array, Axis, Sizes};
 use crate::error::{Error, check_length};
 use crate::filter::{HingeMap, Rows};
 use crate::joints::JointKind;
@@ -203,6 +204,30 @@ impl Coupling {
         }
     }
 
+    /// The results of a function of the tree, of these sizes, reduced to the independent velocities; returns the values
+    /// after them. `acts` is that of [`Coupling::reduced`].
+    pub(crate) fn reduced_all<'x, T: Real>(
+        &self,
+        arrays: &[Array],
+        (sizes, acts): (&Sizes, bool),
+        mut x: &'x [T],
+        out: &mut Vec<T>,
+    ) -> &'x [T] {
+        for &array in arrays {
+            let (of_tree, others) = x.split_at(table::width(array, sizes));
+            self.reduced(array, acts, of_tree, out);
+            x = others;
+        }
+        x
+    }
+
+    /// A kinematic quantity of one state, `out`, from that of the tree.
+    pub(crate) fn reduce_quantity(&self, what: &KinematicQuantity<'_>, of_tree: &[f64], out: &mut [f64]) {
+        let (sizes, mut reduced) = (what.sizes(self.v.len()), Vec::with_capacity(out.len()));
+        self.reduced_all(what.entry().results, (&sizes, false), of_tree, &mut reduced);
+        out.copy_from_slice(&reduced);
+    }
+
     /// A result of a function of the tree, reduced to the independent velocities; with `acts`, in forward dynamics, the
     /// rows of accelerations and the columns or gradients by torques are those of the heaviest joints.
     pub(crate) fn reduced<T: Real>(&self, (name, axes): Array, acts: bool, x: &[T], out: &mut Vec<T>) {
@@ -238,6 +263,15 @@ impl Coupling {
             [Axis::Fixed(rows), Axis::Velocities] => {
                 out.resize(start + rows * nv, T::zero());
                 self.reduce_columns(x, &mut out[start..]);
+            }
+            [Axis::Fixed(rows), Axis::Velocities, Axis::Velocities] => {
+                out.resize(start + rows * nv * nv, T::zero());
+                for k in 0..*rows {
+                    self.reduce_matrix(
+                        &x[k * x.len() / rows..][..x.len() / rows],
+                        &mut out[start + k * nv * nv..][..nv * nv],
+                    );
+                }
             }
             _ => out.extend_from_slice(x),
         }

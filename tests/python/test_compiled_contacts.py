@@ -14,6 +14,7 @@ import pytest
 from conftest import random_scene
 from test_codegen import FUNCTIONS, Recorder
 from test_constraints import bars
+from test_mimic import Case
 from tolerances import assert_near, inverse, product, size
 
 import phipsi
@@ -85,11 +86,48 @@ def test_broken_arguments_of_the_gram_matrix(change: dict[str, Any], error: type
         scene.contacts.gram(**{**given, **change})
 
 
-def test_the_gram_matrix_needs_a_tree() -> None:
+def expected_gram(scene: phipsi.Scene, q: np.ndarray, inverse_mass: np.ndarray) -> np.ndarray:
+    columns = np.stack([scene.contacts.velocities(q, unit) for unit in np.eye(scene.nv)])
+    return np.einsum("jia,jk,kbc->iabc", columns, inverse_mass, columns)
+
+
+def test_the_gram_matrix_through_connections() -> None:
+    """M^-1 on the connections, from the projection in dense algebra."""
     assert bars().build().contacts.gram(np.zeros(3)).shape == (0, 3, 0, 3)
-    loop = bars().connect("pin", "point", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3)).build()
-    with pytest.raises(ArgumentError, match="contact_gram: found a scene with connections"):
-        loop.contacts.gram(np.zeros(3))
+    loop = bars().connect("pin", "point", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3))
+    scene = loop.contact("foot", "coupler", friction=0.5, xyz=(0.1, 0, 0.2)).contact("hand", "rocker", friction=0.5, other="crank").build()
+    q = scene.loops.project(np.array([0.5, 0.8, 0.2]), np.zeros(3))[0]
+    m, jacobian = scene.mass_matrix(q), scene.loops.jacobian(q)
+    free = np.linalg.svd(jacobian)[2][np.linalg.matrix_rank(jacobian) :].T
+    inverse_mass = free @ np.linalg.inv(free.T @ m @ free) @ free.T
+    found, bound = scene.contacts.gram(np.stack([q, q])), inverse(float(np.linalg.cond(m)), 100.0)
+    assert_near(found[1], expected_gram(scene, q, inverse_mass), bound)
+    assert size(found) > 0.1 and np.array_equal(found[0], found[1])
+    tree = scene.without_constraints().contacts.gram(q)
+    assert np.all(np.linalg.eigvalsh((tree - found[0]).reshape(6, 6)) > -bound) and size(tree - found[0]) > 0.1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_gram_matrix_of_joints_that_follow_others(seed: int) -> None:
+    case = Case(seed)
+    builder = case.scene.to_builder()
+    links = [joint.child for joint in case.tree.joints if joint.kind != "fixed"]
+    builder.contact("foot", links[-1], friction=0.5, radius=0.1, normal=(1, 2, 3)).contact("hand", links[-2], friction=0.5, xyz=(0.1, 0.2, 0.3))
+    scene = builder.build(mimic="couple", floating_base=case.tree.floating_base)
+    bound = inverse(case.condition, 100.0)
+    assert_near(scene.contacts.gram(case.q), expected_gram(scene, case.q, np.linalg.inv(case.m)), bound)
+
+
+def test_the_gram_matrix_of_contacts_between_links() -> None:
+    """Impulses are opposite on both links: two balls that touch have 1/m1 + 1/m2."""
+    builder = phipsi.SceneBuilder().link("world")
+    for name, mass in (("a", 2.0), ("b", 4.0)):
+        builder.link(name, mass=mass, inertia=0.004 * np.eye(3)).joint(name, "floating", "world", name)
+    scene = builder.contact("balls", "a", friction=0.0, radius=0.1, other="b", other_radius=0.1).build()
+    q = scene.neutral()
+    q[2] = 0.2
+    expected = np.diag([0.75 + 2 * 0.01 / 0.004] * 2 + [0.75])
+    assert_near(scene.contacts.gram(q)[0, :, 0], expected, inverse(1000.0, 6.0))
 
 
 @pytest.fixture

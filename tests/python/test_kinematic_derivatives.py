@@ -13,6 +13,7 @@ import pytest
 from conftest import POINT, random_scene, random_states
 from oracle_pinocchio import SWAP, Oracle, load
 from test_kinematic_quantities import FRAMES
+from test_mimic import Case
 from tolerances import EPS, assert_near, product, recursion, size, slope_of_order_4
 
 import phipsi
@@ -176,16 +177,30 @@ def test_broken_arguments(arm: phipsi.Scene, case: str) -> None:
         getattr(arm, method)(np.zeros(7), *rest)
 
 
-def test_joints_that_follow_others_are_refused() -> None:
-    builder = phipsi.SceneBuilder().link("base").link("a", 1.0).link("b", 1.0)
-    builder.joint("j", "revolute", "base", "a").joint("k", "revolute", "a", "b", mimic="j", mimic_multiplier=2.0)
-    scene = builder.build(mimic="couple")
-    q = np.zeros(1)
-    for call in (
-        lambda: scene.velocity_derivatives(q, q, "b"),
-        lambda: scene.acceleration_derivatives(q, q, q, "b"),
-        lambda: scene.jacobian_derivatives(q, "b"),
-        lambda: scene.centroidal_momentum_derivatives(q, q),
-    ):
-        with pytest.raises(ArgumentError, match=r"1 joints that follow others \(mimic\)"):
-            call()
+@pytest.mark.parametrize("seed", range(4))
+def test_joints_that_follow_others(seed: int) -> None:
+    """Beside differences along the independent coordinates; batches are their states."""
+    case = Case(seed)
+    scene, q, qd, qdd = case.scene, case.q, case.qd, case.qdd
+    assert scene.nv < case.free.nv
+    q, qd, qdd = (np.stack([x, y]) for x, y in ((q, scene.integrate(q, qd)), (qd, qdd), (qdd, qd)))
+    link = list(case.follows)[-1]
+    link = next(joint.child for joint in case.tree.joints if joint.name == link)
+    given: dict[str, Any] = {"frame": "world", "at": POINT}
+    velocity = scene.velocity_derivatives(q, qd, link, **given)
+    acceleration = scene.acceleration_derivatives(q, qd, qdd, link, **given)
+    hessian = scene.jacobian_derivatives(q, link, **given)
+    momentum = scene.centroidal_momentum_derivatives(q, qd)
+    for i in range(2):
+        v, a = qd[i], qdd[i]
+        assert_slope(velocity[i, 0], slopes(scene, q[i], lambda q, v=v: scene.velocity(q, v, link, **given)))
+        assert_near(velocity[i, 1], scene.jacobian(q[i], link, **given), product(case.free.nv, size(velocity)))
+        assert_slope(acceleration[i, 0], slopes(scene, q[i], lambda q, v=v, a=a: scene.acceleration(q, v, a, link, **given)))
+        assert_near(acceleration[i, 2], velocity[i, 1], product(case.free.nv, size(velocity)))
+        assert_slope(hessian[i], slopes(scene, q[i], lambda q: scene.jacobian(q, link, **given)))
+        assert_slope(momentum[i, 0], slopes(scene, q[i], lambda q, v=v: scene.centroidal_momentum_matrix(q) @ v))
+        bound = product(case.free.nv, size(momentum))
+        assert_near(momentum[i, 1], scene.centroidal_momentum_matrix(q[i]), bound)
+        assert_near(scene.centroidal_momentum_derivatives(q[i], v), momentum[i], bound)
+        assert_near(scene.jacobian_derivatives(q[i], link, **given), hessian[i], product(case.free.nv, size(hessian)))
+    assert size(hessian) > 0.1
