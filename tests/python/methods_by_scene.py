@@ -45,8 +45,8 @@ def _vjp(scene: phipsi.Scene, s: State) -> Any:
 
 
 def _on_a_foot(scene: phipsi.Scene) -> phipsi.Scene:
-    """The scene with a contact, if it has none."""
-    return scene if scene.contacts.names else scene.to_builder().contact("foot", "rocker", xyz=(0, 0, 0.3), friction=0.5).build(mimic="couple")
+    """A scene with connections, with a contact too."""
+    return scene if not scene.loops.names else scene.to_builder().contact("foot", "rocker", xyz=(0, 0, 0.3), friction=0.5).build(mimic="couple")
 
 
 def _extras(scene: phipsi.Scene) -> tuple[Any, ...]:
