@@ -26,6 +26,8 @@ OBJECT_BODY = 1
 WIDTHS = {FREE: 6, BALL: 3, SLIDE: 1, HINGE: 1}
 #: MuJoCo's default impedance of constraints, and the corresponding stiffness per inertia, 1/s^2.
 IMPEDANCE, STIFFNESS = 0.95, 1.0 / (0.95 * 0.02) ** 2
+#: Description of constraints that are soft.
+SOFT = "softer or less damped than MuJoCo's default (solref, solimp)"
 #: A group of geoms that neither MuJoCo nor phipsi draws.
 HIDDEN = 5
 
@@ -349,11 +351,17 @@ def ties_bodies(model: mujoco.MjModel, at: int) -> bool:
 
 
 def is_soft(solref: Any, solimp: Any) -> Any:
-    """Whether constraints are softer than with MuJoCo's default parameters, for parameters (..., 2) and (..., 5)."""
-    impedance, first = np.maximum(solimp[..., 1], 1e-6), solref[..., 0]
-    root = impedance * np.where(first > 0.0, first, 1.0) * np.maximum(solref[..., 1], 1e-6)
-    stiffness = np.where(first > 0.0, 1.0 / root**2, -first / impedance**2)
-    return (solimp[..., 1] < IMPEDANCE) | (stiffness < 0.99 * STIFFNESS)
+    """Whether constraints are softer, or bounce more, than with MuJoCo's default parameters, for parameters (..., 2) and
+    (..., 5).
+    """
+    impedance, first, second = np.maximum(solimp[..., 1], 1e-6), solref[..., 0], solref[..., 1]
+    is_time, stiff = first > 0.0, np.maximum(-first, 1e-12)
+    root = impedance * np.where(is_time, first * np.maximum(second, 1e-6), 1.0)
+    stiffness = np.where(is_time, 1.0 / root**2, -first / impedance**2)
+    ratio = np.where(is_time, second, -0.5 * second / np.sqrt(stiff))
+    # MuJoCo replaces parameters of different signs by the default ones.
+    is_default = is_time != (second > 0.0)
+    return (solimp[..., 1] < IMPEDANCE) | (~is_default & ((stiffness < 0.99 * STIFFNESS) | (ratio < 0.99)))
 
 
 def along_world(model: mujoco.MjModel, joint: int) -> dict[str, str]:
