@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import warnings
 from pathlib import Path
 from typing import Any
@@ -156,7 +157,14 @@ def test_without_the_argument_the_warning_names_it() -> None:
     [
         (model("sphere", geom='condim="4"'), "condim 4"),
         (model("sphere", geom='condim="6"'), "condim 6"),
-        (model("sphere", geom='solref="0.1 1"', floor='solref="0.1 1"'), "softer than MuJoCo's default"),
+        (model("sphere", geom='solref="0.1 1"', floor='solref="0.1 1"'), "softer or less damped than MuJoCo's default"),
+        (model("sphere", tail='<option o_solref="-10000 0"><flag override="enable"/></option>'), "softer or less damped"),
+        (model("sphere", tail='<contact><pair geom1="floor" geom2="geom" friction="1 1 0 0 0" solreffriction="0.5 1"/></contact>'), "softer or less damped"),
+        (model("sphere", geom='adhesion="2"', floor='adhesion="3"'), "adhesion 5 N of the contact of 'floor' and 'geom'"),
+        (model("sphere", geom='adhesion="2"', floor='adhesion="3" priority="1"'), "adhesion 3 N"),
+        (model("sphere", tail='<contact><pair geom1="floor" geom2="geom" friction="1 1 0 0 0" adhesion="4"/></contact>'), "adhesion 4 N"),
+        (model("sphere", floor='surfacevel="0.3 0 0 0 0 0"'), r"surface velocity \(surfacevel\) of the contact of 'floor' and 'geom'"),
+        (model("sphere", geom='surfacevel="0 0 0 0 0 2"', tail='<contact><pair geom1="floor" geom2="geom" friction="1 1 0 0 0"/></contact>'), "surface velocity"),
         (model("sphere", more='<body pos="1 0 1"><freejoint/><geom size="0.1"/></body>'), "only contacts with fixed planes"),
         (model("sphere").replace('type="sphere" size="0.2"', 'type="ellipsoid" size="0.1 0.2 0.3"'), "the geom 'geom', an ellipsoid: it touches nothing"),
         (
@@ -170,6 +178,113 @@ def test_unsupported_contacts_warn_or_raise(text: str, match: str) -> None:
         scene(text)
     with pytest.raises(SceneError, match=match):
         scene(text, strict=True)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        model("sphere", geom='adhesion="2"', floor='priority="1"'),
+        model("sphere", geom='adhesion="2"', tail='<contact><pair geom1="floor" geom2="geom" friction="1 1 0 0 0"/></contact>'),
+        model("sphere", more='<geom size="0.1" contype="0" conaffinity="0" surfacevel="1 0 0 0 0 0" adhesion="1"/>'),
+        model("sphere", geom='solref="-1000 5"', floor='solref="-1000 5"'),
+    ],
+)
+def test_what_does_not_act_does_not_warn(text: str) -> None:
+    assert scene(text, strict=True)._touching() == [(["floor", "geom"], 1.0, 0.0, 0.0)]
+
+
+PARAMETERS = ["0.02 1", "0.005 1", "0.02 0.9", "0.001 0.2", "0.1 1", "0.05 2", "-10000 -250", "-10000 -20", "-10000 0", "-500 -50", "-1000 5"]
+
+
+@pytest.mark.parametrize("solref", PARAMETERS)
+def test_constraints_that_bounce_or_sink_more_than_by_default_warn(solref: str) -> None:
+    """A sphere that falls on its floor in MuJoCo: how far it sinks and how fast it rises, beside the default."""
+    text = f"""<mujoco><option timestep="1e-5" gravity="0 0 0"/><default><geom solref="{solref}"/></default><worldbody><geom type="plane" size="1 1 1"/>
+    <body pos="0 0 0.1001"><joint type="slide" axis="0 0 1"/><geom size="0.1"/></body></worldbody></mujoco>"""
+
+    def motion(text: str) -> tuple[float, float]:
+        data = mujoco.MjData(theirs := mujoco.MjModel.from_xml_string(text))
+        data.qvel[0], depth, speed = -1.0, 0.0, 0.0
+        while data.time < 0.15 and data.qpos[0] < 1e-3:
+            mujoco.mj_step(theirs, data)
+            depth, speed = min(depth, float(data.qpos[0])), max(speed, float(data.qvel[0]))
+        return -depth, speed
+
+    (deep, fast), (depth, speed) = (motion(each) for each in (text, text.replace(f'solref="{solref}"', "")))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene(text)
+    assert [str(one.message)[:60] for one in caught if "softer or less damped" in str(one.message)][1:] == []
+    assert bool(caught) == (deep > 1.01 * depth or fast > 1.01 * speed)
+
+
+def test_height_fields_have_the_surface_of_mujoco() -> None:
+    """Rays of MuJoCo meet the surface, at distance zero of phipsi: not square, turned, each cell with its diagonal."""
+    text = """<mujoco><asset><hfield name="hills" nrow="4" ncol="6" size="1.2 0.7 0.4 0.1"/></asset><worldbody>
+    <geom name="hills" type="hfield" hfield="hills" pos="0.1 -0.2 0.3" euler="10 -20 50"/>
+    <body><freejoint/><geom name="probe" size="0.01"/></body></worldbody></mujoco>"""
+    theirs, random = mujoco.MjModel.from_xml_string(text), np.random.default_rng(0)
+    theirs.hfield_data[:] = random.uniform(size=24)
+    data, own = mujoco.MjData(theirs), phipsi.load(theirs, contacts="all")
+    data.qpos[2] = -9.0
+    mujoco.mj_forward(theirs, data)
+    frame, met = data.geom_xmat[0].reshape(3, 3), np.zeros(1, np.int32)
+    for x, y in random.uniform(-0.99, 0.99, (200, 2)):
+        start = data.geom_xpos[0] + frame @ [1.2 * x, 0.7 * y, 1.0]
+        point = start - mujoco.mj_ray(theirs, data, start, -frame[:, 2], None, 1, -1, met, None) * frame[:, 2]
+        assert met[0] == 0
+        assert_near(own.distances([*point, 0, 0, 0, 1]).distance, [-0.01], 1e-9)
+
+
+def overlapping(seed: int) -> str:
+    """A random tree of spheres that all overlap, with the parameters and filters of contacts."""
+    draw = random.Random(seed)
+    bodies, geoms = ["world"], list[str]()
+
+    def some(share: float, text: str) -> str:
+        return text if draw.random() < share else ""
+
+    def geom() -> str:
+        geoms.append(f"g{len(geoms)}")
+        bits = some(0.5, f'contype="{draw.randrange(4)}" conaffinity="{draw.randrange(4)}"')
+        friction = some(0.4, f'friction="{draw.choice([0.1, 0.3, 0.7])} 0.01 0.001"') + some(0.4, f' condim="{draw.choice([1, 3, 4, 6])}"')
+        margins = some(0.3, f'margin="{draw.choice([0.01, 0.02])}"') + some(0.3, f' gap="{draw.choice([0.005, 0.01])}"')
+        return f'<geom name="{geoms[-1]}" size="{draw.uniform(3, 4)}" {bits} {friction} {margins} {some(0.3, f"""priority="{draw.randrange(2)}" """)}/>'
+
+    def body(depth: int) -> str:
+        bodies.append(name := f"b{len(bodies)}")
+        if depth == 0 and draw.random() < 0.1:
+            return f'<body name="{name}" mocap="true">{geom()}</body>'
+        joints = draw.choice(["", "", '<joint axis="0 1 0"/>', '<joint axis="0 1 0"/><joint axis="1 0 0" pos="0.1 0 0"/>', '<joint type="ball"/>', "<freejoint/>" * (depth == 0)])
+        inside = "".join(geom() for _ in range(draw.randrange(3))) + "".join(body(depth + 1) for _ in range(draw.randrange(3) if depth < 3 else 0))
+        return f'<body name="{name}" pos="0.1 0 0.1">{joints}<inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/>{inside}</body>'
+
+    tree = geom() + "".join(body(0) for _ in range(draw.randint(2, 4)))
+    ends = {tuple(sorted(draw.sample(bodies, 2))) for _ in range(draw.randrange(3))}
+    rules = "".join(f'<exclude body1="{one}" body2="{other}"/>' for one, other in sorted(ends))
+    pairs = {tuple(sorted(draw.sample(geoms, 2))) for _ in range(draw.randrange(3) if len(geoms) > 1 else 0)}
+    rules += "".join(f'<pair geom1="{one}" geom2="{other}" friction="0.9 0.9" condim="{draw.choice([1, 3])}" margin="0.03"/>' for one, other in sorted(pairs))
+    options = some(0.3, '<flag filterparent="disable"/>') + some(0.2, '<flag override="enable"/>')
+    return f'<mujoco><option o_margin="0.02" o_friction="0.3 0.3">{options}</option><worldbody>{tree}</worldbody><contact>{rules}</contact></mujoco>'
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_pairs_of_random_trees_are_those_of_mujoco(seed: int) -> None:
+    theirs = mujoco.MjModel.from_xml_string(text := overlapping(seed))
+    data = mujoco.MjData(theirs)
+    mujoco.mj_forward(theirs, data)
+    rigid = theirs.body_weldid[theirs.geom_bodyid]
+    is_fixed = (rigid == 0) | (theirs.body_mocapid[rigid] >= 0)
+    expected = {}
+    for contact in data.contact:
+        one, other = contact.geom1, contact.geom2
+        if rigid[one] != rigid[other] and not (is_fixed[one] and is_fixed[other]):
+            friction = contact.friction[0] if contact.dim > 1 else 0.0
+            expected[frozenset((theirs.geom(one).name, theirs.geom(other).name))] = pytest.approx((friction, contact.includemargin), abs=64 * EPS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        found = phipsi.load(text, contacts="all")
+    assert {frozenset(names): (friction, margin) for names, friction, _, margin in found._touching()} == expected
 
 
 def test_a_bad_argument() -> None:
