@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import warnings
 from pathlib import Path
 from typing import Any
@@ -244,57 +243,6 @@ def test_height_fields_have_the_surface_of_mujoco() -> None:
         point = start - mujoco.mj_ray(theirs, data, start, -frame[:, 2], None, 1, -1, met, None) * frame[:, 2]
         assert met[0] == 0
         assert_near(own.distances([*point, 0, 0, 0, 1]).distance, [-0.01], 1e-9)
-
-
-def overlapping(seed: int) -> str:
-    """A random tree of spheres that all overlap, with the parameters and filters of contacts."""
-    draw = random.Random(seed)
-    bodies, geoms = ["world"], list[str]()
-
-    def some(share: float, text: str) -> str:
-        return text if draw.random() < share else ""
-
-    def geom() -> str:
-        geoms.append(f"g{len(geoms)}")
-        bits = some(0.5, f'contype="{draw.randrange(4)}" conaffinity="{draw.randrange(4)}"')
-        friction = some(0.4, f'friction="{draw.choice([0.1, 0.3, 0.7])} 0.01 0.001"') + some(0.4, f' condim="{draw.choice([1, 3, 4, 6])}"')
-        margins = some(0.3, f'margin="{draw.choice([0.01, 0.02])}"') + some(0.3, f' gap="{draw.choice([0.005, 0.01])}"')
-        return f'<geom name="{geoms[-1]}" size="{draw.uniform(3, 4)}" {bits} {friction} {margins} {some(0.3, f"""priority="{draw.randrange(2)}" """)}/>'
-
-    def body(depth: int) -> str:
-        bodies.append(name := f"b{len(bodies)}")
-        if depth == 0 and draw.random() < 0.1:
-            return f'<body name="{name}" mocap="true">{geom()}</body>'
-        joints = draw.choice(["", "", '<joint axis="0 1 0"/>', '<joint axis="0 1 0"/><joint axis="1 0 0" pos="0.1 0 0"/>', '<joint type="ball"/>', "<freejoint/>" * (depth == 0)])
-        inside = "".join(geom() for _ in range(draw.randrange(3))) + "".join(body(depth + 1) for _ in range(draw.randrange(3) if depth < 3 else 0))
-        return f'<body name="{name}" pos="0.1 0 0.1">{joints}<inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/>{inside}</body>'
-
-    tree = geom() + "".join(body(0) for _ in range(draw.randint(2, 4)))
-    ends = {tuple(sorted(draw.sample(bodies, 2))) for _ in range(draw.randrange(3))}
-    rules = "".join(f'<exclude body1="{one}" body2="{other}"/>' for one, other in sorted(ends))
-    pairs = {tuple(sorted(draw.sample(geoms, 2))) for _ in range(draw.randrange(3) if len(geoms) > 1 else 0)}
-    rules += "".join(f'<pair geom1="{one}" geom2="{other}" friction="0.9 0.9" condim="{draw.choice([1, 3])}" margin="0.03"/>' for one, other in sorted(pairs))
-    options = some(0.3, '<flag filterparent="disable"/>') + some(0.2, '<flag override="enable"/>')
-    return f'<mujoco><option o_margin="0.02" o_friction="0.3 0.3">{options}</option><worldbody>{tree}</worldbody><contact>{rules}</contact></mujoco>'
-
-
-@pytest.mark.parametrize("seed", range(25))
-def test_pairs_of_random_trees_are_those_of_mujoco(seed: int) -> None:
-    theirs = mujoco.MjModel.from_xml_string(text := overlapping(seed))
-    data = mujoco.MjData(theirs)
-    mujoco.mj_forward(theirs, data)
-    rigid = theirs.body_weldid[theirs.geom_bodyid]
-    is_fixed = (rigid == 0) | (theirs.body_mocapid[rigid] >= 0)
-    expected = {}
-    for contact in data.contact:
-        one, other = contact.geom1, contact.geom2
-        if rigid[one] != rigid[other] and not (is_fixed[one] and is_fixed[other]):
-            friction = contact.friction[0] if contact.dim > 1 else 0.0
-            expected[frozenset((theirs.geom(one).name, theirs.geom(other).name))] = pytest.approx((friction, contact.includemargin), abs=64 * EPS)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        found = phipsi.load(text, contacts="all")
-    assert {frozenset(names): (friction, margin) for names, friction, _, margin in found._touching()} == expected
 
 
 def test_a_bad_argument() -> None:
