@@ -290,7 +290,7 @@ class Scene:
             Parts of the model to omit without a warning: "actuators" (armature and damping of those that do not act on
             a hinge or slide), "armature" and "friction" (of free joints), "contacts", "equality", "flexes", "fluid",
             "gravcomp", "keyframes" (their time and mocap poses), "limits" (of ball joints), "mocap", "nonlinear"
-            (springs, damping, plasticity), "plugins", "softness" (of equality constraints and contacts) and "tendons".
+            (springs, damping, plasticity), "plugins", "softness" (of constraints) and "tendons".
         contacts : {"all", "plane"}, optional
             "all": geoms that can collide become colliders, by MuJoCo's rules. "plane": only fixed planes touch other
             geoms, and those of <pair> each other. None: contacts are not read.

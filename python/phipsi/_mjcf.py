@@ -24,8 +24,10 @@ TRANSMISSION_JOINT = (0, 1)
 OBJECT_BODY = 1
 #: The number of degrees of freedom of a joint, by its type.
 WIDTHS = {FREE: 6, BALL: 3, SLIDE: 1, HINGE: 1}
-#: MuJoCo's default impedance of constraints, and the corresponding stiffness per inertia, 1/s^2.
-IMPEDANCE, STIFFNESS = 0.95, 1.0 / (0.95 * 0.02) ** 2
+#: MuJoCo's default impedance of constraints, the depth at which they have it, m or rad, and their stiffness per inertia, 1/s^2.
+IMPEDANCE, DEPTH, STIFFNESS = 0.95, 0.001, 1.0 / (0.95 * 0.02**2)
+#: Description of constraints that are soft.
+SOFT = "softer or less damped than MuJoCo's default (solref, solimp)"
 #: A group of geoms that neither MuJoCo nor phipsi draws.
 HIDDEN = 5
 
@@ -349,11 +351,20 @@ def ties_bodies(model: mujoco.MjModel, at: int) -> bool:
 
 
 def is_soft(solref: Any, solimp: Any) -> Any:
-    """Whether constraints are softer than with MuJoCo's default parameters, for parameters (..., 2) and (..., 5)."""
-    impedance, first = np.maximum(solimp[..., 1], 1e-6), solref[..., 0]
-    root = impedance * np.where(first > 0.0, first, 1.0) * np.maximum(solref[..., 1], 1e-6)
-    stiffness = np.where(first > 0.0, 1.0 / root**2, -first / impedance**2)
-    return (solimp[..., 1] < IMPEDANCE) | (stiffness < 0.99 * STIFFNESS)
+    """Whether constraints are softer, or bounce more, than with MuJoCo's default parameters, for parameters (..., 2) and
+    (..., 5).
+    """
+    least, most = (np.clip(solimp[..., at], 1e-4, 0.9999) for at in (0, 1))
+    width, middle, power = np.maximum(solimp[..., 2], 1e-15), np.clip(solimp[..., 3], 1e-4, 0.9999), np.maximum(solimp[..., 4], 1.0)
+    x = np.minimum(DEPTH / width, 1.0)
+    rise = np.where(x <= middle, middle * (x / middle) ** power, 1.0 - (1.0 - middle) * ((1.0 - x) / (1.0 - middle)) ** power)
+    impedance, first, second = least + rise * (most - least), solref[..., 0], solref[..., 1]
+    is_time = first > 0.0
+    stiffness = np.where(is_time, 1.0 / (np.where(is_time, first, 1.0) * np.maximum(second, 1e-6)) ** 2, -first) / most
+    ratio = 0.5 * np.where(is_time, 2.0 / np.where(is_time, first, 1.0), -second) / np.sqrt(np.maximum(stiffness, 1e-12))
+    # MuJoCo replaces parameters of different signs by the default ones.
+    is_default = is_time != (second > 0.0)
+    return (impedance < 0.99 * IMPEDANCE) | (~is_default & ((stiffness < 0.9 * STIFFNESS) | (ratio < 0.99 * np.sqrt(IMPEDANCE))))
 
 
 def along_world(model: mujoco.MjModel, joint: int) -> dict[str, str]:

@@ -43,12 +43,14 @@ def actuator_tuples(model: mujoco.MjModel, names: Names) -> list[tuple[Any, ...]
 
 def _reason(model: mujoco.MjModel, at: int, is_on_joint: bool) -> str | None:
     """Why an actuator cannot be represented, as a relative clause; None if it can be."""
-    delay, early = field(model, "actuator_delay"), field(model, "actuator_actearly")
+    delay, early, plugin = (field(model, f"actuator_{name}") for name in ("delay", "actearly", "plugin"))
     group, disabled = int(model.actuator_group[at]), int(getattr(model.opt, "disableactuator", 0))
     if not is_on_joint:
         return "which does not act on a hinge or slide joint"
     if 0 <= group <= 30 and disabled >> group & 1:
         return "whose group is disabled"
+    if plugin is not None and plugin[at] >= 0:
+        return "whose force a plugin computes"
     if model.actuator_dyntype[at] not in (STATELESS, INTEGRATOR, *FILTERS):
         return "whose state is not that of an integrator or filter"
     if model.actuator_gaintype[at] not in (FIXED, AFFINE) or model.actuator_biastype[at] not in (FIXED, AFFINE):

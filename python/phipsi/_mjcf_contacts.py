@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from . import shapes
 from ._colliders import fault
 from ._coordinates import rotation
-from ._mjcf import Names, has_constraints, is_disabled, is_enabled, is_soft
+from ._mjcf import SOFT, Names, field, has_constraints, is_disabled, is_enabled, is_soft
 from ._pose import angles
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ _Array = NDArray[np.float64]
 PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, SDF = range(9)
 #: Geoms that have no shape here.
 WITHOUT_SHAPE = {ELLIPSOID: "an ellipsoid", SDF: "a signed distance field"}
+#: Rotation about z that takes x to y.
+QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 #: Number of groups of colliders.
 GROUPS = 32
 
@@ -40,9 +42,13 @@ class Pairs(NamedTuple):
     friction: _Array
     """Sliding friction in both directions, (n, 2)."""
     soft: Any
-    """Whether the contact is softer than MuJoCo's default, (n,)."""
+    """Whether the contact is softer or less damped than MuJoCo's default, (n,)."""
     margin: _Array
     """Distance at which the contact begins to act, m, (n,)."""
+    adhesion: _Array
+    """Force that attracts the geoms, N, (n,)."""
+    is_driven: Any
+    """Whether a surface moves along its geom, (n,)."""
 
     def where(self, condition: Any) -> Pairs:
         """The pairs that satisfy a condition, (n,)."""
@@ -64,7 +70,9 @@ PARAMETERS: tuple[tuple[str, Callable[[Pairs], Any], str, str], ...] = (
         "the first is used in both directions",
     ),
     ("contacts", lambda of: of.margin < 0.0, "a margin less gap of {of.margin:g} m of {contact}", "contacts act from a distance of zero"),
-    ("softness", lambda of: of.soft, "{contact}, which is softer than MuJoCo's default (solref, solimp)", "contacts are rigid"),
+    ("contacts", lambda of: of.adhesion != 0.0, "adhesion {of.adhesion:g} N of {contact}", "contacts do not attract"),
+    ("contacts", lambda of: of.is_driven, "a surface velocity (surfacevel) of {contact}", "surfaces move with their bodies"),
+    ("softness", lambda of: of.soft, f"{{contact}}, which is {SOFT}", "contacts are rigid"),
 )
 
 
@@ -142,8 +150,8 @@ class Collisions:
         keys = self._key(explicit.first, explicit.second)
         yield explicit.where(self._are_apart(explicit.first, explicit.second))
         # Geoms with equal parameters are of one kind.
-        names = "condim", "friction", "priority", "margin", "gap", "solmix", "solref", "solimp"
-        rules = [getattr(self.model, f"geom_{name}").reshape(self.model.ngeom, -1) for name in names]
+        names = "condim", "friction", "priority", "margin", "gap", "solmix", "solref", "solimp", "adhesion", "surfacevel"
+        rules = [values.reshape(self.model.ngeom, -1) for name in names if (values := field(self.model, f"geom_{name}")) is not None]
         _, kinds, of = np.unique(np.concatenate(rules, axis=1), axis=0, return_index=True, return_inverse=True)
         of, combined = of.ravel(), cache(lambda kind: self._combined(int(kinds[kind]), kinds))
         for one, others in self._filtered():
@@ -163,11 +171,13 @@ class Collisions:
         """Pairs of the elements <pair>."""
         model = self.model
         parameters = model.pair_dim, model.pair_friction[:, :2], model.pair_solref, model.pair_solimp, model.pair_margin, model.pair_gap
-        return self._pairs(model.pair_geom1, model.pair_geom2, *parameters)
+        found = self._pairs(model.pair_geom1, model.pair_geom2, *parameters, field(model, "pair_adhesion"))
+        sliding = model.pair_solreffriction
+        return found._replace(soft=found.soft | (np.any(sliding != 0.0, axis=1) & is_soft(sliding, model.pair_solimp)))
 
     def _combined(self, one: int, others: Any) -> Pairs:
         """Parameters of the contacts of a geom with others: those of the geom with the higher priority; otherwise the larger
-        friction and condim, and the mean of solref and solimp.
+        friction and condim, the mean of solref and solimp, and the sum of adhesions.
         """
         model, count = self.model, len(others)
         ends = np.stack([np.full(count, one), others])
@@ -182,15 +192,20 @@ class Collisions:
         solref = np.where(is_direct, solref.min(axis=0), weight * solref[0] + (1.0 - weight) * solref[1])
         solimp = weight * solimp[0] + (1.0 - weight) * solimp[1]
         margin = margins.sum(axis=0) if _margin_rule().adds else margins.max(axis=0)
-        return self._pairs(ends[0], others, values[:, 0], values[:, 1:], solref, solimp, margin, model.geom_gap[ends].max(axis=0))
+        pulls = field(model, "geom_adhesion")
+        adhesion = None if pulls is None else np.where(equal[:, 0], pulls[ends].sum(axis=0), np.where(weight[:, 0] == 1.0, *pulls[ends]))
+        return self._pairs(ends[0], others, values[:, 0], values[:, 1:], solref, solimp, margin, model.geom_gap[ends].max(axis=0), adhesion)
 
-    def _pairs(self, first: Any, second: Any, condim: Any, friction: Any, solref: Any, solimp: Any, margin: Any, gap: Any) -> Pairs:
+    def _pairs(self, first: Any, second: Any, condim: Any, friction: Any, solref: Any, solimp: Any, margin: Any, gap: Any, adhesion: Any) -> Pairs:
         """Pairs with these parameters, or with those of the flag `override`, if it is enabled."""
         option = self.model.opt
         if is_enabled(self.model, "OVERRIDE"):
             margin = np.full(len(first), option.o_margin)
             friction, solref, solimp = (np.broadcast_to(of, (len(first), len(of))) for of in (option.o_friction[:2], option.o_solref, option.o_solimp))
-        return Pairs(first, second, condim, friction, is_soft(solref, solimp), margin - gap if _margin_rule().less_gap else margin)
+        none, speeds = np.zeros(len(first)), field(self.model, "geom_surfacevel")
+        is_driven = none != 0.0 if speeds is None else np.any((speeds[first] != 0.0) | (speeds[second] != 0.0), axis=1)
+        distance = margin - gap if _margin_rule().less_gap else margin
+        return Pairs(first, second, condim, friction, is_soft(solref, solimp), distance, none if adhesion is None else adhesion, is_driven)
 
     def _filtered(self) -> Iterator[tuple[int, Any]]:
         """Each geom, and those after it with which it can collide."""
@@ -285,10 +300,12 @@ class Collisions:
             return shapes.Box((2.0 * x, 2.0 * y, 2.0 * z), **place)
         if kind != HFIELD:
             return (shapes.Capsule if kind == CAPSULE else shapes.Cylinder)(x, 2.0 * y, **place)
-        field = int(model.geom_dataid[geom])
-        rows, columns, at = (int(of[field]) for of in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
-        half, heights = model.hfield_size[field], np.asarray(model.hfield_data[at : at + rows * columns], float)
-        return shapes.HeightField(half[2] * heights.reshape(rows, columns), 2.0 * half[:2], **place)
+        number = int(model.geom_dataid[geom])
+        rows, columns, at = (int(of[number]) for of in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
+        half, heights = model.hfield_size[number], np.asarray(model.hfield_data[at : at + rows * columns], float)
+        # Turned by a quarter, so that the diagonals of the cells are those of MuJoCo: from the smallest x and y.
+        place["rpy"] = angles(turn @ QUARTER)
+        return shapes.HeightField(half[2] * np.rot90(heights.reshape(rows, columns)), 2.0 * half[[1, 0]], **place)
 
     def _hull(self, geom: int) -> _Array | None:
         """Vertices of the convex hull of a mesh, (n, 3), in the frame of the geom; None if it has no volume."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ._mjcf import BALL, EQUALITY_CONNECT, EQUALITY_JOINT, EQUALITY_WELD, FREE, SLIDE, Names
+from ._mjcf import BALL, EQUALITY_CONNECT, EQUALITY_JOINT, EQUALITY_WELD, FREE, SLIDE, SOFT, Names
 from ._mjcf import (
     along_world,
     connected,
@@ -18,6 +18,7 @@ from ._mjcf import (
     has_constraints,
     has_passive_forces,
     is_disabled,
+    is_enabled,
     is_soft,
     joint_actuators,
     stops,
@@ -48,6 +49,8 @@ IGNORED = (
 )
 #: Upper bounds of the density, kg/m^3, and viscosity, Pa s, of air.
 AIR = (1.3, 2e-5)
+#: Value of mjtSleepPolicy for a tree that sleeps until something touches it.
+SLEEP_INIT = 5
 
 
 class Gap(NamedTuple):
@@ -118,7 +121,7 @@ def _of_equalities(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
         if is_soft(model.eq_solref[at], model.eq_solimp[at]):
             yield Gap(
                 "softness",
-                f"{what}, which is softer than MuJoCo's default (solref, solimp)",
+                f"{what}, which is {SOFT}",
                 "connections are rigid",
                 False,
             )
@@ -161,6 +164,10 @@ def _of_bodies(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
         yield Gap("fluid", what, "bodies move in vacuum", not is_air)
     for at in _where(model.body_plugin >= 0):
         yield Gap("plugins", f"a plugin at the body {names.bodies[at]!r}", "plugins are not read")
+    asleep = field(model, "tree_sleep_policy")
+    for at in [] if asleep is None or not is_enabled(model, "SLEEP") else _where(asleep == SLEEP_INIT):
+        first = names.bodies[model.tree_bodyadr[at]]
+        yield Gap("contacts", f"the body {first!r}, which sleeps until something touches it", "it moves from the start", False)
     for at in _where(model.body_mocapid >= 0):
         below = np.flatnonzero(model.body_parentid == at)
         if len(below):
@@ -199,6 +206,11 @@ def _of_joints(model: mujoco.MjModel, names: Names) -> Iterator[Gap]:
             margin, between = model.jnt_margin[at], model.jnt_range[at].tolist()
             what = f"limits of the joint {names.joints[at]!r}, whose margin {margin:g} exceeds half of the range {between}"
             yield Gap("limits", what, "both stops act at once")
+        for at in _where((model.jnt_type >= SLIDE) & (model.jnt_limited != 0) & is_soft(model.jnt_solref, model.jnt_solimp)):
+            yield Gap("softness", f"limits of the joint {names.joints[at]!r}, which are {SOFT}", "stops are rigid", False)
+    if has_constraints(model, "FRICTIONLOSS"):
+        for at in _where((model.dof_frictionloss != 0.0) & is_soft(model.dof_solref, model.dof_solimp)):
+            yield Gap("softness", f"friction at the joint {names.joints[joint_of[at]]!r}, which is {SOFT}", "friction is exact", False)
 
 
 def _of_actuators(model: mujoco.MjModel) -> Iterator[Gap]:

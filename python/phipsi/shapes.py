@@ -304,7 +304,8 @@ class HalfSpace(NamedTuple):
 
 
 class HeightField(NamedTuple):
-    """Ground below the heights of a grid of points, in triangles, for colliders that cannot move.
+    """Ground below the heights of a grid of points, for colliders that cannot move: two triangles per cell, whose common
+    edge connects the corner with the larger x and the one with the larger y.
 
     Examples
     --------

@@ -135,7 +135,7 @@ def test_pairs_of_robots_of_gymnasium_are_those_of_mujoco(path: Path) -> None:
 
 
 def test_fixed_shapes_of_the_world_and_height_fields_are_read() -> None:
-    """Tables and steps touch what moves, not each other; the height field has MuJoCo's rows, columns and heights."""
+    """Tables and steps touch what moves, not each other; the height field has MuJoCo's heights, turned by a quarter."""
     text = """<mujoco><asset><hfield name="hills" nrow="2" ncol="3" size="2 1 0.5 0.1" elevation="0 2 4  8 6 1"/></asset><worldbody>
     <geom name="hills" type="hfield" hfield="hills" pos="0 0 -1"/><geom name="table" type="box" size="1 1 0.1" pos="9 0 0"/>
     <body name="stand" pos="1 0 0"><geom name="leg" type="cylinder" size="0.1 0.4"/></body>
@@ -145,14 +145,14 @@ def test_fixed_shapes_of_the_world_and_height_fields_are_read() -> None:
     assert touching(scene).keys() == {frozenset((name, "ball")) for name in ("hills", "table", "leg")}
     (_, _, frame, (kind, numbers, _), *_), *others = scene._collisions()[0]
     assert kind == "height field" and frame[1] == [0.0, 0.0, -1.0] and [of[1] for of in others] == ["world", "stand", "body2"]
-    assert numbers[:3] == [3.0, 4.0, 2.0]
+    assert numbers[:3] == [2.0, 2.0, 4.0]
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     for column, row in itertools.product(range(3), range(2)):
         x, y = 0.999 * (-2.0 + 2.0 * column), 0.999 * (-1.0 + 2.0 * row)
         mujoco.mj_kinematics(model, data)
         distance = mujoco.mj_ray(model, data, [x, y, 1.0], [0.0, 0.0, -1.0], np.array([1, 0, 0, 0, 0, 0], np.uint8), 1, -1, np.zeros(1, np.int32))
-        assert abs(2.0 - distance - numbers[3 + 3 * row + column]) < 2e-3
+        assert abs(2.0 - distance - numbers[3 + 2 * (2 - column) + row]) < 2e-3
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,47 @@ def test_springs_and_damping_are_mujocos(pair: tuple[phipsi.Scene, There]) -> No
     assert np.max(np.abs(acting - expected), initial=0.0) <= 1e-4 * max(1.0, np.max(np.abs(expected), initial=0.0))
 
 
+def stopped(seed: int) -> str:
+    """A random tree of hinges and slides with stops, dry friction, damping, springs and armature."""
+    draw = np.random.default_rng(seed)
+
+    def some(text: str, share: float = 0.5) -> str:
+        return text if draw.random() < share else ""
+
+    def joint() -> str:
+        is_slide, ref = draw.random() < 0.3, draw.uniform(-0.3, 0.3)
+        low, high = draw.uniform(*((0.02, 0.1) if is_slide else (0.3, 0.8)), 2)
+        losses = some(f'frictionloss="{draw.uniform(0, 4 if is_slide else 1)}"') + some(f' damping="{draw.uniform(0, 0.5)}"') + some(f' armature="{draw.uniform(0, 0.1)}"')
+        spring = some(f'stiffness="{draw.uniform(0, 5)}" springref="{draw.uniform(-0.5, 0.5)}"')
+        stops = some(f'range="{ref - low} {ref + high}" margin="{draw.uniform(0, 0.01)}"', 0.7)
+        anchor = some(f'pos="{draw.normal(0, 0.05)} 0 {draw.normal(0, 0.05)}"')
+        return f'<joint type="{"slide" if is_slide else "hinge"}" axis="{" ".join(map(str, draw.standard_normal(3)))}" ref="{ref}" {losses} {spring} {stops} {anchor}/>'
+
+    def body(depth: int) -> str:
+        inside = "".join(joint() for _ in range(draw.integers(1, 3))) + "".join(body(depth - 1) for _ in range(draw.integers(1, 3) if depth else 0))
+        inertial = f'<inertial pos="{draw.normal(0, 0.05)} {draw.normal(0, 0.05)} -0.1" mass="{draw.uniform(0.5, 2)}" fullinertia="0.02 0.03 0.025 0.001 0 0.002"/>'
+        return f'<body pos="{draw.normal(0, 0.1)} {draw.normal(0, 0.1)} -0.2" euler="{draw.normal()} {draw.normal()} 0">{inertial}{inside}</body>'
+
+    return f'<mujoco><compiler angle="radian"/><option timestep="2e-5" impratio="1000"><flag contact="disable"/></option><worldbody>{body(draw.integers(0, 3))}</worldbody></mujoco>'
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_motions_with_stops_and_dry_friction_are_those_of_mujoco_with_stiff_constraints(seed: int) -> None:
+    """Its constraints are overdamped here: those with critical damping rise at 0.14 of the speed of the impact."""
+    model = mujoco.MjModel.from_xml_string(text := stopped(seed))
+    for what in ("jnt", "dof"):
+        getattr(model, f"{what}_solref")[:], getattr(model, f"{what}_solimp")[:, :2] = [5e-5, 8.0], 0.9999
+    data = mujoco.MjData(model)
+    data.qvel = np.random.default_rng(seed).standard_normal(model.nv) * np.where(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE, 0.2, 1.0)
+    qd = data.qvel.copy()
+    for _ in range(12500):
+        mujoco.mj_step(model, data)
+    scene = phipsi.load(text)
+    path = scene.simulate(scene.initial(), qd, dt=2e-4, steps=1250)
+    # The error of integration of both.
+    assert_near(path.q[-1], data.qpos, 2e-3)
+
+
 def test_states_go_there_and_back(pair: tuple[phipsi.Scene, There]) -> None:
     scene, there = pair
     q, qd = state(scene, there)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -142,6 +143,16 @@ def test_actuators_that_a_scene_cannot_represent_are_named(more: str, reason: st
         scene.simulate(*start, dt=1e-3, steps=1, control={"push": 1.0})
     with pytest.warns(ModelWarning, match=f"control: found 'push', {reason}"):
         scene.simulate(*start, dt=1e-3, steps=1, control=np.zeros(4))
+
+
+def test_an_actuator_of_a_plugin_is_named() -> None:
+    library = next((Path(mujoco.__file__).parent / "plugin").glob("*actuator*"), None)
+    if library is None:
+        pytest.skip("this version of MuJoCo has no plugins of actuators")
+    mujoco.mj_loadPluginLibrary(str(library))
+    plugin = '<extension><plugin plugin="mujoco.pid"><instance name="pid"><config key="kp" value="40"/></instance></plugin></extension>'
+    text = MODEL.format(more='<plugin name="push" joint="hip" plugin="mujoco.pid" instance="pid"/>').replace("<mujoco>", f"<mujoco>{plugin}")
+    assert phipsi.load(text).actuators.unsupported == {"push": "whose force a plugin computes"}
 
 
 def test_disabled_actuators_do_not_act() -> None:

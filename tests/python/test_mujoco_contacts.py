@@ -156,7 +156,14 @@ def test_without_the_argument_the_warning_names_it() -> None:
     [
         (model("sphere", geom='condim="4"'), "condim 4"),
         (model("sphere", geom='condim="6"'), "condim 6"),
-        (model("sphere", geom='solref="0.1 1"', floor='solref="0.1 1"'), "softer than MuJoCo's default"),
+        (model("sphere", geom='solref="0.1 1"', floor='solref="0.1 1"'), "softer or less damped than MuJoCo's default"),
+        (model("sphere", tail='<option o_solref="-10000 0"><flag override="enable"/></option>'), "softer or less damped"),
+        (model("sphere", tail='<contact><pair geom1="floor" geom2="geom" friction="1 1 0 0 0" solreffriction="0.5 1"/></contact>'), "softer or less damped"),
+        (model("sphere", geom='adhesion="2"', floor='adhesion="3"'), "adhesion 5 N of the contact of 'floor' and 'geom'"),
+        (model("sphere", geom='adhesion="2"', floor='adhesion="3" priority="1"'), "adhesion 3 N"),
+        (model("sphere", tail='<contact><pair geom1="floor" geom2="geom" friction="1 1 0 0 0" adhesion="4"/></contact>'), "adhesion 4 N"),
+        (model("sphere", floor='surfacevel="0.3 0 0 0 0 0"'), r"surface velocity \(surfacevel\) of the contact of 'floor' and 'geom'"),
+        (model("sphere", geom='surfacevel="0 0 0 0 0 2"', tail='<contact><pair geom1="floor" geom2="geom" friction="1 1 0 0 0"/></contact>'), "surface velocity"),
         (model("sphere", more='<body pos="1 0 1"><freejoint/><geom size="0.1"/></body>'), "only contacts with fixed planes"),
         (model("sphere").replace('type="sphere" size="0.2"', 'type="ellipsoid" size="0.1 0.2 0.3"'), "the geom 'geom', an ellipsoid: it touches nothing"),
         (
@@ -170,6 +177,72 @@ def test_unsupported_contacts_warn_or_raise(text: str, match: str) -> None:
         scene(text)
     with pytest.raises(SceneError, match=match):
         scene(text, strict=True)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        model("sphere", geom='adhesion="2"', floor='priority="1"'),
+        model("sphere", geom='adhesion="2"', tail='<contact><pair geom1="floor" geom2="geom" friction="1 1 0 0 0"/></contact>'),
+        model("sphere", more='<geom size="0.1" contype="0" conaffinity="0" surfacevel="1 0 0 0 0 0" adhesion="1"/>'),
+        model("sphere", geom='solref="-1000 5"', floor='solref="-1000 5"'),
+    ],
+)
+def test_what_does_not_act_does_not_warn(text: str) -> None:
+    assert scene(text, strict=True)._touching() == [(["floor", "geom"], 1.0, 0.0, 0.0)]
+
+
+PARAMETERS = [("", f'solref="{of}"') for of in ("0.02 1", "0.005 1", "0.02 0.9", "0.001 0.2", "0.1 1", "0.05 2", "-10000 -250", "-10000 -20", "-10000 0", "-500 -50", "-1000 5")]
+PARAMETERS += [(f'solimp="{of}"', "") for of in ("0.9 0.99 0.001", "0.015 1 0.036", "0.99 0.99 0.1", "0 0.99 0.01", "0.5 0.8 0.001", "0.9 0.99 0.002 0.4 3", "0.9 0.97 0.02 0.1 1")]
+PARAMETERS += [('solimp="0.99 0.99 0.001"', 'solref="0.01 1"'), ('solimp="0.5 0.5 0.001"', 'solref="0.01 1"'), ('solimp="0.99 0.99 0.001"', 'solref="-3000 -110"')]
+
+
+@pytest.mark.parametrize(("solimp", "solref"), PARAMETERS)
+def test_constraints_that_bounce_or_sink_more_than_by_default_warn(solimp: str, solref: str) -> None:
+    """A sphere on its floor in MuJoCo: how far it sinks at rest and in an impact, and how fast it rises then, beside the
+    default.
+    """
+    text = f"""<mujoco><option timestep="1e-5"/><default><geom {solimp} {solref}/></default><worldbody><geom type="plane" size="1 1 1"/>
+    <body pos="0 0 0.1"><joint type="slide" axis="0 0 1"/><geom size="0.1"/></body></worldbody></mujoco>"""
+
+    def motion(text: str) -> np.ndarray:
+        data = mujoco.MjData(theirs := mujoco.MjModel.from_xml_string(text))
+        theirs.opt.gravity[:], theirs.opt.timestep = [0.0, 0.0, -100.0], 1e-4
+        for _ in range(20000):
+            mujoco.mj_step(theirs, data)
+        rest = -float(data.qpos[0])
+        theirs.opt.gravity[:], theirs.opt.timestep = 0.0, 1e-5
+        mujoco.mj_resetData(theirs, data)
+        data.qpos[0], data.qvel[0], depth, speed = 1e-4, -1.0, 0.0, 0.0
+        while data.time < 0.15 and data.qpos[0] < 1e-3:
+            mujoco.mj_step(theirs, data)
+            depth, speed = max(depth, -float(data.qpos[0])), max(speed, float(data.qvel[0]))
+        return np.array([rest, depth, speed])
+
+    share = motion(text) / motion(text.replace(solimp, "").replace(solref, ""))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene(text)
+    assert [str(one.message)[:60] for one in caught if "softer or less damped" in str(one.message)][1:] == []
+    assert bool(caught) == (share.max() > 1.06), share
+
+
+def test_height_fields_have_the_surface_of_mujoco() -> None:
+    """Rays of MuJoCo meet the surface, at distance zero of phipsi: not square, turned, each cell with its diagonal."""
+    text = """<mujoco><asset><hfield name="hills" nrow="4" ncol="6" size="1.2 0.7 0.4 0.1"/></asset><worldbody>
+    <geom name="hills" type="hfield" hfield="hills" pos="0.1 -0.2 0.3" euler="10 -20 50"/>
+    <body><freejoint/><geom name="probe" size="0.01"/></body></worldbody></mujoco>"""
+    theirs, random = mujoco.MjModel.from_xml_string(text), np.random.default_rng(0)
+    theirs.hfield_data[:] = random.uniform(size=24)
+    data, own = mujoco.MjData(theirs), phipsi.load(theirs, contacts="all")
+    data.qpos[2] = -9.0
+    mujoco.mj_forward(theirs, data)
+    frame, met = data.geom_xmat[0].reshape(3, 3), np.zeros(1, np.int32)
+    for x, y in random.uniform(-0.99, 0.99, (200, 2)):
+        start = data.geom_xpos[0] + frame @ [1.2 * x, 0.7 * y, 1.0]
+        point = start - mujoco.mj_ray(theirs, data, start, -frame[:, 2], None, 1, -1, met, None) * frame[:, 2]
+        assert met[0] == 0
+        assert_near(own.distances([*point, 0, 0, 0, 1]).distance, [-0.01], 1e-9)
 
 
 def test_a_bad_argument() -> None:

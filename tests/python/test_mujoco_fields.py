@@ -245,6 +245,54 @@ def test_every_field_is_followed_or_refused(kind: str) -> None:
         }
 
 
+TOUCHING = """<mujoco><option cone="elliptic" o_margin="0.01">{flag}</option>
+<default><geom margin="0.01" gap="0.004" friction="0.4 0.1 0.1"/></default><worldbody>
+ <geom name="floor" type="plane" size="1 1 1" pos="0.1 -0.2 0.3" euler="10 -20 0" friction="0.2 0.1 0.1"/>
+ <body name="ball" pos="0.1 -0.2 0.398"><freejoint/><geom name="ball" size="0.1" mass="1" solmix="2"/></body>
+ <body name="block" pos="0.1 -0.2 0.59"><joint/><joint type="slide"/><inertial pos="0 0 0" mass="1" diaginertia="0.1 0.2 0.25"/>
+  <geom name="block" type="box" size="0.1 0.2 0.095" friction="0.3 0.1 0.1"/></body>
+</worldbody><contact><pair geom1="ball" geom2="block" friction="0.4 0.4 0 0 0" margin="0.02"/></contact></mujoco>"""
+
+
+def motion(model: mujoco.MjModel) -> np.ndarray:
+    """Accelerations of MuJoCo in a moving state with contacts."""
+    data = mujoco.MjData(model)
+    data.qvel = np.random.default_rng(3).standard_normal(model.nv)
+    mujoco.mj_forward(model, data)
+    return np.array(data.qacc)
+
+
+def parts(model: mujoco.MjModel) -> str:
+    """All that a scene knows about contacts, and its gravity."""
+    scene = phipsi.load(model, contacts="all")
+    return repr((scene._collisions(), scene._touching(), scene.gravity.tolist()))
+
+
+@pytest.mark.parametrize("flag", ["", '<flag override="enable"/>'])
+def test_every_field_of_contacts_is_followed_or_refused(flag: str) -> None:
+    base = mujoco.MjModel.from_xml_string(text := TOUCHING.format(flag=flag))
+    there, own = motion(base), parts(base)
+    found: dict[str, set[str]] = defaultdict(set)
+    for name, model in changed(text):
+        if not name.startswith(("geom_", "pair_", "opt.", "mj")):
+            continue
+        qacc = motion(model)
+        if not np.all(np.isfinite(qacc)) or np.max(np.abs(qacc - there)) <= 1e6 * EPS * size(there):
+            continue
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                warnings.simplefilter("error", ModelWarning)
+                found["soft" if parts(model) == own else "followed"].add(name)
+        except (SceneError, ModelWarning):
+            found["refused"].add(name)
+    unknown = {name for name in found["soft"] if not any(name.endswith(end) for end in (*SOFTNESS, "solmix"))}
+    assert not unknown, f"changes accelerations, and nothing in the scene: {unknown}"
+    assert found["followed"] >= {"geom_size", "geom_pos", "geom_quat"} | ({"opt.o_margin"} if flag else {"geom_margin", "geom_friction", "pair_margin"})
+    # Of friction of a <pair> and of `override`, one direction changes.
+    assert ("opt.o_friction" if flag else "pair_friction") in found["refused"]
+
+
 def joint(name: str, attributes: str) -> str:
     return MODEL.replace(f'<joint name="{name}"', f'<joint {attributes} name="{name}"')
 
@@ -287,6 +335,11 @@ PARTS = {
         with_('<equality><connect body1="tool" body2="leg" anchor=".1 .2 .3" solref="-100 -1"/></equality>'),
     ),
     "contacts": ("contacts", True, MODEL.replace('contact="disable" ', "")),
+    "sleeping body": ("contacts", True, MODEL.replace("<flag ", '<flag sleep="enable" ').replace('name="trunk"', 'name="trunk" sleep="init"')),
+    "soft limits": ("softness", True, joint("elbow", 'limited="true" range="-1 1" solreflimit="0.1 1"')),
+    "limits of a small impedance": ("softness", True, joint("elbow", 'limited="true" range="-1 1" solimplimit="0 0.8 0.03"')),
+    "limits that bounce": ("softness", True, joint("elbow", 'limited="true" range="-1 1" solreflimit="-10000 -1"')),
+    "soft friction": ("softness", True, joint("knee", 'solreffriction="0.5 1"')),
 }
 
 
