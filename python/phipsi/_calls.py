@@ -360,7 +360,7 @@ class Rollout:
                 left = np.delete(left, at)
         if reasons:
             self._warn(reasons, batch)
-        return found[0].reshape(*batch, rows, -1), found[1].reshape(*batch, rows, -1)
+        return found[0].reshape(*batch, *found[0].shape[1:]), found[1].reshape(*batch, *found[1].shape[1:])
 
     def gradients(self, q: Array, tau: Array, rows: Array, rates: Array, by_rows: Array, by_rates: Array) -> tuple[Array, Array, Array]:
         """Gradients with respect to q, qd and tau, given those with respect to the rows; NaN where the rows are NaN."""

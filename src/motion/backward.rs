@@ -19,10 +19,10 @@
 use super::events::RowSolution;
 use super::manifold::advance_cotangents;
 use super::method::STAGES;
-use super::modes::STUCK_NOISE;
+use super::modes::{STUCK_NOISE, rounded_speed};
 use super::scratch::{KD, KP, Scratch, add_scaled, clear};
 use super::solver::{Checked, Solver};
-use super::step::{Part, at_stage, do_part, rounded_speed};
+use super::step::{Part, at_stage, do_part};
 use super::step_settings::{StepArguments, StepSettings};
 use super::wrenches::LinkWrenches;
 use crate::batch::accelerations::KernelArguments;

@@ -53,11 +53,11 @@ pub(super) fn step_settings(
 
 /// The settings of a state with its own properties, by the method of the settings of all.
 pub(super) fn settings_of_state(scene: &Scene, all: &StepSettings, mut properties: Properties) -> StepSettings {
+    let free = all.free.as_ref().map(|free| Box::new(settings_of_state(scene, free, properties.clone())));
     let touches = all.method == Method::Contact;
     if touches && properties.friction_speed == 0.0 {
         properties.friction_speed = FRICTION_SPEED;
     }
-    let free = all.free.as_ref().map(|free| Box::new(settings_of_state(scene, free, properties.clone())));
     if let Some(coupling) = &all.coupling {
         coupling.give_armature(&mut properties.armature);
     }

@@ -15,10 +15,11 @@ impl<T: Real> Scratch<T> {
         curved.map_or(usual, |of| of.curve.both(of.coulomb, (self.v[row].lane(0), u)))
     }
 
-    /// As [`Self::friction_of`], beside the torques in `u`.
+    /// As [`Self::friction_of`], beside the torques in `u`. That of a moving row, which can be negative in one direction,
+    /// holds nothing: the usual one.
     #[inline(always)]
     pub fn friction_of_mode(&self, mode: &ModeTerms<T>) -> [T; 2] {
-        if self.curved.is_empty() {
+        if self.curved.is_empty() || mode.stuck.lane(0) == 0.0 {
             return [mode.friction; 2];
         }
         let u = self.u[mode.row].lane(0);

@@ -231,7 +231,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let room = |width: usize| memory::filled("record_every", numbers.saturating_mul(width), 0.0).map_err(refuse);
         let [mut q, mut qd, mut by_q, mut by_qd] = [room(nq)?, room(nv)?, room(nv)?, room(nv)?];
         let (q0, qd0) = (starts(rows.q, nq), starts(rows.qd, nv));
-        let mut rollout = Rollout::new(self.scene.borrow(), self.settings(), &q0, &qd0).map_err(refuse)?;
+        let mut rollout =
+            Rollout::of_states(self.scene.borrow(), self.settings(), states, (&q0, &qd0)).map_err(refuse)?;
         rollout.advance(steps, torque, Some(&mut Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 }))?;
         for (state, row) in (0..states).flat_map(|state| (0..count).map(move |row| (state, row))) {
             let (from, to) = (state * count + row, state * whole + row * rows.every);

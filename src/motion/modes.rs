@@ -7,7 +7,7 @@
 use super::drives::agreement;
 use super::method::Method;
 use super::scratch::Scratch;
-use super::step_settings::{RateKind, StepArguments};
+use super::step_settings::{RateKind, StepArguments, StepSettings};
 use crate::scalar::{Real, larger};
 
 /// Measurement noise of a stuck joint, kg m^2 or kg: so large that the acceleration rounds to zero relative to any
@@ -16,6 +16,17 @@ use crate::scalar::{Real, larger};
 pub(super) const STUCK_NOISE: f64 = 1e200;
 /// Added to a value that can be zero, so that a test for positive values accepts it.
 const BARELY: f64 = 1e-300;
+
+/// sqrt(v^2 + v0^2), never zero.
+#[inline(always)]
+pub(super) fn rounded_speed<T: Real>(settings: &StepSettings, v: T) -> T {
+    let v0 = settings.properties.friction_speed;
+    if v0 == 0.0 {
+        // Exact friction: v divided by this value is the sign of v. The reciprocal of a smaller number overflows.
+        return larger(v.abs() + v.one_if_zero(), v.constant(f64::MIN_POSITIVE));
+    }
+    v.mul_add(v, v.constant(v0 * v0)).sqrt()
+}
 
 /// Sets the mode of each row with exact friction or stops from the state at the start of the step.
 #[inline(always)]
@@ -37,9 +48,7 @@ pub(super) fn set_modes<T: Real>((settings, scheme): StepArguments<'_>, s: &mut 
                 s.consistent = s.consistent.worst(v.constant(0.5) - at_rest);
                 mode.stuck = o;
             }
-            // The reciprocal of a smaller number overflows.
-            let speed = larger(v.abs() + at_rest, v.constant(f64::MIN_POSITIVE));
-            s.dry[mode.row] = -(mode.friction * v * speed.recip());
+            s.dry[mode.row] = -(mode.friction * v * rounded_speed(settings, v).recip());
         } else {
             mode.stuck = at_rest * larger(mode.at_lower, mode.at_upper);
         }

@@ -18,7 +18,7 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The models of all states.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Population {
     /// Each model once where it is that of consecutive states.
     members: Vec<Member>,
@@ -31,7 +31,7 @@ pub(super) struct Population {
 }
 
 /// The model of some consecutive states.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Member {
     pub settings: StepSettings,
     /// (joints, 10); empty for those of the scene.
@@ -39,7 +39,7 @@ pub(super) struct Member {
     /// Coefficients of friction and restitution of its contacts; empty for those of the scene.
     contacts: [Vec<f64>; 2],
     /// Its scene, made at first use.
-    scene: Mutex<Option<Arc<Scene>>>,
+    scene: Arc<Mutex<Option<Arc<Scene>>>>,
 }
 
 impl Population {
@@ -49,7 +49,7 @@ impl Population {
             let inertias = std::mem::take(&mut own.inertias);
             let contacts = [std::mem::take(&mut own.contact_friction), std::mem::take(&mut own.contact_restitution)];
             let settings = settings_of_state(scene.tree(), all, own);
-            Member { settings, inertias, contacts, scene: Mutex::new(None) }
+            Member { settings, inertias, contacts, scene: Arc::default() }
         };
         let in_lanes = all.is_vectorized() && !all.connected && !scene.tree().touches();
         let places = (in_lanes && !properties.inertias.is_empty()).then(|| InertiaPlaces::new(scene));
@@ -68,6 +68,11 @@ impl Population {
     /// The model of a state.
     pub fn of(&self, state: usize) -> &Member {
         &self.members[self.of_states[state]]
+    }
+
+    /// The settings of every model.
+    pub fn settings(&mut self) -> impl Iterator<Item = &mut StepSettings> {
+        self.members.iter_mut().map(|member| &mut member.settings)
     }
 
     /// The end of those of consecutive states that have the model of the first.

@@ -24,6 +24,7 @@ use crate::joints::JointKind;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
 use std::borrow::Borrow;
+use std::iter;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// States under time integration. `S` holds the scene: `&Scene`, `Arc<Scene>` or `Scene`. A clone continues
@@ -108,8 +109,19 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// A step that is not finite and positive; a form other than auto and covariance; wrong lengths; values that are
     /// not finite; negative properties; quaternions that are not of unit norm; a state that violates the connections
     /// ([`Scene::project`] corrects it).
-    #[allow(clippy::needless_pass_by_value)] // the settings are those of this rollout
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
+        let states = q.len().checked_div(scene.borrow().tree().nq()).unwrap_or(1);
+        Self::of_states(scene, settings, states, (q, qd))
+    }
+
+    /// As [`Rollout::new`], for scenes without joints too, whose number of states is not that of the numbers.
+    #[allow(clippy::needless_pass_by_value)] // the settings are those of this rollout
+    pub(crate) fn of_states(
+        scene: S,
+        settings: Settings,
+        states: usize,
+        (q, qd): (&[f64], &[f64]),
+    ) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();
         let holds: &Scene = scene.borrow().tree();
         let Settings { dt, method, form, .. } = settings;
@@ -120,7 +132,6 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("form", format!("\"{form}\""), "\"auto\" or \"covariance\" for a rollout"));
         }
         scene.borrow().check_tolerance(Algorithm::ForwardDynamics(form), settings.tolerance)?;
-        let states = q.len().checked_div(holds.nq()).unwrap_or(1);
         settings.properties.check(holds, states)?;
         check_curves(holds, coupling.as_deref(), &settings.properties)?;
         check_method(holds, &settings)?;
@@ -154,7 +165,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             step_settings.free = Some(Box::new(of_steps(false)));
         }
         step_settings.smoothing = smoothing;
-        step_settings.push(wrenches);
+        step_settings.change(&|of| of.wrenches.clone_from(&wrenches));
         let population = if has_models {
             let mut population = Population::new(scene.borrow(), &step_settings, &given.properties, states);
             population.check(scene.borrow())?;
@@ -297,6 +308,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
         self.settings.time(self.done - self.begun[index])
     }
 
+    /// Changes the settings of the steps of all models, with contacts and without.
+    pub(super) fn change(&mut self, change: impl Fn(&mut StepSettings)) {
+        let of_models = self.population.as_mut().map(|population| Arc::make_mut(population).settings());
+        iter::once(&mut self.settings).chain(of_models.into_iter().flatten()).for_each(|of| of.change(&change));
+    }
+
     /// All values that steps change except their number, and the step at which each state began.
     pub(super) fn numbers(&self) -> (&[f64], &[usize]) {
         (&self.current, &self.begun)
@@ -315,13 +332,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let fits = numbers.len() == self.current.len() && begun.len() == self.begun.len();
         let fits = fits && begun.iter().all(|&begun| begun <= done);
         if fits {
-            let settings = &mut self.settings;
-            let of = match &mut settings.free {
-                Some(free) => free,
-                None => settings,
-            };
-            of.method = chosen;
-            of.adopt(of.step);
+            self.change(|of| {
+                if of.free.is_none() {
+                    of.method = chosen;
+                    of.adopt(of.step);
+                }
+            });
             self.restore(numbers, done);
             self.begun.copy_from_slice(begun);
         }

@@ -59,7 +59,11 @@ impl<S: Borrow<Scene>> Simulator<S> {
     ///
     /// As [`Rollout::new`].
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
-        let rollout = Rollout::new(scene, settings, q, qd)?;
+        Self::of(Rollout::new(scene, settings, q, qd)?)
+    }
+
+    /// Continues a rollout call by call.
+    pub(crate) fn of(rollout: Rollout<S>) -> Result<Self, Error> {
         let before = memory::copied("q, qd", rollout.numbers().0)?;
         Ok(Self { rollout, before })
     }

@@ -143,11 +143,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
             }
         }
         gains.check(self.scene(), self.states())?;
-        let gains = Arc::new(gains);
-        if let Some(free) = &mut self.settings.free {
-            free.gains = Some(Arc::clone(&gains));
-        }
-        self.settings.gains = Some(gains);
+        let gains = Some(Arc::new(gains));
+        self.change(|of| of.gains.clone_from(&gains));
         Ok(())
     }
 
@@ -158,7 +155,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// An unknown link, a wrong number of values, and values that are not finite. The wrenches are then unchanged.
     pub fn push(&mut self, wrenches: Option<Wrenches>) -> Result<(), Error> {
         let given = wrenches.map(|given| LinkWrenches::new(given, self.scene(), self.states()));
-        self.settings.push(given.transpose()?.map(Arc::new));
+        let given = given.transpose()?.map(Arc::new);
+        self.change(|of| of.wrenches.clone_from(&given));
         Ok(())
     }
 

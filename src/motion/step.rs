@@ -9,10 +9,10 @@
 use super::drives::{change_drives, set_drives};
 use super::manifold::{advance, carry_back};
 use super::method::Method;
-use super::modes::{observe_end, set_modes, test_stuck_rows};
+use super::modes::{observe_end, rounded_speed, set_modes, test_stuck_rows};
 use super::scratch::{Scratch, add_scaled, clear};
 use super::solver::Solver;
-use super::step_settings::{StepArguments, StepSettings};
+use super::step_settings::StepArguments;
 use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::{Target, Work};
 use crate::scalar::{Real, lanes_but};
@@ -220,17 +220,6 @@ pub(super) fn set_friction<T: Real>((settings, scheme): StepArguments<'_>, s: &m
             s.model.system.noise[row] = chord.mul_add(chord.constant(hg), of.noise);
         }
     }
-}
-
-/// sqrt(v^2 + v0^2), never zero.
-#[inline(always)]
-pub(super) fn rounded_speed<T: Real>(settings: &StepSettings, v: T) -> T {
-    let v0 = settings.properties.friction_speed;
-    if v0 == 0.0 {
-        // Exact friction: v divided by this value is the sign of v.
-        return v.abs() + v.one_if_zero();
-    }
-    v.mul_add(v, v.constant(v0 * v0)).sqrt()
 }
 
 /// The right-hand side of stage `i`.

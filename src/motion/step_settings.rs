@@ -109,12 +109,12 @@ impl StepSettings {
         }
     }
 
-    /// Sets the wrenches on links, in steps with contacts and without.
-    pub fn push(&mut self, wrenches: Option<Arc<LinkWrenches>>) {
+    /// Changes the settings of steps with contacts and without.
+    pub fn change(&mut self, change: &impl Fn(&mut Self)) {
         if let Some(free) = &mut self.free {
-            free.push(wrenches.clone());
+            free.change(change);
         }
-        self.wrenches = wrenches;
+        change(self);
     }
 
     /// True if steps are vectorized: those without coupled joints, compliant connections, friction curves and error

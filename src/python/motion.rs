@@ -245,7 +245,7 @@ impl PyScene {
         let fields = about(slf, &settings, &batch)?;
         fields.set_item("record_every", every)?;
         fields.set_item("given", keywords.given(py, (tau, tau_steps))?)?;
-        let rollout = detached(py, || Rollout::new(scene, settings, &all_q[..], &all_qd[..]))?;
+        let rollout = detached(py, || Rollout::of_states(scene, settings, states, (&all_q, &all_qd)))?;
         let mut rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
         let all = 0..rollout.states();
         warn_of_start(py, [rollout.limit_warning(all.clone()), rollout.contact_warning(all)])?;

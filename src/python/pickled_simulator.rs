@@ -58,16 +58,19 @@ impl PySimulator {
         };
         keywords.set_item("limits", limits)?;
         let own = self.scene.get();
-        let is_given = own.scene.coupling().is_none() || properties != Properties::of(&own.scene);
-        // The properties of coupled joints are not those of the independent joints only.
-        let mut properties = own.properties_of_scene(&properties);
-        for (name, place) in OF_RATES.into_iter().filter(|_| is_given) {
-            let (numbers, width) = (&*place(&mut properties), own.scene.nv());
-            let of_states = if numbers.len() == width { &[][..] } else { &self.batch };
-            keywords.set_item(name, from_numbers(py, numbers, &[of_states, &[width]].concat())?)?;
+        // The others are those of the scene: with coupled joints, which are not those of the independent joints only.
+        let (mut all, mut usual) = (properties, Properties::of(&own.scene));
+        let mut properties = own.properties_of_scene(&all);
+        for (name, place) in OF_RATES {
+            if place(&mut all) != place(&mut usual) {
+                let (numbers, width) = (&*place(&mut properties), own.scene.nv());
+                let of_states = if numbers.len() == width { &[][..] } else { &self.batch };
+                keywords.set_item(name, from_numbers(py, numbers, &[of_states, &[width]].concat())?)?;
+            }
         }
-        if is_given {
-            keywords.set_item("rest", from_numbers(py, &properties.rest, &[own.scene.nq()])?)?;
+        if all.rest != usual.rest {
+            let rest = own.of_scene(from_numbers(py, &all.rest, &[all.rest.len()])?, false)?;
+            keywords.set_item("rest", rest)?;
         }
         if !properties.inertias.is_empty() {
             let shape = [&self.batch[..], &[body_names(&own.scene).len(), 10]].concat();

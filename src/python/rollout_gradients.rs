@@ -147,7 +147,7 @@ impl PyScene {
             numbers.chunks_exact((rows * width).max(1)).flat_map(|state| &state[..width]).copied().collect()
         };
         let starts = (first(&q, nq), first(&qd, nv));
-        let rollout = detached(py, || Rollout::new(scene, settings, &starts.0, &starts.1))?;
+        let rollout = detached(py, || Rollout::of_states(scene, settings, states, (&starts.0, &starts.1)))?;
         let rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
         let torque = given.torque(&batch, (steps, nv))?;
         let recorded = RecordedRows { q: &q, qd: &qd, every, by_q: &by_q, by_qd: &by_qd };

@@ -21,7 +21,7 @@ use super::wrenches::LinkWrenches;
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
-use crate::motion::{Method, ShapeContact, Simulator, Torque};
+use crate::motion::{Method, Rollout, ShapeContact, Simulator, Torque};
 use crate::scene::{Coupling, Scene};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
@@ -151,7 +151,7 @@ impl PyScene {
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
         let (scene, method) = (slf.clone().unbind(), settings.method);
         let held = Held(scene.clone_ref(py));
-        let moving = detached(py, || Simulator::new(held, settings, &all_q, &all_qd))?;
+        let moving = detached(py, || Simulator::of(Rollout::of_states(held, settings, states, (&all_q, &all_qd))?))?;
         let moving = moving.map_err(|error| of_batch(py, &error, &batch))?;
         let all = 0..moving.states();
         warn_of_start(py, [moving.limit_warning(all.clone()), moving.contact_warning(all)])?;

@@ -15,6 +15,9 @@ use std::collections::HashSet;
 /// Largest accepted entry of R^T R - 1 for the rotation R of a frame.
 const ROTATION_SLACK: f64 = 1e-9;
 
+/// Origins this close, relative to the positions that they are the difference of, coincide but for rounding.
+const COINCIDENT: f64 = 1e-12;
+
 /// Default tolerance of linkages. A right angle written as 1.5708 is off by 3.7e-6, and several such errors add up.
 pub(super) const DEFAULT_TOLERANCE: f64 = 3e-5;
 
@@ -283,12 +286,14 @@ impl Scene {
             ConnectionKind::Axis(_) => Pair::Axis,
             ConnectionKind::Distance(length) => {
                 let apart = (at.lever - placement(self.model(), &neutral, &second).lever).norm();
+                let size = at.lever.norm() + first.placement.lever.norm() + second.placement.lever.norm();
+                let coincide = length.is_none() && apart <= COINCIDENT * size;
                 let length = *length.get_or_insert(apart);
                 if !length.is_finite() {
                     let found = format!("no length, and frames {length} m apart in the neutral configuration");
                     return Err(connection.fault(found, "a finite length above zero, m"));
                 }
-                if length == 0.0 {
+                if coincide {
                     let found = "no length, and frames whose origins coincide in the neutral configuration";
                     return Err(connection.fault(found, "a length above zero, m, or a second frame elsewhere"));
                 }

@@ -231,3 +231,17 @@ class TestArguments:
         scene = phipsi.SceneBuilder().link("base").link("rod", 1.0, (0, 0, 0.5), np.eye(3)).joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0), upper=0.1, lower=-1.0).build()
         with pytest.raises(ArgumentError, match="limits.*report"):
             scene.simulate([0.05], [3.0], dt=2e-3, steps=100, method="semi-implicit-euler", limits="stop", covariance=self.unsure)
+
+
+@pytest.mark.parametrize("batch", [(0,), (2, 0)])
+@pytest.mark.parametrize("kind", ["tree", "contact", "every second row"])
+def test_no_states_have_no_bands(batch: tuple[int, ...], kind: str) -> None:
+    scene = phipsi.scenes.chain(3)
+    if kind == "contact":
+        scene = scene.to_builder().contact("far", "link2", friction=0.5, xyz=(0, 0, 0.3), offset=-100.0).build()
+    how = HOW | {"steps": 4, "record_every": 2 if kind == "every second row" else 1}
+    for check in (None, "monte-carlo"):
+        unsure = MotionUncertainty(initial=np.full(6, 1e-6), torque_noise=1e-4, check=check, samples=2)
+        bands = scene.simulate(np.zeros((*batch, 3)), np.zeros(3), covariance=unsure, **how).bands
+        assert bands is not None
+        assert bands.covariance.shape == (*batch, 4 // how["record_every"] + 1, 6, 6)

@@ -426,3 +426,13 @@ def test_rows_of_mujoco_are_those_of_the_scene(element: str, kind: int) -> None:
         assert np.isclose(np.linalg.norm(ours[3:]), np.linalg.norm(theirs[:3]))
     else:
         assert np.isclose(np.linalg.norm(ours), np.linalg.norm(theirs))
+
+
+def test_a_rod_whose_ends_coincide_but_for_rounding_has_no_length() -> None:
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        builder = phipsi.SceneBuilder().link("base").link("a", 1.0).link("b", 1.0)
+        for name, parent in (("a", "base"), ("b", "a")):
+            builder.joint(name, "revolute", parent, name, xyz=rng.normal(size=3), rpy=rng.normal(size=3), axis=rng.normal(size=3))
+        with pytest.raises(SceneError, match="origins coincide"):
+            builder.connect("rod", "rod", "b", "base", xyz=rng.normal(size=3)).build()

@@ -114,6 +114,23 @@ def test_a_row_out_of_reach_and_a_second_state_change_no_bit() -> None:
     assert_same_bits(both.q[0], path.q)
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.1, 0.4])
+@pytest.mark.parametrize("speed", [2.0, -2.0])
+@pytest.mark.parametrize("offset", [0.5, -0.5])
+def test_an_offset_above_friction_is_a_constant_torque_of_a_moving_joint(friction: float, speed: float, offset: float) -> None:
+    rod = phipsi.SceneBuilder().link("base").link("rod", 1.0, (0, 0, -0.5))
+    scene = rod.joint("hinge", "revolute", "base", "rod", axis="y", friction=friction, friction_offset=offset).build()
+    plain = scene.with_properties(friction_offset=0.0)
+    for how in ({}, {"accuracy": 1e-8}):
+        found = scene.simulate([0.0], [speed], dt=1e-3, steps=150, **how)
+        expected = plain.simulate([0.0], [speed], tau=[-offset], dt=1e-3, steps=150, **how)
+        assert np.all(expected.qd * speed > 0.0) and found.events == 0
+        assert_near(found.q, expected.q, 1e-12 if not how else 1e-8)
+    # At rest, and where it turns.
+    turning = scene.simulate([0.3], [0.0], dt=1e-3, steps=1500, accuracy=1e-6)
+    assert_near(turning.q, scene.simulate([0.3], [0.0], dt=1e-4, steps=15000, record_every=10).q, 1e-4)
+
+
 @pytest.mark.parametrize("arguments", [{}, {"method": "rosenbrock-2"}, {"friction_speed": 0.01}])
 def test_the_energy_balances(arguments: Any) -> None:
     audit = arm().simulate(Q, QD, dt=5e-4, steps=800, tau=[3.0, 20.0, 5.0, 1.0, 1.0, 0.5], **arguments).energy_audit()

@@ -512,3 +512,20 @@ def test_gradients_do_not_depend_on_changes_that_the_projection_removes() -> Non
     minv_jt = np.linalg.solve(scene.mass_matrix(q), scene.loops.jacobian(q).T)
     removed = minv_jt[:, np.abs(minv_jt).max(0) > 1e-9]
     assert np.all(np.abs(found.q @ removed) <= 1e-3 * np.linalg.norm(removed, axis=0))
+
+
+@pytest.mark.parametrize("kind", ["point", "weld"])
+@pytest.mark.parametrize("how", [{}, {"damping": 0.1}, {"friction": 0.1}, {"method": "rosenbrock-2"}])
+def test_a_mechanism_that_connections_lock_has_gradients(kind: str, how: dict[str, Any]) -> None:
+    """Its velocities are rounding errors as small as numbers can be, whose reciprocals overflow."""
+    builder = phipsi.SceneBuilder().link("base").link("a", 1.0, (0.1, 0, 0), 0.01 * np.eye(3)).link("b", 1.0, (0.1, 0, 0), 0.01 * np.eye(3))
+    builder.joint("x", "prismatic", "base", "a", axis="x").joint("h", "revolute", "a", "b", axis=(0, 1, 0.2), xyz=(0.3, 0, 0))
+    scene = builder.connect("lock", kind, "b", xyz=(0.1, 0.2, 0.3)).build()
+    for qd in ([0.0, 0.0], [5e-324, -5e-324]):
+        path = scene.simulate([0.0, 0.0], qd, dt=1e-3, steps=5, tau=[0.3, 0.2], **how)
+        last = np.zeros_like(path.qd)
+        last[-1] = 1.0
+        found = path.vjp(last, last)
+        for gradient in (found.tau, found.damping, found.friction):
+            assert_near(gradient, np.zeros(2), 1e-12)
+        assert np.isfinite(found.q).all()

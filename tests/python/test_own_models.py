@@ -516,6 +516,48 @@ def test_a_population_in_a_file_and_a_pickle(tmp_path):
     tolerances.assert_near(path.energy().kinetic, expected.kinetic, tolerances.recursion(3, tolerances.size(expected.kinetic)))
 
 
+@pytest.mark.parametrize("name", PATHS)
+@pytest.mark.parametrize("way", ["wrenches", "target"])
+@pytest.mark.filterwarnings("ignore::phipsi.errors.LimitWarning")
+def test_what_a_call_of_a_simulator_changes_acts_on_every_model(name, way):
+    import pickle
+
+    scene, count, rng = PATHS[name](), 3, np.random.default_rng(4)
+    inertias, _ = population(scene, count)
+    q, qd, tau = (0.2 * of for of in states(scene, count))
+    if name == "loop":
+        q, qd = scene.loops.project(q, qd)[:2]
+    given = {
+        "wrenches": {"wrenches": {scene.link_names[-1]: rng.normal(size=(count, 6))}, "frame": "world"},
+        "target": {"target": rng.normal(size=(count, scene.nq)), "target_rate": rng.normal(size=(count, scene.nv))},
+    }[way]
+    # The method is chosen by the scene of all, or by that of one.
+    law, how = phipsi.PD(3.0, 0.3, scene.neutral()) if way == "target" else None, {"dt": 2e-3, "method": "rosenbrock-2"}
+    mover = scene.simulator(q, qd, pd=law, inertias=inertias, **how)
+    mover.step(tau, steps=10)
+    mover = pickle.loads(pickle.dumps(mover))
+    mover.step(tau, steps=20, **given)
+    for i in range(count):
+        one = scene.with_inertial_parameters(inertias[i]).simulator(q[i], qd[i], pd=law, **how)
+        one.step(tau[i], steps=10)
+        before = one.q
+        one.step(tau[i], steps=20, **{key: {link: of[i] for link, of in value.items()} if key == "wrenches" else value if key == "frame" else value[i] for key, value in given.items()})
+        tolerances.assert_near(mover.q[i], one.q, 1e-9)
+        assert np.abs(one.q - before).max() > 1e-3
+
+
+@pytest.mark.parametrize("own", ["inertias", "damping"])
+def test_exact_friction_holds_every_model_with_a_contact_out_of_reach(own):
+    builder = phipsi.SceneBuilder().link("base").link("rod", 1.0, (0, 0, -0.5)).joint("hinge", "revolute", "base", "rod", axis="y", friction=2.0)
+    scene = builder.contact("far", "rod", friction=0.5, xyz=(0, 0, -1), offset=-100.0).build()
+    models = {"inertias": scene.inertial_parameters * [[[0.9]], [[1.1]]], "damping": [[0.0], [0.1]]}[own]
+    path = scene.simulate([0.3], [0.0], dt=1e-3, steps=300, **{own: models})
+    tolerances.assert_same_bits(path.q, np.full((2, 301, 1), 0.3))
+    moving = scene.simulate([0.3], [2.0], dt=1e-3, steps=300, **{own: models})
+    tree = scene.without_contacts().simulate([0.3], [2.0], dt=1e-3, steps=300, **{own: models})
+    tolerances.assert_same_bits(moving.q, tree.q)
+
+
 def test_the_trajectory_of_a_population_that_stopped_has_its_energies():
     scene = phipsi.scenes.chain(3)
     inertias, _ = population(scene, 2)

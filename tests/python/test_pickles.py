@@ -195,3 +195,21 @@ def test_every_number_of_a_simulation_is_kept(remade: Remade, name: str) -> None
     simulator = scene.simulator([0.3, 0.2], dt=1e-3, **{name: 0.25})  # type: ignore[arg-type]
     _, (_, _, _, keywords, *_) = remade(simulator).__reduce__()
     assert keywords[name] == 0.25
+
+
+@pytest.mark.parametrize("given", ["armature", "damping", "stiffness", "friction", "rest", "nothing"])
+def test_simulators_of_mimic_joints_keep_every_bit(remade: Remade, given: str) -> None:
+    builder = phipsi.SceneBuilder().link("base")
+    for i, (parent, mimic) in enumerate((("base", {}), ("l0", {}), ("l1", {"mimic": "j0", "mimic_multiplier": -1.3, "mimic_offset": 0.1}))):
+        builder.link(f"l{i}", 1.0, (0.05, 0.02, 0.2), np.diag([0.02, 0.03, 0.01]))
+        losses = {"armature": 0.03, "damping": 0.2, "friction": 0.3, "stiffness": 1.7, "rest": 0.2}
+        builder.joint(f"j{i}", "revolute", parent, f"l{i}", xyz=(0.1, 0, 0.3), axis=(0.3 * i, 1, 0.2), **losses, **mimic)
+    scene = builder.build(mimic="couple")
+    own = {} if given == "nothing" else {given: np.array([0.11, 0.23])}
+    simulator = scene.simulator([0.1, 0.4], [1.0, -2.0], dt=2e-3, friction_speed=0.05, **own)
+    simulator.step(steps=5)
+    again = remade(simulator)
+    for one in (simulator, again):
+        one.step(steps=60)
+    assert_same_bits(again.q, simulator.q)
+    assert_same_bits(again.qd, simulator.qd)

@@ -88,6 +88,19 @@ def test_nothing_that_moves_and_no_states(welded: phipsi.Scene, arm: phipsi.Scen
     assert none.q.shape == (0, 7) and none.t.shape == (0,)
 
 
+@pytest.mark.parametrize("batch", [(), (1,), (0,), (2, 3)])
+def test_batches_of_scenes_without_joints(welded: phipsi.Scene, batch: tuple[int, ...]) -> None:
+    nothing = np.zeros((*batch, 0))
+    path = welded.simulate(nothing, nothing, dt=1e-3, steps=3)
+    assert path.q.shape == (*batch, 4, 0) and path.substeps.shape == batch
+    assert path.vjp(path.q).q.shape == (*batch, 0)
+    still = welded.simulator(nothing, dt=1e-3)
+    still.step(nothing, 3)
+    assert still.q.shape == (*batch, 0) and np.shape(still.t) == batch
+    assert np.all(still.t == 3e-3)
+    assert pickle.loads(pickle.dumps(still)).batch == batch
+
+
 def test_results_are_copies(arm: phipsi.Scene) -> None:
     for q in (np.zeros(7), np.zeros((3, 7))):
         simulator = arm.simulator(q, dt=1e-3)

@@ -307,7 +307,7 @@ class Identification:
         True
         """
         batch, states = flattened(self.scene, q, qd, qdd)
-        return predicted(self.columns, self.own, *states).reshape(*batch, -1)
+        return predicted(self.columns, self.own, *states).reshape(*batch, self.columns.motors)
 
     def torques_variance(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
         """Variances of the predicted torques, caused by the errors of all parameters of bodies and joints.
@@ -349,7 +349,7 @@ class Identification:
         True
         """
         batch, states = flattened(self.scene, q, qd, qdd)
-        return predicted(self.columns, self.own_root, *states).reshape(*batch, -1)
+        return predicted(self.columns, self.own_root, *states).reshape(*batch, self.columns.motors)
 
     def explained_variance(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, tau: ArrayLike) -> _Array:
         """Share of the variance of measured torques that the prediction explains.

@@ -52,7 +52,7 @@ def contact_velocities(scene: Scene, q: _Array, dt: float, friction: ArrayLike |
     of_contacts = [contact[6] for contact in scene._contacts()] if friction is None else friction
     rough = of_rows(np.atleast_1d(np.asarray(of_contacts)))[..., : len(names), None, None] > 0.0
     found[..., 1:, nv:] = along * rough
-    return found.reshape(*q.shape[:-1], -1, 2 * nv)
+    return found.reshape(*q.shape[:-1], len(names) * PER_CONTACT, 2 * nv)
 
 
 class ModeMargins:
@@ -78,7 +78,7 @@ class ModeMargins:
         at_end = contact_velocities(self.path.scene, self.path.q[..., row, :], self.path.dt)[..., ::PER_CONTACT, :]
         sizes = np.linalg.norm(at_end @ root, axis=-1)
         if free is not None:
-            each = np.linalg.norm(free, axis=-1).reshape(*free.shape[:-2], -1, PER_CONTACT)
+            each = np.linalg.norm(free, axis=-1).reshape(*free.shape[:-2], len(self.names), PER_CONTACT)
             sizes = np.where(self.closed(row), np.linalg.norm(each, axis=-1), sizes)
         crossed = np.any((DEVIATIONS * sizes > margins).reshape(-1, len(self.names)), axis=0)
         if crossed.any():

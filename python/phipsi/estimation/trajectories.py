@@ -260,7 +260,7 @@ class _Propagation:
             columns = [flow @ constant + found.constant[..., row, :, :], flow @ root]
             if noisy:
                 pushed = found.torque[..., row, :, :, :] * deviation_of_noise
-                columns[1] = np.concatenate([columns[1], pushed.reshape(*pushed.shape[:-2], -1)], axis=-1)
+                columns[1] = np.concatenate([columns[1], pushed.reshape(*pushed.shape[:-2], math.prod(pushed.shape[-2:]))], axis=-1)
             return columns[0], columns[1]
 
         for found, free in self._rows():
@@ -349,13 +349,14 @@ class _Propagation:
                 for link, wrench in given["wrenches"].items()
             }
 
+        def divided(values: _Array) -> _Array:
+            return values[..., :rows, :].reshape(*values.shape[:-2], rows // every, every, values.shape[-1])
+
         def of_steps(values: _Array) -> _Array:
-            each = values[..., :rows, :]
-            return np.asarray(each.reshape(*each.shape[:-2], -1, every, each.shape[-1])[..., at, :, :])
+            return np.asarray(divided(values)[..., at, :, :])
 
         given = with_steps(given, of_steps)
-        tau = self._torques()[..., :rows, :]
-        tau = tau.reshape(*tau.shape[:-2], -1, every, nv)
+        tau = divided(self._torques())
         # The derivative of function i is state i of the leading axis.
         functions = np.broadcast_to(functions, (*(1,) * (len(batch) + 3 - functions.ndim), *functions.shape))
         units = np.moveaxis(functions, -2, 0)
@@ -428,8 +429,8 @@ class _Propagation:
         found = np.var(spread, axis=0, ddof=1 if unsure.check == "monte-carlo" else 0)
         # A variance below this share of the largest variance of its kind, or of some units in the last place of the
         # states, is rounding error.
-        halves = variance.reshape(*variance.shape[:-1], 2, -1)
-        largest = np.max(halves, axis=(-1, -3), keepdims=True) * ROUNDING**2
+        halves = variance.reshape(*variance.shape[:-1], 2, self.scene.nv)
+        largest = np.max(halves, axis=(-1, -3), keepdims=True, initial=0.0) * ROUNDING**2
         sizes = np.array([max(1.0, float(np.max(np.abs(x), initial=0.0))) for x in (self.path.q, self.path.qd)])
         least = np.maximum(largest, (16 * np.finfo(float).eps * sizes[:, None]) ** 2)
         least = np.broadcast_to(least, halves.shape).reshape(variance.shape)

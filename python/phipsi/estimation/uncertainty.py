@@ -283,7 +283,7 @@ class ParameterCovariance:
         moved = np.full((len(self.extras), len(finite), self._model.scene.nv), np.nan)
         by_extra = self._model.to_joints(np.swapaxes(self._model.of_extras(*(one[finite] for one in flat)), 1, 2))
         moved[:, finite] = np.einsum("se,kev->skv", self.extras, by_extra)
-        return moved.reshape(len(moved), *batch, -1)
+        return moved.reshape(len(moved), *batch, moved.shape[-1])
 
     def _torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, scene: Scene, errors: Any = "raise") -> _Array:
         """Joint torques that the changes of the parameters cause in a scene at (q, qd, qdd), (number, ..., nv)."""
