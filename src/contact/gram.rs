@@ -243,7 +243,7 @@ impl Gram {
     }
 
     /// The factor of A + B (G + eps), for blocks of each contact.
-    pub(super) fn factor(&self, blocks: &[(Matrix3<f64>, Matrix3<f64>)], eps: f64) -> Option<Factor<'_>> {
+    pub(super) fn factor(&self, blocks: &[Blocks], eps: f64) -> Option<Factor> {
         let (rows, scale, compliance) = match self {
             Self::Dense(g) => {
                 let mut matrix = DMatrix::zeros(g.nrows(), g.nrows());
@@ -268,22 +268,25 @@ impl Gram {
             }
             own.push((inverse, b * w, w));
         }
-        matrix.factorize().then_some(Factor::Rows { rows, own, matrix })
+        matrix.factorize().then(|| Factor::Rows { rows: Arc::clone(rows), own, matrix })
     }
 }
 
+/// The blocks A and B of a contact.
+pub(super) type Blocks = (Matrix3<f64>, Matrix3<f64>);
+
 /// The factor of A + B (G + eps).
-pub(super) enum Factor<'a> {
+pub(super) enum Factor {
     Dense(LU<f64, Dyn, Dyn>),
     /// C^-1, B times the scale and the scale of each contact, and the factor of 1 + W C^-1 B W*.
     Rows {
-        rows: &'a WideRows,
+        rows: Arc<WideRows>,
         own: Vec<(Matrix3<f64>, Matrix3<f64>, f64)>,
         matrix: Band,
     },
 }
 
-impl Factor<'_> {
+impl Factor {
     /// The solution; `None` if the matrix is singular.
     pub fn solve(&self, f: &DVector<f64>) -> Option<DVector<f64>> {
         let (rows, own, matrix) = match self {

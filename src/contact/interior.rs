@@ -96,7 +96,7 @@ impl<'a> Interior<'a> {
     }
 
     /// The factor of the matrix of a step after elimination of v, l and s; `None` if it is singular.
-    pub fn slope(&self) -> Option<Factor<'_>> {
+    pub fn slope(&self) -> Option<Factor> {
         let Point { z, apart, slip, room } = &self.now;
         let of = |i: usize| {
             let (mut a, mut b) = (Matrix3::zeros(), Matrix3::identity());
@@ -120,7 +120,7 @@ impl<'a> Interior<'a> {
     }
 
     /// The Newton step toward y v and l s with the given values for each contact.
-    pub fn towards(&self, slope: &Factor<'_>, aim: impl Fn(usize) -> [f64; 2]) -> Option<Point> {
+    pub fn towards(&self, slope: &Factor, aim: impl Fn(usize) -> [f64; 2]) -> Option<Point> {
         let Point { z, apart, slip, room } = &self.now;
         let n = self.problem.len();
         let mut right = -(self.problem.a.times(z) + &self.problem.c);

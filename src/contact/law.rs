@@ -124,9 +124,8 @@ impl Cone {
     }
 
     /// The function F of Alart and Curnier, N s, which vanishes exactly for solutions of the law: `F_n` = `p_n` -
-    /// max(a, `x_n`) and `F_t` = `p_t` - (`x_t` projected onto the disc of radius mu max(a, `x_n`)), with x = p - r u.
-    pub fn defect(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
-        let x = self.targets(p, c);
+    /// max(a, `x_n`) and `F_t` = `p_t` - (`x_t` projected onto the disc of radius mu max(a, `x_n`)), for the targets x.
+    pub fn defect(&self, p: &DVector<f64>, x: &DVector<f64>, limits: &Limits) -> DVector<f64> {
         let mut defect = p.clone();
         for i in 0..self.len() {
             let normal = x[3 * i + 2].max(limits.least[i]);
@@ -154,7 +153,11 @@ impl Cone {
 
     /// The largest |`F_i`| / `r_i`, relative to the scale.
     pub fn residual(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
-        let x = self.targets(p, c);
+        self.residual_at(p, &self.targets(p, c), limits)
+    }
+
+    /// As [`Cone::residual`], from the targets.
+    pub fn residual_at(&self, p: &DVector<f64>, x: &DVector<f64>, limits: &Limits) -> f64 {
         let of = |i: usize| {
             let normal = x[3 * i + 2].max(limits.least[i]);
             let kept = cut(self.friction[i] * normal, x[3 * i].hypot(x[3 * i + 1]));
@@ -167,9 +170,13 @@ impl Cone {
     /// The residual caused by rounding errors of G p + c alone. For a sliding contact, friction adds mu times the error
     /// of the normal velocity.
     pub fn floor(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
+        self.floor_at(p, (c, &self.targets(p, c)), limits)
+    }
+
+    /// As [`Cone::floor`], from the targets.
+    pub fn floor_at(&self, p: &DVector<f64>, (c, x): (&DVector<f64>, &DVector<f64>), limits: &Limits) -> f64 {
         let mut terms = c.abs();
         self.g.add_sizes(p, &mut terms);
-        let x = self.targets(p, c);
         let of = |i: usize| {
             let (at, mu) = (3 * i, self.friction[i]);
             let slides = x[at].hypot(x[at + 1]) > mu * x[at + 2].max(limits.least[i]);

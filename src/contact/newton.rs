@@ -1,16 +1,21 @@
 //! Newton's method on the function of Alart and Curnier.
 
+use super::gram::{Blocks, Factor};
 use super::law::{Cone, Limits};
 use nalgebra::{DVector, Matrix2, Matrix3, Vector2};
 
 /// Compliance of the springs that are added to G in the matrix only, which make it regular for redundant rows.
 pub(super) const PROXIMAL: f64 = 1e-8;
 
+/// The factor of the last Newton step with a matrix G on given springs, which a step with the same blocks A and B uses
+/// again: contacts that stick or are open have the same ones in each step.
+#[derive(Default)]
+pub(super) struct Known(Vec<Blocks>, Option<Factor>);
+
 impl Cone {
     /// The blocks A and B of each contact in dF/dp = A + B G: X = 1 - r G, where each contact is open (no
-    /// contribution), sticking (X in n and t) or sliding.
-    fn slope(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<(Matrix3<f64>, Matrix3<f64>)> {
-        let x = self.targets(p, c);
+    /// contribution), sticking (X in n and t) or sliding. From the targets x.
+    fn slope(&self, x: &DVector<f64>, limits: &Limits) -> Vec<Blocks> {
         let of = |i: usize| {
             let (at, mu, r) = (3 * i, self.friction[i], self.lengths[i]);
             let (mut a, mut b) = (Matrix3::identity(), Matrix3::zeros());
@@ -43,10 +48,20 @@ impl Cone {
         (0..self.len()).map(of).collect()
     }
 
-    /// The Newton step from p, on springs of the compliance `proximal`; `None` if the matrix is singular.
-    fn newton_step(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits, proximal: f64) -> Option<DVector<f64>> {
-        let factor = self.g.factor(&self.slope(p, c, limits), proximal * self.spring)?;
-        factor.solve(&self.defect(p, c, limits))
+    /// The Newton step from p with the targets x, on springs of the compliance `proximal`; `None` if the matrix is
+    /// singular.
+    fn newton_step(
+        &self,
+        (p, x): (&DVector<f64>, &DVector<f64>),
+        limits: &Limits,
+        (proximal, known): (f64, &mut Known),
+    ) -> Option<DVector<f64>> {
+        let (blocks, Known(before, factor)) = (self.slope(x, limits), known);
+        if *before != blocks {
+            *factor = self.g.factor(&blocks, proximal * self.spring);
+            *before = blocks;
+        }
+        factor.as_ref()?.solve(&self.defect(p, x, limits))
     }
 
     /// One Newton step, projected onto the cones; `None` if the matrix is singular.
@@ -55,9 +70,9 @@ impl Cone {
         p: &DVector<f64>,
         c: &DVector<f64>,
         limits: &Limits,
-        proximal: f64,
+        (proximal, known): (f64, &mut Known),
     ) -> Option<DVector<f64>> {
-        let step = self.newton_step(p, c, limits, proximal)?;
+        let step = self.newton_step((p, &self.targets(p, c)), limits, (proximal, known))?;
         let mut next = p - step;
         self.project(&mut next, &limits.least);
         next.iter().all(|x| x.is_finite()).then_some(next)
@@ -72,8 +87,8 @@ impl Cone {
         limits: &Limits,
         proximal: f64,
     ) -> Option<(DVector<f64>, Option<usize>)> {
-        let step = -self.newton_step(p, c, limits, proximal)?;
         let x = self.targets(p, c);
+        let step = -self.newton_step((p, &x), limits, (proximal, &mut Known::default()))?;
         let (mut part, mut first) = (1.0, None);
         for (i, &least) in limits.least.iter().enumerate().filter(|(i, least)| x[3 * i + 2] > **least) {
             let (above, change) = (p[3 * i + 2] - least, step[3 * i + 2]);

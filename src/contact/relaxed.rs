@@ -99,7 +99,7 @@ impl Cone {
             search.centre(&aims, &mut report.iterations);
             let (residual, floor) = search.relaxed_residual(&aims, scale);
             if residual < report.residual {
-                report = SolveReport { residual, floor, converged: residual <= TOLERANCE.max(floor), ..report };
+                report = SolveReport { residual, converged: residual <= TOLERANCE.max(floor), ..report };
                 best = search.impulses(&limits);
             }
             if report.converged {

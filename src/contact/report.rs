@@ -5,18 +5,16 @@
 pub(crate) struct SolveReport {
     /// The largest |`F_i`| / `r_i` of a contact, relative to the largest free velocity.
     pub residual: f64,
-    /// The residual caused by rounding errors of G p + c alone.
-    pub floor: f64,
-    /// True if the residual is below the tolerance or the floor.
+    /// True if the residual is below the tolerance, or is that of rounding errors of G p + c alone.
     pub converged: bool,
-    /// Number of factorizations: one per step of Newton's method, of the interior-point method and of the continuation.
+    /// Number of steps of Newton's method, of the interior-point method and of the continuation.
     pub iterations: usize,
 }
 
 impl SolveReport {
     /// The report for a problem without iterations.
     pub fn nothing() -> Self {
-        Self { residual: 0.0, floor: 0.0, converged: true, iterations: 0 }
+        Self { residual: 0.0, converged: true, iterations: 0 }
     }
 
     /// The report with the larger residual, and the iterations of both.

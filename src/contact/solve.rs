@@ -5,7 +5,7 @@ use super::gram::Gram;
 use super::held::Held;
 use super::interior::Interior;
 use super::law::{Cone, Limits};
-use super::newton::PROXIMAL;
+use super::newton::{Known, PROXIMAL};
 use super::path::Path;
 use super::report::{Effort, SolveReport, TOLERANCE};
 use nalgebra::{DVector, Matrix3};
@@ -81,8 +81,9 @@ struct Search<'a> {
     c: &'a DVector<f64>,
     limits: &'a Limits,
     effort: Effort,
-    /// Compliance of the springs in the matrices of Newton's method.
+    /// Compliance of the springs in the matrices of Newton's method, and the last factor.
     proximal: f64,
+    known: Known,
     best: DVector<f64>,
     solved: SolveReport,
 }
@@ -92,19 +93,25 @@ impl<'a> Search<'a> {
         let solved = SolveReport { residual: f64::INFINITY, converged: false, ..SolveReport::nothing() };
         let mut best = DVector::zeros(c.len());
         cone.project(&mut best, &limits.least);
-        Self { cone, c, limits, effort, proximal: PROXIMAL, best, solved }
+        Self { cone, c, limits, effort, proximal: PROXIMAL, known: Known::default(), best, solved }
     }
 
     /// Updates the best impulses; returns the residual, or `None` if it meets the tolerance.
     fn left(&mut self, p: &DVector<f64>) -> Option<f64> {
-        let residual = self.cone.residual(p, self.c, self.limits);
+        let x = self.cone.targets(p, self.c);
+        let residual = self.cone.residual_at(p, &x, self.limits);
         if residual < self.solved.residual {
             self.best.copy_from(p);
             self.solved.residual = residual;
-            self.solved.floor = self.cone.floor(p, self.c, self.limits);
-            self.solved.converged = residual <= self.effort.tolerance.max(self.solved.floor);
+            self.solved.converged =
+                residual <= self.effort.tolerance || residual <= self.cone.floor_at(p, (self.c, &x), self.limits);
         }
         (!self.solved.converged).then_some(residual)
+    }
+
+    /// A Newton step; `None` if its matrix is singular.
+    fn step(&mut self, p: &DVector<f64>) -> Option<DVector<f64>> {
+        self.cone.newton(p, self.c, self.limits, (self.proximal, &mut self.known))
     }
 
     /// Newton steps while the residual decreases; returns whether the tolerance is met.
@@ -112,12 +119,12 @@ impl<'a> Search<'a> {
         let Some(mut residual) = self.left(start) else { return true };
         let mut p = start.clone();
         for _ in 0..STEPS.min(self.effort.iterations) {
-            let Some(next) = self.cone.newton(&p, self.c, self.limits, self.proximal) else { return false };
+            let Some(next) = self.step(&p) else { return false };
             self.solved.iterations += 1;
             let Some(left) = self.left(&next) else {
                 // A larger proximal term leaves an error that is within the tolerance, but not rounding.
                 if self.proximal > PROXIMAL
-                    && let Some(last) = self.cone.newton(&next, self.c, self.limits, self.proximal)
+                    && let Some(last) = self.step(&next)
                 {
                     self.left(&last);
                 }
@@ -145,7 +152,7 @@ impl<'a> Search<'a> {
             if !(residual <= FAR) {
                 return false;
             }
-            if residual <= self.effort.tolerance.max(self.cone.floor(&p, &c, self.limits)) {
+            if residual <= self.effort.tolerance || residual <= self.cone.floor(&p, &c, self.limits) {
                 let u = self.cone.velocities(&p, self.c);
                 let closing: Vec<usize> = (0..n).filter(|&i| open[i] && u[3 * i + 2] < 0.0).collect();
                 if closing.is_empty() {
@@ -346,7 +353,10 @@ impl Cone {
         search.proximal = SPRINGS;
         let on_springs = self.on_springs(SPRINGS);
         let mut springs = Search::new(&on_springs, c, limits, effort);
+        // Its matrices are those of the other search.
+        springs.proximal = 0.0;
         let mut done = springs.newton(start);
+        search.known = std::mem::take(&mut springs.known);
         done = (done || springs.solved.residual < CLOSE) && search.finish(&springs.best);
         if !done && !springs.solved.converged {
             springs.globally();
@@ -373,7 +383,8 @@ impl Cone {
     pub fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
         let shared = match self.on_springs(SOFTER).polished(&p, c, limits) {
             Some((soft, left)) if left <= TOLERANCE => {
-                (0..CORRECTIONS).try_fold(soft, |p, _| self.newton(&p, c, limits, SOFTER))
+                let mut known = Known::default();
+                (0..CORRECTIONS).try_fold(soft, |p, _| self.newton(&p, c, limits, (SOFTER, &mut known)))
             }
             // In its modes, the springs are not those of the law: contacts are at the boundary of another mode.
             _ => self.shared_at_boundary(&p, c, limits),

@@ -16,14 +16,24 @@ pub(crate) struct PathRows {
     pub rows: Range<usize>,
     /// For this path and each later one, the joint rows that both share; only those of this path without G.
     shared: Vec<Vec<Range<usize>>>,
+    /// Joint row r of the first of its rows is at `start` + r, and that of the next one `width` later: the number of
+    /// joint rows from the first to the last on the path.
+    start: usize,
+    width: usize,
+}
+
+impl PathRows {
+    /// The place of joint row zero of row `i`.
+    #[inline(always)]
+    fn at(&self, i: usize) -> usize {
+        self.start + (i - self.rows.start) * self.width
+    }
 }
 
 /// The innovations of all rows and their Gram matrix; initialized with NaN or zero.
 #[derive(Debug, Clone)]
 pub(crate) struct WhitenedRows<T> {
     pub paths: Vec<PathRows>,
-    /// The number of joint rows from the first to the last on any path: entry r of row i is at i width + r.
-    width: usize,
     /// w and w / D.
     innovations: Vec<T>,
     weighted: Vec<T>,
@@ -48,16 +58,23 @@ impl<T: Real> WhitenedRows<T> {
             others.iter().map(|(other, _)| paths[at].0.rows_shared(other, model)).collect()
         };
         let all: Vec<Vec<Vec<Range<usize>>>> = (0..paths.len()).map(shared).collect();
-        let paths: Vec<_> =
-            paths.into_iter().zip(all).map(|((path, rows), shared)| PathRows { path, rows, shared }).collect();
-        let joints = || paths.iter().flat_map(|of| &of.shared[0]);
-        let first = joints().map(|range| range.start).min().unwrap_or_default();
-        let width = joints().map(|range| range.end).max().unwrap_or_default() - first;
+        let bounds = |shared: &[Vec<Range<usize>>]| {
+            let first = shared[0].iter().map(|range| range.start).min().unwrap_or_default();
+            (first, shared[0].iter().map(|range| range.end).max().unwrap_or(first))
+        };
+        // No place is before the first one.
+        let mut end = all.iter().map(|shared| bounds(shared).0).max().unwrap_or_default();
+        let placed = paths.into_iter().zip(all).map(|((path, rows), shared)| {
+            let (first, last) = bounds(&shared);
+            let (start, width) = (end - first, last - first);
+            end += rows.len() * width;
+            PathRows { path, rows, shared, start, width }
+        });
+        let paths = placed.collect();
         Self {
             paths,
-            width,
-            innovations: vec![zero; first + m * width],
-            weighted: vec![zero; first + m * width],
+            innovations: vec![zero; end],
+            weighted: vec![zero; end],
             sizes: vec![nan; m],
             gram: vec![nan; if has_gram { m * m } else { 0 }],
         }
@@ -77,12 +94,12 @@ impl<T: Real> WhitenedRows<T> {
         scratch: &SweepScratch<T>,
         (forces, torque): (&mut [Forces<T>], &[T]),
     ) {
-        let Self { paths, innovations, weighted, sizes, width, .. } = self;
-        let PathRows { path, rows, shared } = &paths[at];
-        let (out, sizes) = (&mut innovations[rows.start * *width..], &mut sizes[rows.clone()]);
+        let Self { paths, innovations, weighted, sizes, .. } = self;
+        let of @ PathRows { path, rows, shared, start, width } = &paths[at];
+        let (out, sizes) = (&mut innovations[*start..], &mut sizes[rows.clone()]);
         innovations_along(scene, scratch, (path, rows.len()), (forces, torque), ((out, *width), sizes));
         for i in rows.clone() {
-            let (own, weighted) = (&innovations[i * *width..], &mut weighted[i * *width..]);
+            let (own, weighted) = (&innovations[of.at(i)..], &mut weighted[of.at(i)..]);
             for range in &shared[0] {
                 let measured = &scratch.measured[range.clone()];
                 for ((to, &own), m) in weighted[range.clone()].iter_mut().zip(&own[range.clone()]).zip(measured) {
@@ -96,25 +113,40 @@ impl<T: Real> WhitenedRows<T> {
     /// last. A scalar that records its operations gets no entry above the diagonal.
     #[inline(always)]
     pub fn multiply(&mut self, zero: T) {
-        let Self { paths, innovations, weighted, gram, width, sizes, .. } = self;
-        let (m, width) = (sizes.len(), *width);
+        let Self { paths, innovations, weighted, gram, sizes, .. } = self;
+        let m = sizes.len();
         for (at, first) in paths.iter().enumerate() {
             for (second, shared) in paths[at..].iter().zip(&first.shared) {
-                let mut j = second.rows.start;
+                let (mut j, widths) = (second.rows.start, [first.width, second.width]);
                 while j < second.rows.end {
                     let mut i = first.rows.start;
                     let is_three = T::IS_KNOWN && j + 3 <= second.rows.end;
                     let end = first.rows.end.min(j + if is_three { 3 } else { 1 });
                     while i < end {
-                        let (of_first, of_second) = (&weighted[i * width..], &innovations[j * width..]);
+                        let (of_first, of_second) = (&weighted[first.at(i)..], &innovations[second.at(j)..]);
                         if is_three && i + 3 <= end {
-                            block::<T, 3, 3>((of_first, of_second), (width, shared), (&mut gram[j * m + i..], m), zero);
+                            block::<T, 3, 3>(
+                                (of_first, of_second),
+                                (widths, shared),
+                                (&mut gram[j * m + i..], m),
+                                zero,
+                            );
                             i += 3;
                         } else if is_three {
-                            block::<T, 1, 3>((of_first, of_second), (width, shared), (&mut gram[j * m + i..], m), zero);
+                            block::<T, 1, 3>(
+                                (of_first, of_second),
+                                (widths, shared),
+                                (&mut gram[j * m + i..], m),
+                                zero,
+                            );
                             i += 1;
                         } else {
-                            block::<T, 1, 1>((of_first, of_second), (width, shared), (&mut gram[j * m + i..], m), zero);
+                            block::<T, 1, 1>(
+                                (of_first, of_second),
+                                (widths, shared),
+                                (&mut gram[j * m + i..], m),
+                                zero,
+                            );
                             i += 1;
                         }
                     }
@@ -127,11 +159,10 @@ impl<T: Real> WhitenedRows<T> {
     /// Adds the innovations of forces along the rows.
     #[inline(always)]
     pub fn add(&self, forces: &[T], innovations: &mut [T]) {
-        let Self { paths, innovations: w, width, .. } = self;
-        for PathRows { rows, shared, .. } in paths {
-            for i in rows.clone() {
-                let own = &w[i * *width..];
-                for range in &shared[0] {
+        for of in &self.paths {
+            for i in of.rows.clone() {
+                let own = &self.innovations[of.at(i)..];
+                for range in &of.shared[0] {
                     for (e, &own) in innovations[range.clone()].iter_mut().zip(&own[range.clone()]) {
                         *e = own.mul_add(forces[i], *e);
                     }
@@ -142,7 +173,8 @@ impl<T: Real> WhitenedRows<T> {
 
     /// w / sqrt(D) of row `i` of a path: its joint rows and their entries.
     pub fn scaled_row(&self, of: &PathRows, i: usize, measured: &[Measured<T>]) -> impl Iterator<Item = (usize, T)> {
-        let entry = move |row: usize| self.innovations[i * self.width + row] * measured[row].pivot_inverse.sqrt();
+        let own = &self.innovations[of.at(i)..];
+        let entry = move |row: usize| own[row] * measured[row].pivot_inverse.sqrt();
         of.shared[0].iter().cloned().flatten().map(move |row| (row, entry(row)))
     }
 
@@ -160,7 +192,7 @@ impl<T: Real> WhitenedRows<T> {
     /// The sum of w e / D of row `i` of a path.
     #[inline(always)]
     pub fn product(&self, of: &PathRows, i: usize, innovations: &[T], mut sum: T) -> T {
-        let own = &self.weighted[i * self.width..];
+        let own = &self.weighted[of.at(i)..];
         for range in &of.shared[0] {
             for (&own, &e) in own[range.clone()].iter().zip(&innovations[range.clone()]) {
                 sum = own.mul_add(e, sum);
@@ -172,7 +204,7 @@ impl<T: Real> WhitenedRows<T> {
     /// The sum of w e / D of row `i` of a path, and of the absolute values of its terms.
     #[inline(always)]
     pub fn times(&self, of: &PathRows, i: usize, innovations: &[T], (mut sum, mut size): (T, T)) -> (T, T) {
-        let own = &self.weighted[i * self.width..];
+        let own = &self.weighted[of.at(i)..];
         for range in &of.shared[0] {
             for (&own, &e) in own[range.clone()].iter().zip(&innovations[range.clone()]) {
                 let term = own * e;
@@ -184,13 +216,13 @@ impl<T: Real> WhitenedRows<T> {
     }
 }
 
-/// The products of `A` adjacent rows of one array and `B` of another, of this width, over ranges of columns, into the
+/// The products of `A` adjacent rows of one array and `B` of another, of these widths, over ranges of columns, into the
 /// matrix with this stride: a row per row of the second. Loops, because a closure that is not inlined is compiled for
 /// the baseline.
 #[inline(always)]
 fn block<T: Real, const A: usize, const B: usize>(
     (first, second): (&[T], &[T]),
-    (width, ranges): (usize, &[Range<usize>]),
+    ([of_first, of_second], ranges): ([usize; 2], &[Range<usize>]),
     (gram, stride): (&mut [T], usize),
     zero: T,
 ) {
@@ -198,10 +230,10 @@ fn block<T: Real, const A: usize, const B: usize>(
     for range in ranges {
         let (mut firsts, mut seconds): ([&[T]; A], [&[T]; B]) = ([&[]; A], [&[]; B]);
         for (i, to) in firsts.iter_mut().enumerate() {
-            *to = &first[i * width..][range.clone()];
+            *to = &first[i * of_first..][range.clone()];
         }
         for (i, to) in seconds.iter_mut().enumerate() {
-            *to = &second[i * width..][range.clone()];
+            *to = &second[i * of_second..][range.clone()];
         }
         for k in 0..range.len() {
             for (sums, second) in sums.iter_mut().zip(&seconds) {
