@@ -381,14 +381,15 @@ impl Cone {
     /// Impulses that satisfy the law, with the precision that rounding allows. Those of redundant contacts are otherwise
     /// those of equal springs up to the tolerance over the compliance, and each determines the rebound of its contact.
     pub fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
-        let shared = match self.on_springs(SOFTER).polished(&p, c, limits) {
-            Some((soft, left)) if left <= TOLERANCE => {
-                let mut known = Known::default();
-                (0..CORRECTIONS).try_fold(soft, |p, _| self.newton(&p, c, limits, (SOFTER, &mut known)))
-            }
-            // In its modes, the springs are not those of the law: contacts are at the boundary of another mode.
-            _ => self.shared_at_boundary(&p, c, limits),
-        };
+        let springs = self.on_springs(SOFTER);
+        let soft = springs.polished(&p, c, limits).filter(|(_, left)| *left <= TOLERANCE).map(|(soft, _)| soft);
+        let mut known = Known::default();
+        let correct = |p: DVector<f64>, _| self.newton(&p, c, limits, (SOFTER, &mut known));
+        let corrected = soft.clone().and_then(|soft| (0..CORRECTIONS).try_fold(soft, correct));
+        let modes = |of: &Self, p: &Option<DVector<f64>>| p.as_ref().map(|p| of.modes(p, c, limits));
+        // On springs, a contact slides that sticks at the boundary of its cone.
+        let is_inside = corrected.is_some() && modes(self, &corrected) == modes(&springs, &soft);
+        let shared = if is_inside { corrected } else { self.shared_at_boundary(&p, c, limits).or(corrected) };
         let most = self.residual(&p, c, limits).max(self.floor(&p, c, limits)).max(ROUNDING);
         shared.filter(|shared| self.residual(shared, c, limits) <= most).unwrap_or(p)
     }
