@@ -186,7 +186,7 @@ macro_rules! on_instruction_set {
 pub(crate) use on_instruction_set;
 
 /// Functions that are compiled for the widest instructions of this processor; see `within_target!`.
-#[cfg(any(feature = "estimation", feature = "motion"))]
+#[cfg(feature = "estimation")]
 macro_rules! within_widest {
     ($($(#[$meta:meta])* $visible:vis fn $name:ident<$life:lifetime>(
         $($argument:ident: $kind:ty),* $(,)?
@@ -209,7 +209,7 @@ macro_rules! within_widest {
         }
     )* };
 }
-#[cfg(any(feature = "estimation", feature = "motion"))]
+#[cfg(feature = "estimation")]
 pub(crate) use within_widest;
 
 /// Runs `work` with the widest instructions of this processor; without the feature `lanes`, with those that the crate

@@ -1,7 +1,6 @@
 //! Matrices whose entries are near the diagonal: an order of the unknowns for which they are, and LU with row
 //! exchanges.
 
-use crate::batch::instruction_set::within_widest;
 use std::collections::VecDeque;
 
 /// A square matrix with `width` entries on each side of the diagonal. Row exchanges of the factorization extend it to
@@ -26,7 +25,6 @@ impl Band {
         matrix
     }
 
-    #[inline(always)]
     const fn at(&self, i: usize, j: usize) -> usize {
         i * (3 * self.width + 1) + j + self.width - i
     }
@@ -39,13 +37,6 @@ impl Band {
 
     /// Replaces the matrix by its factor; returns false if it is singular.
     pub fn factorize(&mut self) -> bool {
-        let mut is_regular = false;
-        factorize(self, &mut is_regular);
-        is_regular
-    }
-
-    #[inline(always)]
-    fn eliminate(&mut self) -> bool {
         for k in 0..self.size {
             let below = (k + self.width).min(self.size - 1);
             let last = (k + 2 * self.width).min(self.size - 1);
@@ -82,11 +73,6 @@ impl Band {
 
     /// Replaces a right-hand side by the solution, after [`Band::factorize`].
     pub fn solve(&self, x: &mut [f64]) {
-        substitute(self, x);
-    }
-
-    #[inline(always)]
-    fn replace(&self, x: &mut [f64]) {
         for k in 0..self.size {
             x.swap(k, self.exchanged[k]);
             for i in k + 1..=(k + self.width).min(self.size - 1) {
@@ -99,16 +85,6 @@ impl Band {
             let products = row[1..].iter().zip(&above[1..]).map(|(entry, x)| entry * x);
             x[k] = (x[k] - products.sum::<f64>()) / row[0];
         }
-    }
-}
-
-within_widest! {
-    fn factorize<'a>(matrix: &'a mut Band, is_regular: &'a mut bool) {
-        *is_regular = matrix.eliminate();
-    }
-
-    fn substitute<'a>(matrix: &'a Band, x: &'a mut [f64]) {
-        matrix.replace(x);
     }
 }
 

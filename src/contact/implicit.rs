@@ -23,8 +23,8 @@
 //! with it ([`Turning`]). The rows of P are those of velocities that vanish, with constant A and B.
 //!
 //! On springs, a contact that sticks at the boundary of its cone slides by a velocity of the size eps: A and B of order
-//! zero do not determine the limit then. The derivatives are those on springs with a small eps
-//! ([`Cone::at_boundary`]).
+//! zero can fail to determine the limit then. The derivatives are those of sliding, and if that is singular too, those on
+//! springs with a small eps ([`Cone::at_boundary`]).
 
 use super::gram::add_rows;
 use super::held::Held;
@@ -45,6 +45,9 @@ const CORRECTIONS: usize = 3;
 /// largest free velocity.
 const STIFF: f64 = 1e-7;
 const AT_BOUNDARY: f64 = 1e-9;
+
+/// A contact that sticks is at the boundary at this distance from it, relative to its friction.
+const BESIDE: f64 = 1e-8;
 
 /// Largest number of Newton steps on these springs.
 const STIFF_STEPS: usize = 30;
@@ -116,6 +119,11 @@ pub(crate) struct LawCotangents {
 impl Cone {
     /// The mode of each contact in which its target x is.
     pub fn modes(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<Mode> {
+        self.modes_beside(p, c, limits, 0.0)
+    }
+
+    /// As [`Cone::modes`], where contacts slide that stick at this distance from the boundary, relative to the friction.
+    fn modes_beside(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits, distance: f64) -> Vec<Mode> {
         let x = self.targets(p, c);
         let of = |i: usize| {
             let least = limits.least[i];
@@ -125,7 +133,7 @@ impl Cone {
                 _ => Normal::Open,
             };
             let bound = self.friction[i] * x[3 * i + 2].max(least);
-            Mode { normal, slides: !(x[3 * i].hypot(x[3 * i + 1]) < bound) }
+            Mode { normal, slides: !(x[3 * i].hypot(x[3 * i + 1]) < bound * (1.0 - distance)) }
         };
         (0..self.len()).map(of).collect()
     }
@@ -153,14 +161,16 @@ impl Cone {
         limits: &Limits,
     ) -> Option<(Self, DVector<f64>)> {
         let (springs, mut found) = (self.on_springs(STIFF), p.clone());
+        // Rounding decides whether a contact sticks at the boundary; on springs it slides.
+        let mut modes = springs.modes_beside(&found, c, limits, BESIDE);
         for _ in 0..STIFF_STEPS {
             if springs.residual(&found, c, limits) <= springs.floor(&found, c, limits) {
                 return Some((springs, found));
             }
             // Not [`Cone::newton`], which projects onto the cones and then does not converge for some contacts.
-            let modes = springs.modes(&found, c, limits);
             let defect = springs.defect_in(&modes, &found, c, limits);
             found -= springs.linearized(&modes, &found, c).matrix.lu().solve(&defect)?;
+            modes = springs.modes(&found, c, limits);
         }
         None
     }
@@ -290,6 +300,12 @@ impl Linearization {
             own += b * (part * self.spring);
         }
         matrix
+    }
+
+    /// True if the equations determine the impulses.
+    pub fn is_regular(&self) -> bool {
+        let ones = DVector::from_element(self.impulses.len(), 1.0);
+        self.cotangents(&ones).is_some_and(|of| of.turning.is_none())
     }
 
     /// As [`Linearization::cotangents`] if the impulses are unique.

@@ -38,7 +38,7 @@ mod tests;
 pub(crate) use energy::{Impact, expansion_kept, impact, passive};
 pub(crate) use gram::{Gram, RowPattern};
 pub(crate) use groups::Cones;
-pub(crate) use implicit::{LawCotangents, Turning};
+pub(crate) use implicit::{LawCotangents, Mode, Turning};
 pub use law::ContactState;
 pub(crate) use law::{Cone, Limits};
 pub(crate) use relaxed::Relaxation;

@@ -389,7 +389,15 @@ impl Cone {
         let modes = |of: &Self, p: &Option<DVector<f64>>| p.as_ref().map(|p| of.modes(p, c, limits));
         // On springs, a contact slides that sticks at the boundary of its cone.
         let is_inside = corrected.is_some() && modes(self, &corrected) == modes(&springs, &soft);
-        let shared = if is_inside { corrected } else { self.shared_at_boundary(&p, c, limits).or(corrected) };
+        let at_boundary = || {
+            self.shared_at_boundary(&p, c, limits).or_else(|| {
+                let springs = self.on_springs(SPRINGS);
+                let mut search = Search::new(&springs, c, limits, Effort::default());
+                search.globally();
+                self.shared_at_boundary(&search.best, c, limits)
+            })
+        };
+        let shared = if is_inside { corrected } else { at_boundary().or(corrected) };
         let most = self.residual(&p, c, limits).max(self.floor(&p, c, limits)).max(ROUNDING);
         shared.filter(|shared| self.residual(shared, c, limits) <= most).unwrap_or(p)
     }

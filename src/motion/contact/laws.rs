@@ -16,7 +16,7 @@ use super::super::scratch::Scratch;
 use super::at::{At, Moved};
 use super::faults::named;
 use super::record::{Laws, StepRecord};
-use crate::contact::{Cone, LawCotangents, Limits, Turning};
+use crate::contact::{Cone, LawCotangents, Limits, Mode, Turning};
 use crate::error::Error;
 use nalgebra::DVector;
 use std::borrow::Cow;
@@ -44,12 +44,13 @@ pub(super) struct Chain {
     pub energy: Vec<f64>,
 }
 
-/// A solve of the law, to rounding in its modes; on stiff springs if redundant contacts are at a boundary of their modes.
+/// A solve of the law, to rounding in its modes. At a boundary of redundant contacts, these are the modes on stiff
+/// springs; the contacts themselves are on springs if their equations are singular without.
 struct Solved<'a> {
     cone: Cow<'a, Cone>,
     impulses: DVector<f64>,
+    modes: Vec<Mode>,
     c: DVector<f64>,
-    limits: Limits,
 }
 
 /// An impact.
@@ -236,11 +237,16 @@ impl<'a> Hit<'a> {
 impl<'a> Solved<'a> {
     fn new(cone: &'a Cone, p: &DVector<f64>, (c, limits): (&DVector<f64>, Limits)) -> Self {
         let p = cone.polished(p, c, &limits).map_or_else(|| p.clone(), |(p, _)| p);
-        let (cone, impulses) = match cone.at_boundary(&p, c, &limits) {
-            Some((springs, p)) => (Cow::Owned(springs), p),
-            None => (Cow::Borrowed(cone), p),
+        let springs = cone.at_boundary(&p, c, &limits);
+        let on = springs.as_ref().map_or((cone, &p), |(springs, p)| (springs, p));
+        let modes = on.0.modes(on.1, c, &limits);
+        let (cone, impulses) = match springs {
+            Some((springs, on_springs)) if !cone.linearized(&modes, &p, c).is_regular() => {
+                (Cow::Owned(springs), on_springs)
+            }
+            _ => (Cow::Borrowed(cone), p),
         };
-        Self { cone, impulses, c: c.clone(), limits }
+        Self { cone, impulses, modes, c: c.clone() }
     }
 
     /// The cotangents of the data of the solve for a cotangent `bar` of its impulses.
@@ -249,8 +255,8 @@ impl<'a> Solved<'a> {
         (at, near): (&At<'_>, &[usize]),
         bar: &DVector<f64>,
     ) -> Result<LawCotangents, (String, Error)> {
-        let Self { cone, impulses, c, limits } = self;
-        let linear = cone.linearized(&cone.modes(impulses, c, limits), impulses, c);
+        let Self { cone, impulses, modes, c } = self;
+        let linear = cone.linearized(modes, impulses, c);
         let of = match cone {
             Cow::Owned(_) => linear.cotangents_of_unique(bar),
             Cow::Borrowed(_) => linear.cotangents(bar),
