@@ -70,7 +70,8 @@ impl Scene {
                 of_all_bodies(model, workspace, what, state, out);
             }
         };
-        match self.coupling() {
+        // Without a row or column per degree of freedom the result is that of the tree.
+        match self.coupling().filter(|_| what.width(model.nv()) != out.len()) {
             Some(coupling) => {
                 let mut of_tree = vec![f64::NAN; what.width(model.nv())];
                 compute(&mut of_tree);

@@ -142,12 +142,8 @@ impl Coupled<'_, '_> {
         let (coupling, tree) = (self.coupling, self.coupling.tree());
         let mut results = vec![Traced::from_f64(f64::NAN); function.width(tree)];
         function.trace()(self.tracer, arguments, &mut results);
-        let (mut rest, mut all) = (&results[..], Vec::new());
-        for (array, &of_table) in function.results(tree).iter().zip(function.table_results()) {
-            let (of_tree, others) = rest.split_at(array.width());
-            coupling.reduced(of_table, false, of_tree, &mut all);
-            rest = others;
-        }
+        let mut all = Vec::new();
+        coupling.reduced_all(function.table_results(), (&tree.sizes(), false), &results, &mut all);
         all
     }
 }

@@ -382,13 +382,16 @@ impl Cone {
     /// those of equal springs up to the tolerance over the compliance, and each determines the rebound of its contact.
     pub fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
         let springs = self.on_springs(SOFTER);
-        let soft = springs.polished(&p, c, limits).filter(|(_, left)| *left <= TOLERANCE).map(|(soft, _)| soft);
-        let mut known = Known::default();
-        let correct = |p: DVector<f64>, _| self.newton(&p, c, limits, (SOFTER, &mut known));
-        let corrected = soft.clone().and_then(|soft| (0..CORRECTIONS).try_fold(soft, correct));
-        let modes = |of: &Self, p: &Option<DVector<f64>>| p.as_ref().map(|p| of.modes(p, c, limits));
-        // On springs, a contact slides that sticks at the boundary of its cone.
-        let is_inside = corrected.is_some() && modes(self, &corrected) == modes(&springs, &soft);
+        let soft = springs.polished(&p, c, limits).filter(|(_, left)| *left <= TOLERANCE);
+        let corrected = soft.and_then(|(soft, _)| {
+            let mut known = Known::default();
+            let correct = |p: DVector<f64>, _| self.newton(&p, c, limits, (SOFTER, &mut known));
+            let on_springs = springs.modes(&soft, c, limits);
+            let p = (0..CORRECTIONS).try_fold(soft, correct)?;
+            // On springs, a contact slides that sticks at the boundary of its cone.
+            let is_inside = self.modes(&p, c, limits) == on_springs;
+            Some((p, is_inside))
+        });
         let at_boundary = || {
             self.shared_at_boundary(&p, c, limits).or_else(|| {
                 let springs = self.on_springs(SPRINGS);
@@ -397,7 +400,10 @@ impl Cone {
                 self.shared_at_boundary(&search.best, c, limits)
             })
         };
-        let shared = if is_inside { corrected } else { at_boundary().or(corrected) };
+        let shared = match corrected {
+            Some((p, true)) => Some(p),
+            corrected => at_boundary().or(corrected.map(|(p, _)| p)),
+        };
         let most = self.residual(&p, c, limits).max(self.floor(&p, c, limits)).max(ROUNDING);
         shared.filter(|shared| self.residual(shared, c, limits) <= most).unwrap_or(p)
     }

@@ -43,7 +43,7 @@ const ROWS: [&str; 6] = [
 
 impl Pair {
     /// The names of the scalar rows, in their order.
-    pub fn rows(self) -> &'static [&'static str] {
+    pub fn row_names(self) -> &'static [&'static str] {
         match self {
             Self::Point => &ROWS[3..],
             Self::Axis => &[ROWS[0], ROWS[1], ROWS[3], ROWS[4], ROWS[5]],

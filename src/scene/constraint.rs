@@ -118,16 +118,16 @@ pub(crate) struct Constraint {
 
 impl Constraint {
     /// The names of its rows.
-    pub fn names(&self) -> &'static [&'static str] {
+    pub fn row_names(&self) -> &'static [&'static str] {
         match self.tie {
-            Tie::Frames { pair, .. } => pair.rows(),
+            Tie::Frames { pair, .. } => pair.row_names(),
             Tie::Coordinates(_) => &["coordinate"],
         }
     }
 
     /// Its rows among the rows of all connections.
     pub fn rows(&self) -> Range<usize> {
-        self.first_row..self.first_row + self.names().len()
+        self.first_row..self.first_row + self.row_names().len()
     }
 
     /// The degrees of freedom that move its rows: J is zero in the columns of all others.

@@ -266,11 +266,9 @@ impl Coupling {
             }
             [Axis::Fixed(rows), Axis::Velocities, Axis::Velocities] => {
                 out.resize(start + rows * nv * nv, T::zero());
-                for k in 0..*rows {
-                    self.reduce_matrix(
-                        &x[k * x.len() / rows..][..x.len() / rows],
-                        &mut out[start + k * nv * nv..][..nv * nv],
-                    );
+                let of_tree = x.chunks_exact((x.len() / rows).max(1));
+                for (x, out) in of_tree.zip(out[start..].chunks_exact_mut((nv * nv).max(1))) {
+                    self.reduce_matrix(x, out);
                 }
             }
             _ => out.extend_from_slice(x),

@@ -101,7 +101,7 @@ impl Scene {
             "connection {:?}, row {row} ({}): {about}, and the row counts as dependent on others (tolerance {:.1e}); \
              {} uses the dimensions as given",
             constraint.name,
-            constraint.names()[row],
+            constraint.row_names()[row],
             self.tolerance(),
             in_language("SceneBuilder::strict(true)", "SceneBuilder.build(strict=True)"),
         ))

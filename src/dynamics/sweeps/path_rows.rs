@@ -124,29 +124,15 @@ impl<T: Real> WhitenedRows<T> {
                     let end = first.rows.end.min(j + if is_three { 3 } else { 1 });
                     while i < end {
                         let (of_first, of_second) = (&weighted[first.at(i)..], &innovations[second.at(j)..]);
+                        let (both, to) = ((of_first, of_second), (&mut gram[j * m + i..], m));
                         if is_three && i + 3 <= end {
-                            block::<T, 3, 3>(
-                                (of_first, of_second),
-                                (widths, shared),
-                                (&mut gram[j * m + i..], m),
-                                zero,
-                            );
+                            block::<T, 3, 3>(both, (widths, shared), to, zero);
                             i += 3;
                         } else if is_three {
-                            block::<T, 1, 3>(
-                                (of_first, of_second),
-                                (widths, shared),
-                                (&mut gram[j * m + i..], m),
-                                zero,
-                            );
+                            block::<T, 1, 3>(both, (widths, shared), to, zero);
                             i += 1;
                         } else {
-                            block::<T, 1, 1>(
-                                (of_first, of_second),
-                                (widths, shared),
-                                (&mut gram[j * m + i..], m),
-                                zero,
-                            );
+                            block::<T, 1, 1>(both, (widths, shared), to, zero);
                             i += 1;
                         }
                     }

@@ -238,8 +238,8 @@ impl<'a> Solved<'a> {
     fn new(cone: &'a Cone, p: &DVector<f64>, (c, limits): (&DVector<f64>, Limits)) -> Self {
         let p = cone.polished(p, c, &limits).map_or_else(|| p.clone(), |(p, _)| p);
         let springs = cone.at_boundary(&p, c, &limits);
-        let on = springs.as_ref().map_or((cone, &p), |(springs, p)| (springs, p));
-        let modes = on.0.modes(on.1, c, &limits);
+        let (of, at) = springs.as_ref().map_or((cone, &p), |(springs, p)| (springs, p));
+        let modes = of.modes(at, c, &limits);
         let (cone, impulses) = match springs {
             Some((springs, on_springs)) if !cone.linearized(&modes, &p, c).is_regular() => {
                 (Cow::Owned(springs), on_springs)
