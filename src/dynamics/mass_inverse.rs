@@ -12,7 +12,7 @@ use crate::filter::pivots::PivotMonitor;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::{Symmetric6, dot, scaled_add, zero};
-use crate::workspace::Workspace;
+use crate::workspace::{Made, Workspace};
 use nalgebra::Vector6;
 
 /// Scratch of the closed form, for the columns in `C`.
@@ -75,14 +75,14 @@ pub fn mass_matrix_inverse<T: Real>(
     out: &mut [T],
 ) -> PivotMonitor<T> {
     let monitor = factorise(model, workspace, q);
-    if !(workspace.form == Form::Auto && monitor.of_roots && doubled(model, q, out)) {
+    if !(workspace.form == Form::Auto && monitor.of_roots && doubled((model, &mut workspace.wide), q, out)) {
         closed_form(model, workspace, scratch, out);
     }
     monitor
 }
 
 /// M^-1 in double-double arithmetic, see [`DoubleDoubleState::recompute`].
-fn doubled<T: Real>(model: &Model<T>, q: &[T], out: &mut [T]) -> bool {
+fn doubled<T: Real>(model: (&Model<T>, &mut Made), q: &[T], out: &mut [T]) -> bool {
     DoubleDoubleState::recompute(model, (q, &[], &[]), &[], out, |wide, out| {
         let DoubleDoubleState { model, workspace, q, .. } = wide;
         mass_matrix_inverse(model, workspace, &mut InverseScratch::new(model), q, out);

@@ -12,7 +12,7 @@ use crate::kinematics::propagation::inward_along_path;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
 use crate::spatial::{RigidShift, Symmetric6, dot};
-use crate::workspace::Workspace;
+use crate::workspace::{Made, Workspace};
 use nalgebra::{Matrix6, Vector6};
 
 /// Pairs of frames between checks for interruption.
@@ -65,7 +65,7 @@ pub fn operational_inverse_inertia<T: Real>(
     let lambda = &mut scratch.co_state_covariance;
     let SweepScratch { shifts, measured, .. } = &workspace.store;
     co_state_covariances(&model.system, (shifts, measured), lambda, |_, _, _| {});
-    if is_in_doubt && doubled(model, q, frames, out) {
+    if is_in_doubt && doubled((model, &mut workspace.wide), q, frames, out) {
         return monitor;
     }
     let width = 6 * frames.len();
@@ -88,7 +88,7 @@ pub fn operational_inverse_inertia<T: Real>(
 }
 
 /// The same in double-double arithmetic, see [`DoubleDoubleState::recompute`].
-fn doubled<T: Real>(model: &Model<T>, q: &[T], frames: &[Frame<T>], out: &mut [T]) -> bool {
+fn doubled<T: Real>(model: (&Model<T>, &mut Made), q: &[T], frames: &[Frame<T>], out: &mut [T]) -> bool {
     let narrow = |RigidShift { rotation, lever }: &RigidShift<T>| RigidShift {
         rotation: rotation.map(|x| x.lane(0)),
         lever: lever.map(|x| x.lane(0)),

@@ -8,7 +8,7 @@ use crate::filter::pivots::PivotMonitor;
 use crate::filter::rounding::{ROUNDING_MARGIN, Rounding};
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
-use crate::workspace::Workspace;
+use crate::workspace::{Made, Workspace};
 use nalgebra::Vector6;
 use std::any::Any;
 
@@ -72,12 +72,13 @@ pub fn forward_dynamics_square_root<T: Real>(
     if is_accepted {
         return unrefined((!clear).then_some(rounding));
     }
-    let refined = DoubleDoubleState::recompute(model, (q, qd, tau), wrenches, qdd, |wide, qdd| {
-        let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
-        let (scene, store) = workspace.passes(model);
-        general::forward_dynamics_by_roots(scene, store, (q, qd, tau), wrenches, qdd);
-        true
-    });
+    let refined =
+        DoubleDoubleState::recompute((model, &mut workspace.wide), (q, qd, tau), wrenches, qdd, |wide, qdd| {
+            let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
+            let (scene, store) = workspace.passes(model);
+            general::forward_dynamics_by_roots(scene, store, (q, qd, tau), wrenches, qdd);
+            true
+        });
     workspace.tally.refined += usize::from(refined);
     workspace.tally.unresolved += usize::from(!refined);
     if refined {
@@ -106,42 +107,93 @@ pub(super) struct DoubleDoubleState {
 }
 
 impl DoubleDoubleState {
-    /// None if the scalar is not f64, or the inertia of a body has no root.
-    pub fn of<T: Real>(model: &Model<T>, state: (&[T], &[T], &[T]), wrenches: &[Vector6<T>]) -> Option<Self> {
-        // Scalars that hold more than a value, such as dual numbers, would lose the rest.
-        let model = (model as &dyn Any).downcast_ref::<Model<f64>>()?;
-        if model.inertia_roots.iter().any(Option::is_none) {
-            return None;
-        }
-        let widened = |x: T| DoubleDouble::from_f64(x.lane(0));
+    fn of(model: &Model<f64>) -> Self {
         let model: Model<DoubleDouble> = model.cast();
-        Some(Self {
-            workspace: Workspace::new(&model).in_form(Form::SquareRoot),
-            model,
-            q: DoubleDouble::each_of(state.0),
-            qd: DoubleDouble::each_of(state.1),
-            tau: DoubleDouble::each_of(state.2),
-            wrenches: wrenches.iter().map(|wrench| wrench.map(widened)).collect(),
-        })
+        let workspace = Workspace::new(&model).in_form(Form::SquareRoot);
+        Self { model, workspace, q: Vec::new(), qd: Vec::new(), tau: Vec::new(), wrenches: Vec::new() }
     }
-    /// Computes a result in double-double arithmetic and square-root form, and rounds it into `out`. False, with `out`
-    /// unchanged, if the scalar is not f64, a body has no root, `compute` fails, or a value is not finite.
+
+    /// Computes with a state in double-double arithmetic; its bodies, which take longer to widen than a sweep, are
+    /// `kept`. False if the scalar is not f64, the inertia of a body has no root, or `compute` fails.
     #[cold]
+    pub fn with<T: Real>(
+        (model, kept): (&Model<T>, &mut Made),
+        (q, qd, tau): (&[T], &[T], &[T]),
+        wrenches: &[Vector6<T>],
+        compute: impl FnOnce(&mut Self) -> bool,
+    ) -> bool {
+        // Scalars that hold more than a value, such as dual numbers, would lose the rest.
+        let Some(model) = (model as &dyn Any).downcast_ref::<Model<f64>>() else { return false };
+        if model.inertia_roots.iter().any(Option::is_none) {
+            return false;
+        }
+        let mut made = kept.take(model.identity(), || Self::of(model));
+        let wide = &mut made.1;
+        wide.model.system.noise = DoubleDouble::each_of(&model.system.noise);
+        wide.model.gravity = model.gravity.map(DoubleDouble::from_f64);
+        wide.model.simplifications = model.simplifications;
+        [wide.q, wide.qd, wide.tau] = [q, qd, tau].map(DoubleDouble::each_of);
+        wide.wrenches = wrenches.iter().map(|wrench| wrench.map(|x| DoubleDouble::from_f64(x.lane(0)))).collect();
+        let done = compute(wide);
+        kept.keep(made);
+        done
+    }
+
+    /// Computes a result in double-double arithmetic and square-root form, and rounds it into `out`. False, with `out`
+    /// unchanged, if [`with`](Self::with) fails, or a value is not finite.
     pub fn recompute<T: Real>(
-        model: &Model<T>,
+        model: (&Model<T>, &mut Made),
         state: (&[T], &[T], &[T]),
         wrenches: &[Vector6<T>],
         out: &mut [T],
         compute: impl FnOnce(&mut Self, &mut [DoubleDouble]) -> bool,
     ) -> bool {
-        let Some(mut wide) = Self::of(model, state, wrenches) else { return false };
-        let mut found = vec![DoubleDouble::from_f64(f64::NAN); out.len()];
-        if !compute(&mut wide, &mut found) || !found.iter().all(|x| x.high.is_finite()) {
-            return false;
+        Self::with(model, state, wrenches, |wide| {
+            let mut found = vec![DoubleDouble::from_f64(f64::NAN); out.len()];
+            let done = compute(wide, &mut found) && found.iter().all(|x| x.high.is_finite());
+            if done {
+                narrow(&found, out);
+            }
+            done
+        })
+    }
+}
+
+/// Rounds every value.
+pub(super) fn narrow<T: Real>(from: &[DoubleDouble], to: &mut [T]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = T::from_f64(from.high);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenes;
+
+    /// The kept bodies are those of the model, and its noise, gravity and state are those of the call.
+    #[test]
+    fn a_workspace_recomputes_one_state_after_another() {
+        let case = scenes::extreme("heavy-tip", Some(1e6), None, 0).expect("a scene");
+        let mut model = case.scene.model().clone();
+        let nv = model.nv();
+        let mut again = Workspace { tolerance: Some(1e-15), ..Workspace::new(&model) };
+        let mut results = Vec::new();
+        for round in 0..3 {
+            let wave = |scale: f64| -> Vec<f64> { (1_u32..).take(nv).map(|i| (scale * f64::from(i)).sin()).collect() };
+            let (q, qd, tau) = (wave(1.7 + f64::from(round)), wave(2.3), wave(0.9));
+            model.system.noise.fill(0.1 * f64::from(round));
+            model.gravity.fill(f64::from(round));
+            let mut new = Workspace { tolerance: Some(1e-15), ..Workspace::new(&model) };
+            let [first, second] = [&mut again, &mut new].map(|workspace| {
+                let (mut qdd, before) = (vec![f64::NAN; nv], workspace.tally.refined);
+                forward_dynamics_square_root(&model, workspace, &q, &qd, &tau, &[], &mut qdd);
+                assert_eq!(workspace.tally.refined, before + 1);
+                qdd
+            });
+            assert_eq!(first, second);
+            assert!(!results.contains(&first) && first.iter().all(|x| x.is_finite()));
+            results.push(first);
         }
-        for (to, from) in out.iter_mut().zip(&found) {
-            *to = T::from_f64(from.high);
-        }
-        true
     }
 }

@@ -133,6 +133,8 @@ pub struct Workspace<T: Real> {
     pub(crate) kernels: OwnKernels,
     /// For a scene with mimic joints, the evaluator without gravity; none until it is created.
     pub(crate) weightless: Made,
+    /// The model and the scratch in double-double arithmetic; none until a state needs them.
+    pub(crate) wide: Made,
 }
 
 impl<T: Real> Workspace<T> {
@@ -176,6 +178,7 @@ impl<T: Real> Workspace<T> {
             connected_products: Made::default(),
             kernels: OwnKernels::default(),
             weightless: Made::default(),
+            wide: Made::default(),
         }
     }
 

@@ -27,6 +27,8 @@ const FIRST: f64 = 1e-2;
 const SHORTEST: f64 = 1e-7;
 /// The same for an event whose estimated error exceeds the bound.
 const SHORTEST_EXACT: f64 = 1e-10;
+/// The largest ratio of the lengths of two substeps.
+const LONGER: f64 = 5.0;
 /// Length of substeps in which a joint returns from outside of its stops, s; each of them is an event.
 const RETURNING: f64 = 5e-4;
 /// With error control, the largest number of substeps of a step.
@@ -269,7 +271,7 @@ impl Substeps {
                 left = if is_last { 0.0 } else { left - part };
                 let longer = 0.9 * (accuracy / error.max(1e-300)).powf(1.0 / (order + 1.0));
                 // A substep that is cut short by the end of the step does not shorten the next one.
-                length = if is_last { length.max(part * longer.min(5.0)) } else { part * longer.clamp(0.3, 5.0) };
+                length = if is_last { length.max(part * longer.min(LONGER)) } else { part * longer.clamp(0.3, LONGER) };
                 continue;
             }
             s.totals = totals;
@@ -314,13 +316,12 @@ impl Substeps {
                 made += 1.0;
                 left = if is_last { 0.0 } else { left - part };
                 // The error of an event is of second order.
-                let longer = part * (0.9 * (accuracy / error.max(1e-300)).sqrt()).min(5.0);
-                length = if !lasts {
-                    FIRST
-                } else if is_last {
-                    length.max(longer)
-                } else {
-                    longer
+                let longer = part * (0.9 * (accuracy / error.max(1e-300)).sqrt()).min(LONGER);
+                let next = if is_last { length.max(longer) } else { longer };
+                length = match (lasts, returns) {
+                    (_, true) => next.max(FIRST).min(RETURNING / settings.step),
+                    (true, false) => next,
+                    (false, false) => FIRST,
                 };
                 continue;
             }

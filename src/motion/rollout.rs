@@ -20,6 +20,7 @@ use crate::batch::{Batch, Fault, Pool, SLICE};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::{Error, in_language};
 use crate::filter::Form;
+use crate::filter::tolerance::Tolerance;
 use crate::joints::JointKind;
 use crate::scene::Scene;
 use crate::{interrupt, memory};
@@ -95,6 +96,9 @@ fn check_options(holds: &Scene, settings: &Settings) -> Result<(), Error> {
     Ok(())
 }
 
+/// The accepted error of accelerations, relative to the largest, as a share of that of a substep.
+const SOLVED: f64 = 1e-4;
+
 /// Threads receive multiples of this number of states, which is at least the number of lanes of every instruction set.
 pub(super) const GRAIN: usize = 16;
 
@@ -156,7 +160,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let has_models = !settings.properties.are_of_all(nv);
         let properties = if has_models { settings.properties.largest(nv) } else { settings.properties.clone() };
         let gains = settings.gains.clone();
-        let given = Arc::new(Settings { gains: None, wrenches: None, ..settings });
+        let usual = Tolerance { given: None, rows: holds.model().longest_path() }.of_covariance(f64::EPSILON);
+        let of_control = settings.accuracy.map(|accuracy| SOLVED * accuracy).filter(|bound| *bound > usual);
+        let tolerance = settings.tolerance.or(of_control);
+        let given = Arc::new(Settings { gains: None, wrenches: None, tolerance, ..settings });
         let of_steps = |touches: bool| {
             step_settings(holds, &given, (properties.clone(), gains.clone(), coupling.clone()), (q, touches))
         };

@@ -31,7 +31,8 @@ pub struct Settings {
     /// pivots and takes less time.
     pub form: Form,
     /// Largest estimated error of an acceleration that form `auto` accepts, relative to the largest acceleration;
-    /// `None` for the default of [`Workspace::tolerance`](crate::Workspace::tolerance).
+    /// `None` for the default of [`Workspace::tolerance`](crate::Workspace::tolerance), with error control at least
+    /// 1e-4 times `accuracy`.
     pub tolerance: Option<f64>,
     /// Armature, damping, springs and friction of the joints.
     pub properties: Properties,

@@ -93,7 +93,7 @@ impl PyScene {
     /// form : {"auto", "covariance"}, default "auto"
     ///     "auto" recomputes steps whose error estimate exceeds the tolerance; "covariance" checks the pivots only.
     /// tolerance : float, optional
-    ///     As in forward_dynamics.
+    ///     As in forward_dynamics; with accuracy, the default is at least 1e-4 times accuracy.
     /// progress : callable, optional
     ///     Function of (steps done, steps), called at most 20 times per second.
     #[doc = entries!(compliance)]

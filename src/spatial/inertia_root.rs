@@ -170,14 +170,17 @@ impl BodyRoot<f64> {
 /// B and C: w x `I_c` w as a linear map of the products of w, multiplied by the inverse of `L_c`. For a zero weight,
 /// the row of B must vanish; the remainder is part of C.
 fn spin_of<T: Real>(central: &Matrix3<T>, weights: &Vector3<T>) -> (Matrix3x6<T>, Matrix3x6<T>) {
-    let (zero, one) = (T::zero(), T::one());
+    let zero = T::zero();
     let inertia = central * Matrix3::from_diagonal(weights) * central.transpose();
-    // A quadratic form, column by column; e_i + e_j gives the mixed products.
-    let form = |w: Vector3<T>| cross(&w, &(inertia * w));
-    let axis = |i: usize| Vector3::ith(i, one);
-    let mixed = |i: usize, j: usize| form(axis(i) + axis(j)) - form(axis(i)) - form(axis(j));
-    let columns = [form(axis(0)), form(axis(1)), form(axis(2)), mixed(0, 1), mixed(0, 2), mixed(1, 2)];
-    let gyroscopic = Matrix3x6::from_columns(&columns);
+    let [x, y, z] = [inertia[(0, 0)], inertia[(1, 1)], inertia[(2, 2)]];
+    let [xy, xz, yz] = [inertia[(0, 1)], inertia[(0, 2)], inertia[(1, 2)]];
+    // w x I w in the products of w: squares, then xy, xz, yz.
+    #[rustfmt::skip]
+    let gyroscopic = Matrix3x6::new(
+        zero, yz, -yz, xz, -xy, z - y,
+        -xz, zero, xz, -yz, x - z, xy,
+        xy, -xy, zero, y - x, yz, -xz,
+    );
     let mut spin = gyroscopic;
     for i in 1..3 {
         for j in 0..i {

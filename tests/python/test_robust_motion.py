@@ -245,6 +245,21 @@ def test_a_start_far_outside_of_a_limit_is_not_accelerated_beyond_reason() -> No
     assert path.energy().kinetic.max() < 10.0 * np.ptp(path.energy().potential)
 
 
+@pytest.mark.filterwarnings("ignore::phipsi.errors.LimitWarning")
+def test_the_accuracy_determines_the_substeps_in_which_a_joint_returns() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("block", 2.0).link("rod", 1.0, (0, 0, -0.5), np.diag([0.08, 0.08, 0.001]))
+    builder.joint("slide", "prismatic", "base", "block", axis=(1, 0, 0), lower=0.0)
+    scene = builder.joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0)).build()
+    alone = pendulum().simulate([1.0], [0.0], dt=1e-3, steps=200, accuracy=1e-11).q[:, 0]
+    runs = {accuracy: scene.simulate([-1.0, 1.0], [0.0, 0.0], dt=1e-3, steps=200, accuracy=accuracy) for accuracy in (1e-6, 1e-8)}
+    for accuracy, path in runs.items():
+        assert np.all(path.q[1:, 0] < 0.0) and path.q[-1, 0] > -0.9
+        assert np.max(np.abs(path.q[:, 1] - alone)) <= path.estimated_error
+        # Each is a step of order 1, with an error of h^2 times the acceleration of at most 20 m/s^2.
+        assert path.substeps <= 1.5e-3 / np.sqrt(accuracy / 20.0) + 4
+    assert runs[1e-6].substeps < runs[1e-8].substeps
+
+
 PRINCIPAL = np.array([0.2, 0.3, 0.4])
 
 

@@ -183,3 +183,16 @@ def test_compiled_functions_hand_over_by_their_tolerance(tmp_path: object) -> No
         expected = case.scene.forward_dynamics(q, qd, tau, tolerance=tolerance)
         largest = np.max(np.abs(expected))
         assert np.max(np.abs(robot.forward_dynamics(q, qd, tau) - expected)) <= (1e-6 if tolerance else 1e-13) * largest
+
+
+@pytest.mark.parametrize(("accuracy", "tolerance"), [(1e-6, 1e-10), (1e-9, 1e-13)])
+def test_error_control_accepts_accelerations_as_exact_as_its_substeps_need(accuracy: float, tolerance: float) -> None:
+    case = scenes.extreme("heavy-tip", 1e3)
+
+    def end(**given: float) -> np.ndarray:
+        return case.scene.simulate(case.q, case.qd, dt=0.01, steps=20, accuracy=accuracy, **given).q[-1]
+
+    usual, exact = end(), end(tolerance=1e-15)
+    np.testing.assert_array_equal(usual, end(tolerance=tolerance))
+    assert np.any(usual != exact)
+    assert np.max(np.abs(usual - exact)) <= accuracy

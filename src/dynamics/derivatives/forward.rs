@@ -15,7 +15,7 @@ use crate::joints::vectors::{triple, write};
 use crate::model::Model;
 use crate::scalar::{Real, larger, largest_of};
 use crate::spatial::skew;
-use crate::workspace::Workspace;
+use crate::workspace::{Made, Workspace};
 use nalgebra::{Vector3, Vector6};
 
 /// -M^-1 dtau/dq, -M^-1 dtau/dqd and M^-1: the derivatives of [`forward_dynamics`](crate::dynamics::forward_dynamics)
@@ -45,7 +45,8 @@ pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
     let monitor = accelerations(model, workspace, &mut acceleration, state, wrenches);
     let lost = workspace.lost_pivot(model, &monitor);
     let is_auto = workspace.form == Form::Auto;
-    let is_done = lost.is_some() || is_auto && monitor.of_roots && doubled(model, state, wrenches, out);
+    let is_done =
+        lost.is_some() || is_auto && monitor.of_roots && doubled((model, &mut workspace.wide), state, wrenches, out);
     let mut cancels = false;
     if !is_done {
         let (q, qd, _) = state;
@@ -64,7 +65,7 @@ pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
     }
     if is_auto && cancels {
         // If there is no wider model, the result is kept.
-        doubled(model, state, wrenches, out);
+        doubled((model, &mut workspace.wide), state, wrenches, out);
     }
     Ok(())
 }
@@ -126,7 +127,12 @@ fn columns<T: Real<Parameter = T>>(
 }
 
 /// The derivatives of forward dynamics in double-double arithmetic, see [`DoubleDoubleState::recompute`].
-fn doubled<T: Real>(model: &Model<T>, state: (&[T], &[T], &[T]), wrenches: &[Vector6<T>], out: &mut [T]) -> bool {
+fn doubled<T: Real>(
+    model: (&Model<T>, &mut Made),
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    out: &mut [T],
+) -> bool {
     DoubleDoubleState::recompute(model, state, wrenches, out, |wide, out| {
         let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
         let scratch = &mut DerivativeScratch::new(model);

@@ -13,7 +13,7 @@ use crate::kinematics::coordinate_rates;
 use crate::model::Model;
 use crate::scalar::{DoubleDouble, Dual, Real, larger};
 use crate::spatial::RigidShift;
-use crate::workspace::Workspace;
+use crate::workspace::{Made, Workspace};
 use nalgebra::{Vector3, Vector6};
 
 /// Scratch of these products: a model in dual numbers, and a state; initialized with NaN.
@@ -168,14 +168,14 @@ pub fn forward_dynamics_hvp(
     let is_in_doubt = product((model, workspace, scratch), state, wrenches, (cotangent, direction), out)?;
     if is_in_doubt {
         // If there is no wider model, the result is kept.
-        doubled(model, state, wrenches, (cotangent, direction), out);
+        doubled((model, &mut workspace.wide), state, wrenches, (cotangent, direction), out);
     }
     Ok(())
 }
 
 /// The product in double-double arithmetic, see [`DoubleDoubleState::recompute`].
 fn doubled(
-    model: &Model<f64>,
+    (model, kept): (&Model<f64>, &mut Made),
     state: (&[f64], &[f64], &[f64]),
     wrenches: &[Vector6<f64>],
     (cotangent, direction): (&[f64], [&[f64]; 3]),
@@ -184,7 +184,7 @@ fn doubled(
     let mut scratch = HessianScratch::new(model);
     let all = |numbers: &[f64]| -> Vec<_> { numbers.iter().map(|&x| DoubleDouble::from_f64(x)).collect() };
     let (cotangent, [dq, dqd, dtau]) = (all(cotangent), direction.map(all));
-    DoubleDoubleState::recompute(model, state, wrenches, out, |wide, out| {
+    DoubleDoubleState::recompute((model, kept), state, wrenches, out, |wide, out| {
         let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
         let along = (&cotangent[..], [&dq[..], &dqd[..], &dtau[..]]);
         product((model, workspace, &mut scratch), (q, qd, tau), wrenches, along, out).is_ok()

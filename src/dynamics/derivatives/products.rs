@@ -5,7 +5,7 @@ use super::adjoint::{self, CoStates, Constants};
 use super::forward::accelerations;
 use super::tangent::{self, Changes, Directions};
 use crate::dynamics::forces::Motion;
-use crate::dynamics::refined::DoubleDoubleState;
+use crate::dynamics::refined::{DoubleDoubleState, narrow};
 use crate::dynamics::solve;
 use crate::dynamics::sweeps::motion::carriers;
 use crate::dynamics::sweeps::scratch::SweepScratch;
@@ -14,7 +14,7 @@ use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, DoubleDouble, Real, larger};
-use crate::workspace::Workspace;
+use crate::workspace::{Made, Workspace};
 use nalgebra::{Vector3, Vector6};
 
 /// Scratch of these products in any scalar of one lane, in addition to the store of the workspace; initialized with
@@ -125,8 +125,10 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     let monitor = accelerations(model, workspace, &mut qdd, state, wrenches);
     let lost = workspace.lost_pivot(model, &monitor);
     let is_auto = workspace.form == Form::Auto;
-    let is_doubled =
-        lost.is_none() && is_auto && monitor.of_roots && doubled_tangent(model, state, wrenches, along, out);
+    let is_doubled = lost.is_none()
+        && is_auto
+        && monitor.of_roots
+        && doubled_tangent((model, &mut workspace.wide), state, wrenches, along, out);
     let mut is_lost = false;
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
@@ -143,7 +145,7 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     }
     if is_lost {
         // If there is no wider model, the result is kept.
-        doubled_tangent(model, state, wrenches, along, out);
+        doubled_tangent((model, &mut workspace.wide), state, wrenches, along, out);
     }
     Ok(())
 }
@@ -195,7 +197,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
     let is_doubled = lost.is_none()
         && workspace.form == Form::Auto
         && monitor.of_roots
-        && doubled_gradients(model, state, wrenches, cotangent, (constants, out));
+        && doubled_gradients((model, &mut workspace.wide), state, wrenches, cotangent, (constants, out));
     let mut off = T::zero();
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
@@ -216,7 +218,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
     }
     if workspace.form == Form::Auto && !is_doubled && off.lane(0) > 0.0 {
         // If there is no wider model, the result is kept.
-        doubled_gradients(model, state, wrenches, cotangent, (constants, out));
+        doubled_gradients((model, &mut workspace.wide), state, wrenches, cotangent, (constants, out));
     }
     Ok(())
 }
@@ -329,7 +331,7 @@ fn negated<T: Real>(to: &mut [T], x: &[T]) {
 
 /// [`forward_dynamics_jvp`] in double-double arithmetic, see [`DoubleDoubleState::recompute`].
 fn doubled_tangent<T: Real>(
-    model: &Model<T>,
+    model: (&Model<T>, &mut Made),
     state: (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     along: &Directions<'_, T>,
@@ -356,48 +358,43 @@ fn doubled_tangent<T: Real>(
 /// [`forward_dynamics_vjp`] in double-double arithmetic.
 #[cold]
 fn doubled_gradients<T: Real>(
-    model: &Model<T>,
+    model: (&Model<T>, &mut Made),
     state: (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     cotangent: &[T],
     (constants, out): (&mut Constants<'_, T>, &mut [T]),
 ) -> bool {
-    let Some(mut wide) = DoubleDoubleState::of(model, state, wrenches) else { return false };
-    let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = &mut wide;
-    let mut scratch = ProductScratch::new(model);
-    let nan = DoubleDouble::from_f64(f64::NAN);
-    let mut found = vec![nan; out.len()];
-    let (mut of_wrenches, mut parameters, mut armature, mut gravity) = (
-        vec![Vector6::from_element(nan); constants.wrenches.len()],
-        vec![[nan; 10]; constants.parameters.len()],
-        vec![nan; constants.armature.len()],
-        vec![nan; constants.gravity.len()],
-    );
-    let mut wide = Constants {
-        wrenches: &mut of_wrenches,
-        parameters: &mut parameters,
-        armature: &mut armature,
-        gravity: &mut gravity,
-    };
-    let (state, cotangent) = ((&q[..], &qd[..], &tau[..]), DoubleDouble::each_of(cotangent));
-    let results = (&mut wide, &mut found[..]);
-    let done = forward_dynamics_vjp(model, workspace, &mut scratch, state, wrenches, &cotangent, results);
-    if done.is_err() || !found.iter().all(|x| x.high.is_finite()) {
-        return false;
-    }
-    narrow(&found, out);
-    for (to, from) in constants.wrenches.iter_mut().zip(&of_wrenches) {
-        narrow(from.as_slice(), to.as_mut_slice());
-    }
-    let of_parameters = (constants.parameters.as_flattened_mut(), parameters.as_flattened());
-    for (to, from) in [of_parameters, (constants.armature, &armature), (constants.gravity, &gravity)] {
-        narrow(from, to);
-    }
-    true
-}
-
-fn narrow<T: Real>(from: &[DoubleDouble], to: &mut [T]) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to = T::from_f64(from.high);
-    }
+    DoubleDoubleState::with(model, state, wrenches, |wide| {
+        let DoubleDoubleState { model, workspace, q, qd, tau, wrenches } = wide;
+        let mut scratch = ProductScratch::new(model);
+        let nan = DoubleDouble::from_f64(f64::NAN);
+        let mut found = vec![nan; out.len()];
+        let (mut of_wrenches, mut parameters, mut armature, mut gravity) = (
+            vec![Vector6::from_element(nan); constants.wrenches.len()],
+            vec![[nan; 10]; constants.parameters.len()],
+            vec![nan; constants.armature.len()],
+            vec![nan; constants.gravity.len()],
+        );
+        let mut wide = Constants {
+            wrenches: &mut of_wrenches,
+            parameters: &mut parameters,
+            armature: &mut armature,
+            gravity: &mut gravity,
+        };
+        let (state, cotangent) = ((&q[..], &qd[..], &tau[..]), DoubleDouble::each_of(cotangent));
+        let results = (&mut wide, &mut found[..]);
+        let done = forward_dynamics_vjp(model, workspace, &mut scratch, state, wrenches, &cotangent, results);
+        if done.is_err() || !found.iter().all(|x| x.high.is_finite()) {
+            return false;
+        }
+        narrow(&found, out);
+        for (to, from) in constants.wrenches.iter_mut().zip(&of_wrenches) {
+            narrow(from.as_slice(), to.as_mut_slice());
+        }
+        let of_parameters = (constants.parameters.as_flattened_mut(), parameters.as_flattened());
+        for (to, from) in [of_parameters, (constants.armature, &armature), (constants.gravity, &gravity)] {
+            narrow(from, to);
+        }
+        true
+    })
 }
