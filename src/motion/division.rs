@@ -29,6 +29,8 @@ const SHORTEST: f64 = 1e-7;
 const SHORTEST_EXACT: f64 = 1e-10;
 /// The largest ratio of the lengths of two substeps.
 const LONGER: f64 = 5.0;
+/// The part of the estimated time until a change of modes that is tried.
+const BEFORE: f64 = 0.98;
 /// Length of substeps in which a joint returns from outside of its stops, s; each of them is an event.
 const RETURNING: f64 = 5e-4;
 /// With error control, the largest number of substeps of a step.
@@ -267,7 +269,7 @@ impl Substeps {
             if consistent && error <= accuracy {
                 at_start(s, (&mut q, &mut v), |s| visit(&scheme, s, None));
                 s.totals[ERROR] += error;
-                made += 2.0;
+                made += if scheme.embedded { 1.0 } else { 2.0 };
                 left = if is_last { 0.0 } else { left - part };
                 let longer = 0.9 * (accuracy / error.max(1e-300)).powf(1.0 / (order + 1.0));
                 // A substep that is cut short by the end of the step does not shorten the next one.
@@ -282,7 +284,8 @@ impl Substeps {
                 && scheme.step <= RETURNING
                 && steps.rows(settings).iter().any(|of| of.is_outside(&s.q));
             let lasts = !consistent && !recovers && steps.holds(s);
-            if part <= SHORTEST || returns || lasts {
+            let grazes = !consistent && !recovers && steps.rows(settings).iter().any(|of| of.grazes(&s.q));
+            if part <= SHORTEST || returns || lasts || grazes {
                 let error = if consistent {
                     // Shorter substeps do not help: the substep is accepted, and its error is reported.
                     std::mem::swap(&mut s.q, &mut whole_q);
@@ -326,7 +329,16 @@ impl Substeps {
                 continue;
             }
             let shorter = 0.9 * (accuracy / error).powf(1.0 / (order + 1.0));
-            length = part * if consistent && shorter.is_finite() { shorter.clamp(0.1, 0.5) } else { 0.25 };
+            let keeps = |of: &SetValued| of.keeps((&q, &v), (&whole_q, &whole_v), scheme.step);
+            length = part
+                * if consistent && shorter.is_finite() {
+                    shorter.clamp(0.1, 0.5)
+                } else {
+                    match steps.rows(settings).iter().map(keeps).fold(1.0, f64::min) {
+                        kept if kept < 1.0 && !recovers => (BEFORE * kept).clamp(0.02, 0.5),
+                        _ => 0.25,
+                    }
+                };
             length = length.max(SHORTEST);
         }
         s.totals[LENGTH] = length;

@@ -5,16 +5,18 @@ use super::connected::Connected;
 use crate::batch::accelerations::{KernelArguments, by_covariance, watched};
 use crate::batch::connected;
 use crate::batch::factor::{self, with_factor};
-use crate::batch::instruction_set::{Baseline, Target, Vectorized};
+use crate::batch::instruction_set::{Baseline, InstructionSet, Target, Vectorized, on_instruction_set};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
 use crate::dynamics::constraints::{ConstraintKernel, ConstraintScratch, constrained_dynamics};
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::Coupling;
 use crate::workspace::Workspace;
+use nalgebra::Vector6;
 use std::sync::Arc;
 
 /// Computes the accelerations of a stage.
@@ -61,12 +63,63 @@ impl<T: Vectorized, I: Target> Solver<T> for Kernels<'_, T, I> {
     }
 }
 
+/// The kernels of one state, in the scalar of an instruction set.
+trait Alone: Send + Sync {
+    /// Writes qdd, and returns true if its error estimate, or else its pivots, are accepted.
+    fn solve(&mut self, estimates: bool, call: KernelArguments<'_, f64>) -> bool;
+}
+
+struct InScalar<T: Vectorized, I> {
+    target: I,
+    form: Form,
+    model: Model<T>,
+    constants: SweepModel<T>,
+    scratch: SweepScratch<T>,
+    state: [Vec<T>; 3],
+    wrenches: Vec<Vector6<T>>,
+    qdd: Vec<T>,
+}
+
+impl<T: Vectorized, I: Target> InScalar<T, I> {
+    fn boxed(model: &Model<f64>, tolerance: Option<f64>, form: Form, target: I) -> Box<dyn Alone> {
+        let (constants, model) = (SweepModel::new(model), model.cast());
+        let scratch = SweepScratch::new(&model, &constants).accepting(tolerance);
+        let (state, qdd) = (std::array::from_fn(|_| Vec::new()), vec![T::from_f64(f64::NAN); model.nv()]);
+        Box::new(Self { target, form, model, constants, scratch, state, wrenches: Vec::new(), qdd })
+    }
+}
+
+impl<T: Vectorized, I: Target> Alone for InScalar<T, I> {
+    fn solve(&mut self, estimates: bool, call: KernelArguments<'_, f64>) -> bool {
+        fn fill<T: Real>(to: &mut Vec<T>, from: &[f64]) {
+            to.clear();
+            to.extend(from.iter().map(|&x| T::from_f64(x)));
+        }
+        let Self { target, form, model, constants, scratch, state, wrenches, qdd } = self;
+        let KernelArguments { scene: (given, _), state: (q, v, u), .. } = call;
+        fill(&mut model.system.noise, &given.system.noise);
+        model.gravity = given.gravity.map(T::from_f64);
+        for (to, from) in state.iter_mut().zip([q, v, u]) {
+            fill(to, from);
+        }
+        wrenches.clear();
+        wrenches.extend(call.wrenches.iter().map(|wrench| wrench.map(T::from_f64)));
+        let [q, v, u] = &*state;
+        let own = KernelArguments { scene: (model, constants), scratch, state: (q, v, u), wrenches, qdd };
+        let is_accepted = Kernels::new(*target, *form, None).solve(estimates, own) & 1 == 0;
+        for (to, from) in call.qdd.iter_mut().zip(qdd) {
+            *to = from.lane(0);
+        }
+        is_accepted
+    }
+}
+
 /// One state with all checks, in the form of the workspace.
 pub(super) struct Checked {
     pub workspace: Workspace<f64>,
     form: Form,
-    /// True if the kernels run first; they leave no factor in the workspace.
-    kernels_first: bool,
+    /// The kernels that run first, if any; they leave no factor in the workspace.
+    kernels: Option<Box<dyn Alone>>,
     followed: Option<Box<Followed>>,
     /// The first singular pivot, until it is taken.
     pub lost: Option<LostPivot>,
@@ -117,7 +170,7 @@ impl Followed {
 impl Checked {
     pub fn new(model: &Model<f64>, coupling: Option<Arc<Coupling>>, form: Form) -> Self {
         let followed = coupling.map(|of| Box::new(Followed::new(model, of)));
-        Self { workspace: Workspace::new(model).in_form(form), form, kernels_first: false, followed, lost: None }
+        Self { workspace: Workspace::new(model).in_form(form), form, kernels: None, followed, lost: None }
     }
 
     /// The same solver with another tolerance; `None` for the default.
@@ -126,9 +179,12 @@ impl Checked {
         self
     }
 
-    /// The same solver with the kernels first, whose result is accepted if its error estimate is within the tolerance.
-    pub fn with_kernels(self) -> Self {
-        Self { kernels_first: true, ..self }
+    /// The same solver with the kernels of an instruction set first, whose result is accepted if its error estimate is
+    /// within the tolerance.
+    pub fn with_kernels(mut self, model: &Model<f64>, arm: InstructionSet) -> Self {
+        let (tolerance, form) = (self.workspace.tolerance, self.form);
+        self.kernels = Some(on_instruction_set!((arm, true), InScalar::boxed(model, tolerance, form)));
+        self
     }
 
     /// M^-1 times a right-hand side, with the noise of the model.
@@ -173,14 +229,13 @@ impl Checked {
 impl Solver<f64> for Checked {
     fn solve(&mut self, estimates: bool, mut call: KernelArguments<'_, f64>) -> u64 {
         let (model, _) = call.scene;
-        if let Some(followed) = self.followed.as_mut().filter(|_| self.kernels_first) {
-            if followed.by_kernels((self.form, estimates), call.again()) {
-                followed.coupling.restore_rates(&model.system.noise, call.qdd);
-                return 0;
-            }
-        } else if self.kernels_first {
-            let mut kernels = Kernels::new(Baseline, self.form, None);
-            if kernels.solve(estimates, call.again()) & 1 == 0 {
+        if let Some(kernels) = &mut self.kernels {
+            if let Some(followed) = &mut self.followed {
+                if followed.by_kernels((self.form, estimates), call.again()) {
+                    followed.coupling.restore_rates(&model.system.noise, call.qdd);
+                    return 0;
+                }
+            } else if kernels.solve(estimates, call.again()) {
                 return 0;
             }
         }

@@ -28,6 +28,9 @@ const RETURN: f64 = 0.05;
 const AT_LEAST: f64 = 1e-3;
 pub(super) const AT_MOST: f64 = 1.0;
 
+/// (q, v).
+type State<'a> = (&'a [f64], &'a [f64]);
+
 /// The friction, the stops and the control law of one degree of freedom.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SetValued {
@@ -65,6 +68,12 @@ impl SetValued {
         (self.lower - q[self.coordinate]).max(q[self.coordinate] - self.upper)
     }
 
+    /// True if the joint is within its stops by a rounding error: the shortest substeps do not move it to the stop.
+    pub fn grazes(&self, q: &[f64]) -> bool {
+        let (beyond, q) = (self.beyond(q), q[self.coordinate]);
+        self.stops && (-4.0 * f64::EPSILON * q.abs()..0.0).contains(&beyond)
+    }
+
     /// True if friction or a stop acts on the joint at the start of a step.
     pub fn holds(&self, q: &[f64], v: &[f64]) -> bool {
         (self.rubs() && v[self.row] == 0.0) || (self.stops && self.beyond(q) >= 0.0)
@@ -87,14 +96,21 @@ impl SetValued {
         [if below > 0.0 { returning(below, v, h) } else { touch(below) }, high]
     }
 
-    /// True if the cubic interpolant of a step of length h from (q, v) to `(q_next, v_next)` passes a stop within the
-    /// step, or is so near to one that its error of fourth order can hide it.
-    pub fn passes(&self, (q, v): (&[f64], &[f64]), (q_next, v_next): (&[f64], &[f64]), h: f64) -> bool {
-        const ERROR: f64 = 1.0 / 16.0;
+    /// The cubic interpolant of a step of length h from (q, v) to `(q_next, v_next)`: a, b, c, d of a + b x + c x^2 + d
+    /// x^3, and the coordinate at its end, x = 1.
+    fn interpolant(&self, (q, v): State<'_>, (q_next, v_next): State<'_>, h: f64) -> ([f64; 4], f64) {
         let (start, end) = (q[self.coordinate], q_next[self.coordinate]);
         let (slope, last) = (h * v[self.row], h * v_next[self.row]);
-        // start + slope x + b x^2 + c x^3 with the extrema of x = r/(3 c) and slope/r.
-        let (b, c) = (3.0 * (end - start) - 2.0 * slope - last, slope + last - 2.0 * (end - start));
+        let (c, d) = (3.0 * (end - start) - 2.0 * slope - last, slope + last - 2.0 * (end - start));
+        ([start, slope, c, d], end)
+    }
+
+    /// True if the cubic interpolant of a step of length h passes a stop within the step, or is so near to one that its
+    /// error of fourth order can hide it.
+    pub fn passes(&self, from: State<'_>, to: State<'_>, h: f64) -> bool {
+        const ERROR: f64 = 1.0 / 16.0;
+        let ([start, slope, b, c], end) = self.interpolant(from, to, h);
+        // The extrema are at x = r/(3 c) and slope/r.
         let r = -(b + (b * b - 3.0 * c * slope).sqrt().copysign(b));
         self.stops
             && [r / (3.0 * c), slope / r].into_iter().filter(|x| 0.0 < *x && *x < 1.0).any(|x| {
@@ -102,6 +118,26 @@ impl SetValued {
                 let error = ERROR * (extreme - start).abs().min((extreme - end).abs());
                 extreme - error < self.lower || extreme + error > self.upper
             })
+    }
+
+    /// The part of a step of length h in which the cubic interpolant stays within the stops and does not reverse where
+    /// friction acts; 1 if it does to the end.
+    pub fn keeps(&self, from: State<'_>, to: State<'_>, h: f64) -> f64 {
+        let ([start, slope, b, c], _) = self.interpolant(from, to, h);
+        let leaves = |x: f64| {
+            let (position, rate) = (start + x * (slope + x * (b + x * c)), slope + x * (2.0 * b + 3.0 * x * c));
+            let passes = self.stops && !(self.lower..=self.upper).contains(&position);
+            passes || self.rubs() && rate * slope < 0.0
+        };
+        if !leaves(1.0) || leaves(0.0) {
+            return 1.0;
+        }
+        let (mut within, mut beyond) = (0.0, 1.0);
+        for _ in 0..40 {
+            let middle = 0.5 * (within + beyond);
+            *(if leaves(middle) { &mut beyond } else { &mut within }) = middle;
+        }
+        within
     }
 }
 

@@ -186,6 +186,17 @@ def test_bounces_are_exact_with_error_control() -> None:
     assert_near([impact.impulse for impact in path.stops[:bounces]], 2.0 * (1 + rebound) * speeds, 1e-5)
 
 
+@pytest.mark.parametrize("upper", [1.3963, 1e3])
+def test_error_control_lands_a_joint_that_is_one_rounding_error_from_its_stop(upper: float) -> None:
+    builder = phipsi.SceneBuilder().link("base").link("block", 2.0).link("other", 2.0)
+    builder.joint("slide", "prismatic", "base", "block", axis=(0, 1, 0), upper=upper)
+    # It is so stiff that the method compares one substep with two, neither of which changes the position of the block.
+    scene = builder.joint("stiff", "prismatic", "base", "other", axis=(0, 1, 0), damping=1e6).build()
+    path = scene.simulate([np.nextafter(upper, 0.0), 0.0], [1e-6, 0.0], dt=1e-3, steps=3, accuracy=1e-6)
+    assert np.all(path.q[1:, 0] == upper) and not path.qd[1:].any() and path.substeps < 100
+    assert (path.stops[0].joint, path.stops[0].limit) == ("slide", "upper")
+
+
 def test_reported_limits_let_the_joint_pass() -> None:
     scene = pendulum(lower=-0.3, upper=0.3)
     path = scene.simulate([0.2], [-4.0], dt=1e-3, steps=300, limits="report")
