@@ -37,9 +37,9 @@ impl<T: Real> SquareRootResult<T> {
 /// exceeds the tolerance is recomputed in double-double arithmetic and rounded.
 ///
 /// Only states in f64 are recomputed, one at a time. The results of other scalars and of lanes are kept, and
-/// [`needs_fallback`](SquareRootResult::needs_fallback) reports them. A recomputed state takes about 30 times longer,
-/// and temporary scratch of 2 kB per body. The workspace counts both, see [`Workspace::tally`]; its roots and pivots
-/// remain those of the square-root form.
+/// [`needs_fallback`](SquareRootResult::needs_fallback) reports them. A recomputed state takes 60 to 130 times as long
+/// as in covariance form, and scratch of 4 kB per body from then on. The workspace counts both, see
+/// [`Workspace::tally`]; its roots and pivots remain those of the square-root form.
 pub fn forward_dynamics_square_root<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
