@@ -124,7 +124,7 @@ impl ClosedReverse {
     ) -> Result<bool, (String, Error)> {
         let Self { one, gradients, adjoint, newton, forces } = self;
         let CheckedState { scratch: s, closed: Some(closed), .. } = one else { return Ok(false) };
-        let ClosedScratch { rows_of_connections, rows, without } = closed;
+        let ClosedScratch { rows_of_connections, rows, without, .. } = closed;
         let mut forward = Constrained { scene, scratch: rows_of_connections, compliance: &settings.given.compliance };
         let (mut by, named) = ((settings, scheme), |failure| named(scene, failure));
         s.adopt(settings, scheme);

@@ -8,10 +8,12 @@ use super::division::Steps;
 use super::events::{Ending, Event, Rebound};
 use super::method::Scheme;
 use super::scratch::{Scratch, clear};
+use super::solver::{RowKernels, Solver};
 use super::step::step;
 use super::step_settings::{StepArguments, StepSettings};
 use super::stops::SetValued;
 use super::works::add_work;
+use crate::batch::accelerations::KernelArguments;
 use crate::batch::instruction_set::Baseline;
 use crate::filter::Form;
 use crate::scene::Scene;
@@ -24,6 +26,7 @@ pub(super) struct ClosedScratch {
     /// limits.
     pub rows: Vec<SetValued>,
     pub without: StepSettings,
+    kernels: RowKernels,
 }
 
 impl ClosedScratch {
@@ -32,7 +35,22 @@ impl ClosedScratch {
             rows_of_connections: ConstrainedScratch::new(scene, settings, form),
             rows: closed_rows(scene, settings),
             without: StepSettings { set_valued: Vec::new(), limited: Vec::new(), ..settings.clone() },
+            kernels: RowKernels::default(),
         }
+    }
+}
+
+/// The accelerations of a stage by the kernels, or with all checks if these need them.
+struct KernelsFirst<'a>(&'a mut RowKernels, Constrained<'a>);
+
+impl Solver<f64> for KernelsFirst<'_> {
+    fn solve(&mut self, estimates: bool, mut call: KernelArguments<'_, f64>) -> u64 {
+        let Self(kernels, checked) = self;
+        let (rows, form) = (checked.scene.constraints(), checked.scratch.workspace.form);
+        if checked.compliance.is_empty() && kernels.solve(rows, (form, estimates), call.again()) {
+            return 0;
+        }
+        checked.solve(estimates, call)
     }
 }
 
@@ -50,12 +68,9 @@ impl<'a> ClosedSteps<'a> {
         Self { scene, scratch, failure: None, rebound: None }
     }
 
-    fn constrained<'b>(&'b mut self, settings: &'b StepSettings) -> Constrained<'b> {
-        Constrained {
-            scene: self.scene,
-            scratch: &mut self.scratch.rows_of_connections,
-            compliance: &settings.given.compliance,
-        }
+    fn solver<'b>(&'b mut self, settings: &'b StepSettings) -> KernelsFirst<'b> {
+        let ClosedScratch { rows_of_connections: scratch, kernels, .. } = &mut *self.scratch;
+        KernelsFirst(kernels, Constrained { scene: self.scene, scratch, compliance: &settings.given.compliance })
     }
 }
 
@@ -63,11 +78,11 @@ impl Steps for ClosedSteps<'_> {
     fn step(&mut self, by: StepArguments<'_>, s: &mut Scratch<f64>) {
         // That of a step that was too long.
         self.scratch.rows_of_connections.take_fault().ok();
-        step(Baseline, by, s, &mut self.constrained(by.0));
+        step(Baseline, by, s, &mut self.solver(by.0));
     }
 
     fn finish(&mut self, settings: &StepSettings, s: &mut Scratch<f64>) {
-        self.failure = self.failure.take().or(self.constrained(settings).finish(settings, s, None).err());
+        self.failure = self.failure.take().or(self.solver(settings).1.finish(settings, s, None).err());
         if self.scratch.rows.iter().any(|of| is_past(of, s)) {
             s.consistent = -1.0;
         }
@@ -79,18 +94,19 @@ impl Steps for ClosedSteps<'_> {
     }
 
     fn event(&mut self, settings: &StepSettings, s: &mut Scratch<f64>, ending: Ending<'_>) -> f64 {
-        let ClosedScratch { rows_of_connections: scratch, rows, without } = &mut *self.scratch;
-        let mut solver = Constrained { scene: self.scene, scratch, compliance: &settings.given.compliance };
+        let ClosedScratch { rows_of_connections: scratch, rows, without, kernels } = &mut *self.scratch;
+        let checked = Constrained { scene: self.scene, scratch, compliance: &settings.given.compliance };
+        let mut solver = KernelsFirst(kernels, checked);
         let mut found = self.failure.take().map_or(Ok(()), Err);
         if found.is_ok() && !settings.set_valued.is_empty() {
             clear(&mut s.dry);
             let scheme = Scheme::new(settings.method, ending.0);
             s.release_drives(settings, scheme.implicit_step());
             step(Baseline, (without, &scheme), s, &mut solver);
-            found = solver.finish(settings, s, None);
+            found = solver.1.finish(settings, s, None);
         }
         let (h, mut record) = (ending.0, StopRecord::default());
-        let error = found.and_then(|()| solver.stop(settings, rows, (s, ending), &mut record));
+        let error = found.and_then(|()| solver.1.stop(settings, rows, (s, ending), &mut record));
         self.rebound = record.rebound(s, h);
         add_work(settings, s);
         error.unwrap_or_else(|failure| {

@@ -180,7 +180,10 @@ impl<T: Vectorized> Connected<T> {
 }
 
 /// The kernel of the rows in steps.
-fn kernel_of_rows<T: Real>(scene: (&Model<T>, &SweepModel<T>), constraints: &Constraints) -> ConstraintKernel<T> {
+pub(super) fn kernel_of_rows<T: Real>(
+    scene: (&Model<T>, &SweepModel<T>),
+    constraints: &Constraints,
+) -> ConstraintKernel<T> {
     let mut rows = ConstraintKernel::new(scene, constraints);
     rows.slack = SLACK;
     rows

@@ -1,7 +1,7 @@
 //! Solvers for the accelerations of a stage: compiled kernels, with or without an error estimate, or the general
 //! recursions with all checks.
 
-use super::connected::Connected;
+use super::connected::{Connected, kernel_of_rows};
 use crate::batch::accelerations::{KernelArguments, by_covariance, watched};
 use crate::batch::connected;
 use crate::batch::factor::{self, with_factor};
@@ -15,6 +15,7 @@ use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::Coupling;
+use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 use std::sync::Arc;
@@ -129,8 +130,7 @@ pub(super) struct Checked {
 struct Followed {
     coupling: Arc<Coupling>,
     rows: ConstraintScratch,
-    kernel: Option<ConstraintKernel<f64>>,
-    innovations: Vec<f64>,
+    kernels: RowKernels,
     /// The model without gravity, in which a right-hand side at rest has no bias, and velocities of zero.
     weightless: Model<f64>,
     rest: Vec<f64>,
@@ -141,17 +141,32 @@ impl Followed {
         let rows = ConstraintScratch::new(model, coupling.tied().constraints());
         let (mut weightless, zeros) = (model.clone(), vec![0.0; model.nv()]);
         weightless.gravity.fill(0.0);
-        Self { coupling, rows, kernel: None, innovations: zeros.clone(), weightless, rest: zeros }
+        Self { coupling, rows, kernels: RowKernels::default(), weightless, rest: zeros }
     }
+}
 
-    /// The accelerations of a stage by the kernels. Returns false if they need the fallback.
-    fn by_kernels(&mut self, (form, estimates): (Form, bool), call: KernelArguments<'_, f64>) -> bool {
+/// The kernels of rows for one state, created by the first call.
+#[derive(Default)]
+pub(super) struct RowKernels {
+    kernel: Option<ConstraintKernel<f64>>,
+    innovations: Vec<f64>,
+}
+
+impl RowKernels {
+    /// The accelerations of a stage. Returns false if they need the fallback.
+    pub fn solve(
+        &mut self,
+        constraints: &Constraints,
+        (form, estimates): (Form, bool),
+        call: KernelArguments<'_, f64>,
+    ) -> bool {
         let KernelArguments { scene, scratch, state, qdd, .. } = call;
         if form == Form::SquareRoot {
             return false;
         }
-        let Self { coupling, kernel, innovations, .. } = self;
-        let rows = kernel.get_or_insert_with(|| ConstraintKernel::new(scene, coupling.tied().constraints()));
+        let Self { kernel, innovations } = self;
+        innovations.resize(qdd.len(), f64::NAN);
+        let rows = kernel.get_or_insert_with(|| kernel_of_rows(scene, constraints));
         let doubt = if estimates && form != Form::Covariance {
             let at = (state.0, state.1);
             let doubt = connected::factors((Baseline, form), scene, (&mut *scratch, &mut *rows), at, qdd);
@@ -231,8 +246,9 @@ impl Solver<f64> for Checked {
         let (model, _) = call.scene;
         if let Some(kernels) = &mut self.kernels {
             if let Some(followed) = &mut self.followed {
-                if followed.by_kernels((self.form, estimates), call.again()) {
-                    followed.coupling.restore_rates(&model.system.noise, call.qdd);
+                let Followed { kernels, coupling, .. } = &mut **followed;
+                if kernels.solve(coupling.tied().constraints(), (self.form, estimates), call.again()) {
+                    coupling.restore_rates(&model.system.noise, call.qdd);
                     return 0;
                 }
             } else if kernels.solve(estimates, call.again()) {
