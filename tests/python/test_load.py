@@ -261,6 +261,18 @@ def test_a_mesh_is_no_robot(tmp_path: Path, name: str, content: bytes) -> None:
         phipsi.load(tmp_path / name)
 
 
+def test_a_byte_order_mark_is_no_path() -> None:
+    assert phipsi.load("\ufeff" + phipsi.BUNDLED_ARM).nv == 6
+    assert phipsi.load("\ufeff" + phipsi.BUNDLED_ARM, contacts="plane").nv == 6
+
+
+def test_a_part_of_a_mujoco_model() -> None:
+    with pytest.raises(SceneError, match="found root element <mujocoinclude>; expected a whole robot: load an MJCF file that includes this one"):
+        phipsi.load("<mujocoinclude/>")
+    with pytest.raises(SceneError, match="only URDF is read, not MJCF; use phipsi.load in Python"):
+        phipsi.Scene.from_urdf("<mujoco/>")
+
+
 def test_text_that_is_no_robot(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("hello", encoding="utf-8")
     with pytest.raises(SceneError, match="expected XML with a <robot> element") as found:
