@@ -245,7 +245,8 @@ def _at_states(first: Scene, second: Scene, common: list[str], states: int, seed
     random = np.random.default_rng(seed)
     q, qd = first.random_configuration(random, size=states), random.uniform(-1.0, 1.0, (states, first.nv))
     if first.loops.names:
-        q, qd, _ = first.loops.project(q, qd)
+        nearest = first.loops.project(q, qd)
+        q, qd = nearest.q, np.asarray(nearest.qd)
     other = np.tile(second.neutral(), (states, 1))
     order = np.arange(first.nv)  # index in qd of the second robot, by that of the first
     for name in common:

@@ -48,7 +48,8 @@ def draw(scene: Scene, count: int, seed: int) -> States:
     q = scene.integrate(scene.neutral(), steps)
     qd = generator.uniform(-1.0, 1.0, (count, scene.nv))
     if scene.loops.names:
-        q, qd, _ = scene.loops.project(q, qd)
+        nearest = scene.loops.project(q, qd)
+        q, qd = nearest.q, np.asarray(nearest.qd)
     size = np.abs(scene.bias_torque(q, qd)).max(axis=0, initial=0.0)
     size = np.where(size > 0.0, size, size.max(initial=0.0) or 1.0)
     tau = generator.uniform(-1.0, 1.0, (count, scene.nv)) * size
