@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from ._core import SceneBuilder
@@ -14,7 +15,7 @@ def fault(shape: ColliderShape) -> str | None:
     try:
         SceneBuilder().link("base").collider("shape", shape).build()
     except PhipsiError as error:
-        return str(error).partition("found ")[2].partition("; expected")[0] or str(error)
+        return re.sub(r'^(shape of )?collider "shape": (found )?', "", str(error)).partition("; expected")[0]
     return None
 
 

@@ -243,13 +243,16 @@ def _reduced(scene: Scene, common: list[str]) -> Scene:
 def _at_states(first: Scene, second: Scene, common: list[str], states: int, seed: int, tolerance: float) -> tuple[list[Difference], list[Difference]]:
     """Differences of poses and of the dynamics at random states."""
     random = np.random.default_rng(seed)
-    q = first.random_configuration(random, size=states)
+    q, qd = first.random_configuration(random, size=states), random.uniform(-1.0, 1.0, (states, first.nv))
+    if first.loops.names:
+        nearest = first.loops.project(q, qd)
+        q, qd = nearest.q, np.asarray(nearest.qd)
     other = np.tile(second.neutral(), (states, 1))
     order = np.arange(first.nv)  # index in qd of the second robot, by that of the first
     for name in common:
         other[:, second.q_index(name)] = q[:, first.q_index(name)]
         order[first.v_index(name)] = np.arange(second.nv)[second.v_index(name)]
-    qd, tau = random.uniform(-1.0, 1.0, (2, states, first.nv))
+    tau = random.uniform(-1.0, 1.0, (states, first.nv))
 
     def moved(values: _Array) -> _Array:
         """Velocities or torques of the second robot."""

@@ -121,14 +121,17 @@ def load(
         return Scene.from_pinocchio(source, **options)
     if not isinstance(source, str | os.PathLike):
         raise ArgumentError(f"source: found {type(source).__name__}; expected {EXPECTED}")
-    if isinstance(source, str) and re.fullmatch(r"\w+_description", source) and not Path(source).exists():
-        source = described(source)
+    if isinstance(source, str):
+        # Some editors write a byte order mark.
+        source = source.removeprefix("\ufeff")
+        if re.fullmatch(r"\w+_description", source) and not Path(source).exists():
+            source = described(source)
     text, file = read(source)
     root = root_of(text)
     if file is not None and file.suffix.lower() in MESHES and root not in ("robot", "mujoco"):
         hint = "a mesh is the shape of a link: SceneBuilder.link(shape=phipsi.shapes.Mesh(path))"
         raise SceneError(f"source: found {file.name!r}, a mesh; expected {EXPECTED}; {hint}")
-    if root == "mujoco" or (file is not None and file.suffix == ".mjb"):
+    if root == "mujoco" or (file is not None and file.suffix.lower() == ".mjb"):
         _has_no_use(floating_base, "floating_base", source)
         _has_no_use(xacro_arguments, "xacro_arguments", source)
         _has_no_use(mimic, "mimic", source)

@@ -56,7 +56,7 @@ def compiled(source: Any, strict: bool = False) -> tuple[mujoco.MjModel, Path | 
                 f"source: found {str(source)[:100]!r}, which is not a file; expected the path of a model, or XML"
             )
     try:
-        if file is not None and file.suffix == ".mjb":
+        if file is not None and file.suffix.lower() == ".mjb":
             return mujoco.MjModel.from_binary_path(str(file)), None
         try:
             model = _compile(source, file)

@@ -30,6 +30,8 @@ WITHOUT_SHAPE = {ELLIPSOID: "an ellipsoid", SDF: "a signed distance field"}
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 #: Number of groups of colliders.
 GROUPS = 32
+#: Space below a height field, relative to its size.
+SPACE = 1e-6
 
 
 class Pairs(NamedTuple):
@@ -227,6 +229,31 @@ class Collisions:
     def _bits(self, one: Any, other: Any) -> Any:
         return ((self._contype[one] & self._conaffinity[other]) | (self._contype[other] & self._conaffinity[one])) != 0
 
+    def raised(self) -> list[int]:
+        """Height fields with space below: their underside is above a fixed plane or another height field."""
+        import mujoco
+
+        model, used = self.model, np.unique(np.concatenate([ends for of in self.read for ends in of[:2]] or [self.geoms[:0]])).astype(int)
+        fields = used[model.geom_type[used] == HFIELD]
+        if not len(fields):
+            return []
+        mujoco.mj_kinematics(model, data := mujoco.MjData(model))
+        found = []
+        for field in fields.tolist():
+            x, y, _, base = model.hfield_size[model.geom_dataid[field]]
+            corners = np.array([[x, y, -base], [x, -y, -base], [-x, y, -base], [-x, -y, -base]])
+            corners = data.geom_xpos[field] + corners @ data.geom_xmat[field].reshape(3, 3).T
+            for below in used[self._is_plane[used] | (model.geom_type[used] == HFIELD)].tolist():
+                top = 0.0
+                if model.geom_type[below] == HFIELD:
+                    number = int(model.geom_dataid[below])
+                    at, count = model.hfield_adr[number], model.hfield_nrow[number] * model.hfield_ncol[number]
+                    top = model.hfield_size[number, 2] * model.hfield_data[at : at + count].max()
+                if np.max((corners - data.geom_xpos[below]) @ data.geom_xmat[below][2::3]) - top > SPACE * max(x, y):
+                    found.append(field)
+                    break
+        return found
+
     # Into a scene
 
     def add(self, builder: SceneBuilder, names: Names) -> None:
@@ -360,6 +387,8 @@ def unsupported(collisions: Collisions, names: Names) -> Iterator[tuple[str, str
         yield "contacts", f"geoms that collide, of {first!r} and {second!r} for instance", consequence
     for geom in sorted(collisions.lost):
         yield "contacts", f"the geom {names.geoms[geom]!r}, {collisions.missing[geom]}", "it touches nothing"
+    for geom in collisions.raised():
+        yield "contacts", f"the height field {names.geoms[geom]!r} with space below", "it fills the space below, and moves what is there above it"
     for name, condition, found, consequence in PARAMETERS:
         these = [pairs.where(at) for pairs in collisions.read if (at := condition(pairs)).any()]
         if these:

@@ -47,6 +47,7 @@ def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None
         raise ImportError("source: found a xacro and no package xacro; install it with: pip install xacro") from None
     given = _Arguments({name: str(value) for name, value in (arguments or {}).items()})
     file = None if isinstance(source, str) and source.lstrip().startswith("<") else Path(source)
+    failed: Exception | None = None
     with _one_at_a_time, _finding(file):
         xacro.all_includes.clear()
         try:
@@ -57,18 +58,21 @@ def expanded(source: str | os.PathLike[str], arguments: Mapping[str, str] | None
             else:
                 document = xacro.process_file(os.fspath(file), mappings=given)
         except Exception as error:  # xacro raises exceptions of any type
-            _raise_of(error, given.missing)
+            failed = error
         texts = (
             [str(source)]
             if file is None
-            else [Path(name).read_text(encoding="utf-8", errors="replace") for name in (file, *xacro.all_includes)]
+            else [path.read_text(encoding="utf-8", errors="replace") for path in map(Path, (file, *xacro.all_includes)) if path.is_file()]
         )
     known = given.asked.union(*(DECLARED.findall(COMMENT.sub("", text)) for text in texts))
     for name in arguments or {}:
-        if name not in known:
+        # After an error, files may be missing that declare more arguments.
+        if name not in known and (failed is None or difflib.get_close_matches(name, known, 1, 0.8)):
             raise ArgumentError(
                 f"xacro_arguments: found {name!r}, which the file does not have; {_closest(name, known)}"
             )
+    if failed is not None:
+        _raise_of(failed, given.missing)
     if not document.getElementsByTagName("link"):
         _refuse_macros(texts)
     if file is not None:

@@ -1,5 +1,5 @@
-"""The command `phipsi` with the subcommands info, view, simulate, ik, identify, codegen, report, check, bench and
-completion. Pages need the extra `report`, and `view` needs the extra `view`.
+"""The command `phipsi` with the subcommands info, view, simulate, ik, identify, codegen, compare, report, check, bench
+and completion. Pages need the extra `report`, and `view` needs the extra `view`.
 """
 
 from __future__ import annotations

@@ -115,10 +115,14 @@ fn penetration(mut found: Vec<(String, f64)>, is_smoothed: bool) -> Option<Strin
     found.sort_by(|(_, one), (_, other)| other.total_cmp(one));
     let (name, depth) = found.first()?;
     let more = if found.len() > 1 { format!(" and {} more", found.len() - 1) } else { String::new() };
-    let outcome = if is_smoothed { "the steps move them out slowly" } else { "the first step moves them out at once" };
+    let outcome = if is_smoothed {
+        "the steps move them out slowly"
+    } else {
+        "the first step moves them out at once, as far as the joints can"
+    };
     Some(format!(
         "q: found {name} {depth:.6} m deep{more}; {outcome}; expected a start without \
-         penetration: {} returns that of the file",
+         penetration, such as {} if the file has one",
         in_language("Scene::initial", "scene.initial()")
     ))
 }

@@ -116,6 +116,24 @@ def test_transmissions_of_urdf_are_motors() -> None:
     assert phipsi.Scene.from_urdf(text.partition("<transmission")[0] + "</robot>").actuators.names == ()
 
 
+@pytest.mark.parametrize(
+    "ratios",
+    [
+        '<mechanicalReduction>1</mechanicalReduction><drake:gear_ratio value="10"/>',
+        '<drake:gear_ratio value="10"/><mechanicalReduction>1</mechanicalReduction>',
+        "<gearRatio>10</gearRatio>",
+    ],
+)
+def test_the_gear_of_a_motor_is_that_of_its_rotor(ratios: str) -> None:
+    """The rotor turns gear times as fast as the joint, so that its kinetic energy is that of the armature."""
+    rotor = '<drake:rotor_inertia value="0.01"/>'
+    text = ROBOT.format(transmission("t1", "one", "m1", rotor + ratios)).replace('name="r"', 'name="r" xmlns:drake="http://drake.mit.edu"')
+    scene = phipsi.Scene.from_urdf(text)
+    assert_near(scene.actuators.gear, [10.0], 0.0)
+    assert_near(scene.actuators.ctrlrange, [[-3.0, 3.0]], 4 * EPS)
+    assert_near(scene.armature[:1], scene.actuators.gear**2 * 0.01, 4 * EPS)
+
+
 def test_motors_are_written_as_transmissions() -> None:
     text = ROBOT.format(transmission("t1", "one", "m1", "<mechanicalReduction>-50</mechanicalReduction>") + transmission("t2", "two", "m2"))
     scene = phipsi.Scene.from_urdf(text)

@@ -14,7 +14,7 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import auto_cost, commands, completion, identify, ik, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
+from phipsi.report import auto_cost, codegen, commands, compare, completion, identify, ik, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
 from phipsi.report.sections import residuals
 
 #: Two links in series, the second without mass: its joint moves no mass.
@@ -384,11 +384,25 @@ def test_bad_options_exit_with_2() -> None:
     assert run("report").exit_code == 2
 
 
-def test_output_that_cannot_be_made_exits_with_2(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", [("report", "--quick", "-o", "{}"), ("compare", "{robot}", "{robot}", "--report", "{}"), ("codegen", "-o", "{}"), ("view", "-o", "{}.html")])
+def test_output_that_cannot_be_made_exits_with_2(command: tuple[str, ...], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    result = run("report", "--quick", "-o", str(tmp_path / "file" / "out"))
+    (robot := tmp_path / "arm.urdf").write_text(phipsi.BUNDLED_ARM)
+    result = run(*(part.format(tmp_path / "file" / "out", robot=robot) for part in command))
     assert result.exit_code == 2
-    assert "Traceback" not in result.output
+    assert re.fullmatch(r"Error: found '.*out(\.html)?' \(Not a directory\); expected a path that can be read or written\n", result.output), result.output
+
+
+def test_a_state_that_is_not_there_exits_with_2(tmp_path: Path) -> None:
+    result = run("simulate", "-o", str(tmp_path / "out"), "--state", str(tmp_path / "none.json"))
+    assert result.exit_code == 2 and "none.json' (No such file or directory); expected" in result.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_function_of_an_unknown_link_lists_links_and_frames() -> None:
+    result = run("codegen", "-f", "jacobian:flange:moon")
+    assert result.exit_code == 2
+    assert "found the link 'flange:moon'; expected flange, base, link1" in result.output and "a frame of local, world, local-world-aligned" in result.output
 
 
 def test_help_lists_the_commands_for_developers_apart() -> None:

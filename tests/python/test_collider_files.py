@@ -248,7 +248,8 @@ def test_links_that_overlap_at_the_neutral_configuration_do_not_touch(tmp_path: 
 @pytest.mark.parametrize(
     ("change", "match"),
     [
-        (('<box size="1 0.5 0.2"/>', '<box size="1 0 0.2"/>'), "base: "),
+        (('<box size="1 0.5 0.2"/>', '<box size="1 0 0.2"/>'), "base: size of Box: found .*0.2"),
+        (('<sphere radius="0.05"/>', '<sphere radius="0"/>'), "pad: radius of Sphere: found 0"),
         (('<box size="1 0.5 0.2"/>', '<box size="1 0.5"/>'), "base: size of <box>"),
         (('<sphere radius="0.05"/>', "<cone/>"), "pad: found no <geometry> with box"),
         (("{mesh}", "nowhere.stl"), "hand: no file 'nowhere.stl'"),

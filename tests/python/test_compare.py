@@ -26,9 +26,23 @@ def test_a_robot_is_the_same_as_itself_in_every_form(tmp_path: Path) -> None:
     for other in (ARM, phipsi.load(tmp_path / "arm.urdf"), ARM.to_builder().build()):
         found = phipsi.compare(ARM, other)
         assert found.same and found.first is None and str(found) == "no difference"
-    # Infinite limits, a free joint, a closed loop.
+    # Infinite limits, a free joint.
     free = phipsi.load(phipsi.BUNDLED_ARM, floating_base=True)
     assert phipsi.compare(free, phipsi.load(phipsi.BUNDLED_ARM, floating_base=True)).same
+
+
+def coupled(slope: float, more: float = 0.0) -> phipsi.Scene:
+    return ARM.with_properties(armature=ARM.armature + more).to_builder().couple("gear", "joint4", "joint5", polynomial=(0.1, slope, 0.2)).build()
+
+
+def test_random_states_are_on_the_connections() -> None:
+    """Forward dynamics refuses other states; a robot whose connections differ does not meet them."""
+    found = phipsi.compare(coupled(0.5), coupled(0.5))
+    assert found.same and found.note == ""
+    heavy = coupled(0.5, 0.3)
+    found = phipsi.compare(coupled(0.5), heavy)
+    assert not found.note and {one.quantity for one in found.dynamics} == {"mass matrix, kg m^2 or kg", "acceleration, rad/s^2 or m/s^2"}
+    assert 'connection "gear"' in phipsi.compare(coupled(0.5), coupled(0.6)).note
 
 
 @pytest.mark.parametrize(

@@ -343,7 +343,7 @@ def test_a_step_without_impulses_that_meet_the_law_is_an_error_that_names_it() -
 
 def test_a_start_below_the_surface_warns_with_names_and_depth() -> None:
     scene = box()
-    with pytest.warns(ContactWarning, match=r'q: found contact "corner0" 0.300000 m deep and 7 more; the first step moves them out at once; .*scene.initial'):
+    with pytest.warns(ContactWarning, match=r'q: found contact "corner0" 0.300000 m deep and 7 more; the first step moves them out at once, as far as the joints can; .*such as scene.initial'):
         simulator = scene.simulator(at(z=-0.2), dt=1e-3)
     with pytest.warns(ContactWarning, match='contact "corner0" 0.050000 m deep and 3 more'):
         scene.simulate(np.stack([at(), at(z=0.05)]), along(), dt=1e-3, steps=1)

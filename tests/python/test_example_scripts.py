@@ -54,6 +54,8 @@ def test_the_command_lists_runs_and_draws(tmp_path: Path, capsys: pytest.Capture
     assert capsys.readouterr().out == (FOLDER / "dropped_box.py").read_text(encoding="utf-8")
     assert command.main(["quadrupet"]) == command.WRONG
     assert "found no such example; did you mean quadruped?" in capsys.readouterr().err
+    assert command.main(["lqr", "--pictures", "a.webp"]) == command.WRONG
+    assert capsys.readouterr().err == "lqr: found '--pictures'; expected no argument, --picture FILE or --source\n"
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(examples, "folder", lambda: None)
     assert command.main(["go2"]) == 1
@@ -61,6 +63,8 @@ def test_the_command_lists_runs_and_draws(tmp_path: Path, capsys: pytest.Capture
     if importlib.util.find_spec("viser") and importlib.util.find_spec("trimesh"):
         assert command.main(["inverse_kinematics", "--picture", "arm.png"]) == 0
         assert capsys.readouterr().out == "written: arm.png\n" and (tmp_path / "arm.png").stat().st_size > 1000
+        assert command.main(["inverse_kinematics", "--picture", "arm.gif"]) == 1
+        assert "to: found 'arm.gif'; expected a path that ends in .html" in capsys.readouterr().err
 
 
 def test_robots_are_found_by_name() -> None:

@@ -162,6 +162,12 @@ def test_an_unknown_argument_of_xacro(xacro_file: Path) -> None:
         phipsi.load(XACRO, xacro_arguments={"xyzzy": "3"})
     with pytest.raises(ArgumentError, match="found 'mass', which the file does not have; expected none"):
         phipsi.load(XACRO.replace('<xacro:arg name="mass" default="2.0"/>', "").replace("$(arg mass)", "1"), xacro_arguments={"mass": "3"})
+    # As with the ur_type of Universal Robots: the default names a file that does not exist.
+    xacro_file.write_text(XACRO.replace('<link name="base"/>', '<xacro:arg name="kind" default="none"/><xacro:include filename="$(arg kind).xacro"/><link name="base"/>'))
+    with pytest.raises(ArgumentError, match=r"xacro_arguments: found 'kin', which the file does not have; expected 'kind'\?"):
+        phipsi.load(xacro_file, xacro_arguments={"kin": "x"})
+    with pytest.raises(SceneError, match="xacro cannot expand it: .*none.xacro"):
+        phipsi.load(xacro_file)
 
 
 def test_an_argument_that_is_declared_where_it_is_not_needed(xacro_file: Path) -> None:
@@ -259,6 +265,18 @@ def test_a_mesh_is_no_robot(tmp_path: Path, name: str, content: bytes) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(SceneError, match=rf"source: found '{name}', a mesh; expected a path .*SceneBuilder.link\(shape=phipsi.shapes.Mesh\(path\)\)"):
         phipsi.load(tmp_path / name)
+
+
+def test_a_byte_order_mark_is_no_path() -> None:
+    assert phipsi.load("\ufeff" + phipsi.BUNDLED_ARM).nv == 6
+    assert phipsi.load("\ufeff" + phipsi.BUNDLED_ARM, contacts="plane").nv == 6
+
+
+def test_a_part_of_a_mujoco_model() -> None:
+    with pytest.raises(SceneError, match="found root element <mujocoinclude>; expected a whole robot: load an MJCF file that includes this one"):
+        phipsi.load("<mujocoinclude/>")
+    with pytest.raises(SceneError, match="only URDF is read, not MJCF; use phipsi.load in Python"):
+        phipsi.Scene.from_urdf("<mujoco/>")
 
 
 def test_text_that_is_no_robot(tmp_path: Path) -> None:

@@ -181,7 +181,7 @@ def test_what_it_reads(tmp_path: Path) -> None:
     file = tmp_path / "arm.xml"
     file.write_text(ARM)
     spec = mujoco.MjSpec.from_string(ARM)
-    binary = tmp_path / "arm.mjb"
+    binary = tmp_path / "arm.MJB"
     mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(ARM), str(binary), None)
     scenes = [phipsi.Scene.from_mujoco(source) for source in (file, str(file), spec, binary)] + [phipsi.load(source) for source in (file, ARM, spec, binary)]
     mass = phipsi.Scene.from_mujoco(ARM).mass_matrix(np.zeros(5))

@@ -245,6 +245,22 @@ def test_height_fields_have_the_surface_of_mujoco() -> None:
         assert_near(own.distances([*point, 0, 0, 0, 1]).distance, [-0.01], 1e-9)
 
 
+@pytest.mark.parametrize("more", ['<geom type="plane" size="5 5 1"/>', '<geom type="hfield" hfield="hills" pos="0.5 0 0"/>', ""])
+@pytest.mark.parametrize("base", [0.4, 1.2])
+def test_a_height_field_with_space_below_warns(more: str, base: float) -> None:
+    """A ball passes below it in MuJoCo, if its base does not fill the space; here it would be moved above."""
+    text = f"""<mujoco><asset><hfield name="hills" nrow="2" ncol="2" size="1 1 0.1 {base}" elevation="0 0 0 1"/></asset><worldbody>
+    <geom name="roof" type="hfield" hfield="hills" pos="0 0 1"/>{more}<body pos="0 0 0.3"><freejoint/><geom size="0.1"/></body></worldbody></mujoco>"""
+    theirs = mujoco.MjModel.from_xml_string(text)
+    mujoco.mj_forward(theirs, data := mujoco.MjData(theirs))
+    is_free = bool(more) and data.ncon == 0
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        phipsi.load(text, contacts="all")
+    assert ["'roof' with space below: it fills" in str(one.message) for one in caught] == [True] * is_free
+    assert bool(data.ncon) == (base > 0.7)
+
+
 def test_a_bad_argument() -> None:
     with pytest.raises(ArgumentError, match=r"contacts: found 'planes'; expected \"all\", \"plane\" or None"):
         phipsi.Scene.from_mujoco(model(), contacts="planes")  # type: ignore[arg-type]

@@ -59,6 +59,7 @@ NOT_UNDERSTOOD = {
     "anymal_b_simple_description/robots/anymal.urdf": 'attribute command_effort of <limit> of joint "LF_HAA"',
     "panda_description/urdf/panda.urdf": 'attribute D of <dynamics> of joint "panda_joint1"',
     "panda_description/urdf/panda_collision.urdf": 'attribute D of <dynamics> of joint "panda_joint1"',
+    "pr2_description/urdf/pr2.urdf": '<turnGravityOff> in <gazebo> of "wide_stereo_gazebo_l_stereo_camera_frame"',
     "so_arm_description/urdf/so101.urdf": '<origin> in link "gripper_frame_link"',
     "tiago_description/robots/tiago_dual.urdf": '<kinematic> in link "suspension_right_link"',
     "tiago_pro_description/robots/tiago_pro.urdf": '<kinematic> in link "suspension_front_right_link"',

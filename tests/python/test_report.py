@@ -525,6 +525,17 @@ def test_states_are_within_limits() -> None:
         assert np.ptp(values, axis=0).all()
 
 
+def test_states_are_on_the_connections() -> None:
+    """Otherwise a robot with a closed loop has no times, errors and identities: forward dynamics refuses its states."""
+    scene = arm().to_builder().couple("gear", "joint4", "joint5", polynomial=(0.1, 0.5, 0.2)).build()
+    drawn = states.draw(scene, 8, 0)
+    q, qd = (values[:, [scene.q_index(name).start for name in ("joint4", "joint5")]] for values in (drawn.q, drawn.qd))
+    assert_near(q[:, 0], 0.1 + 0.5 * q[:, 1] + 0.2 * q[:, 1] ** 2, 1e-12)
+    assert_near(qd[:, 0], (0.5 + 0.4 * q[:, 1]) * qd[:, 1], 1e-12)
+    found = pipeline.collect(sections.ROBOT, robot.Report(True, "arm", "here", scene, count=8), Silent())
+    assert not found.missing and found.passed
+
+
 def test_the_tree_of_a_floating_base_starts_at_the_world() -> None:
     tree = tree_of(phipsi.Scene.from_urdf(BUNDLED_ARM, floating_base=True))
     rows = list(tree.rows())

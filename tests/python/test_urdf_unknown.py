@@ -54,6 +54,11 @@ CASES = {
     "a second inertial": ("</inertial>", '</inertial><inertial><mass value="3"/></inertial>', "a second <inertial>", "first is read"),
     "a second axis": ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axis xyz="1 0 0"/>', 'a second <axis> in joint "hinge"', "line 8"),
     "a joint of Drake": ("</robot>", '<drake:joint name="x"/></robot>', "<drake:joint> in <robot>", "line 11"),
+    **{
+        f"Gazebo's {name}": ("</robot>", f'<gazebo reference="upper"><{name}>{value}</{name}></gazebo></robot>', f'<{name}> in <gazebo> of "upper"', "line 11")
+        for name, value in (("turnGravityOff", " true "), ("gravity", "0"), ("kinematic", "1"), ("springStiffness", "3e2"), ("dampingFactor", "0.1"))
+    },
+    "a joint of Gazebo": ("</robot>", '<gazebo><static>true</static><joint name="loop"><parent>base</parent></joint></gazebo></robot>', "<joint> in <gazebo> of <robot>", "<static> in"),
     "Bullet's factor": (
         '<link name="base"/>',
         '<link name="base"><contact><inertia_scaling value="3"/></contact></link>',
@@ -115,7 +120,8 @@ QUIET = {
     ),
     "other programs": (
         "</robot>",
-        '<gazebo reference="base"><odd/></gazebo><gazebo/><transmission name="t"><odd/></transmission><material name="m"/>'
+        '<gazebo reference="base"><odd/><turnGravityOff>false</turnGravityOff><gravity>1</gravity><gravity/><springStiffness>0.0</springStiffness>'
+        '<mu1>3</mu1><plugin><joint>hinge</joint></plugin></gazebo><gazebo/><transmission name="t"><odd/></transmission><material name="m"/>'
         '<ros2_control name="c" type="system"><hardware/></ros2_control><sensor name="s"/></robot>',
     ),
     "in a joint": ("</joint>", '<safety_controller k_velocity="1"/><calibration rising="0"/><gazebo/></joint>'),

@@ -12,6 +12,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from ..errors import ArgumentError
+
 USAGE = """python -m phipsi.examples                          list the examples
 python -m phipsi.examples NAME                     run one; most of them write a page of the motion into this folder
 python -m phipsi.examples NAME --picture FILE      write the motion as a picture: FILE.webp, FILE.png or FILE.html
@@ -62,11 +64,14 @@ def main(arguments: list[str]) -> int | str:
             print(known[name].read_text(encoding="utf-8"), end="")
         elif rest[:1] == ["--picture"]:
             print("written:", picture(known[name], rest[1] if len(rest) > 1 else f"{name}.webp"))
+        elif rest and "argparse" not in known[name].read_text(encoding="utf-8"):
+            print(f"{name}: found {rest[0]!r}; expected no argument, --picture FILE or --source", file=sys.stderr)
+            return WRONG
         else:
             sys.argv = [str(known[name]), *rest]
             runpy.run_path(str(known[name]), run_name="__main__")
-    except (FileNotFoundError, ImportError) as error:
-        # A robot or a package that is not installed.
+    except (ArgumentError, FileNotFoundError, ImportError) as error:
+        # A picture of an unknown kind, a robot or a package that is not installed.
         print(f"{name}: {error}", file=sys.stderr)
         return 1
     return 0

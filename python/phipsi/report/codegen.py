@@ -8,7 +8,8 @@ from typing import Any
 import click
 
 from .._functions import FUNCTIONS, Function
-from .commands import FLOATING, MIMIC, ROBOT, Mimic, _load, _typed_errors, group
+from ..errors import known_names
+from .commands import FLOATING, MIMIC, ROBOT, Mimic, _load, group
 
 #: Method that writes each language, and command that runs its test.
 LANGUAGES = {
@@ -80,8 +81,11 @@ def codegen(
         options["batches"] = True
     write, test = LANGUAGES[lang]
     scene, said, _, _ = _load(robot, floating_base, mimic)
-    with _typed_errors():
-        files = getattr(scene, write)(directory, name=name, functions=functions or None, **options)
+    for _, link, *_ in (function for function in functions if isinstance(function, tuple)):
+        if link not in scene.link_names:
+            frames = f"jacobian:LINK:FRAME with a frame of {', '.join(FRAMES)}"
+            raise click.BadParameter(f"found the link {link!r}; expected {known_names(link, scene.link_names)}; or {frames}", param_hint="'--functions' / '-f'")
+    files = getattr(scene, write)(directory, name=name, functions=functions or None, **options)
     for file in files:
         click.echo(f"written: {directory / file}")
     click.echo(f"{said}: {scene.nv} degrees of freedom; {test.format(directory)}")

@@ -49,15 +49,6 @@ class BadInput(click.ClickException):
     exit_code = BAD_INPUT
 
 
-@contextmanager
-def _typed_errors() -> Iterator[None]:
-    """Convert errors of the library to one line."""
-    try:
-        yield
-    except (errors.PhipsiError, OSError, ImportError) as error:
-        raise BadInput(_as_options(" ".join(str(error).split()))) from None
-
-
 def _as_options(text: str) -> str:
     """A message in which keyword arguments of load are replaced by options of the commands."""
     text = re.sub(r"\bignore=\(([^)]*)\)", lambda found: " ".join(f"--ignore {name}" for name in re.findall(r"'(\w+)'", found[1])), text)
@@ -78,7 +69,7 @@ def _reading() -> dict[str, Any]:
 
 def _load(robot: Path | None, floating_base: bool, mimic: Mimic | None = None) -> tuple[Scene, str, str, list[str]]:
     """Scene, name, source and warnings; prints the first warnings."""
-    with warnings.catch_warnings(record=True) as caught, _typed_errors():
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         scene = load(
             _core.BUNDLED_ARM if robot is None else str(robot),
@@ -141,7 +132,9 @@ def echo_json(found: Any) -> None:
 
 
 class Commands(click.Group):
-    """Commands in two lists, for users and for developers of phipsi. Ctrl-C ends each with one sentence."""
+    """Commands in two lists, for users and for developers of phipsi. Ctrl-C and errors of the library end each with one
+    sentence.
+    """
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The first sentence of each command, on as many lines as it needs."""
@@ -159,6 +152,14 @@ class Commands(click.Group):
         except KeyboardInterrupt:
             terminal.line(Console(stderr=True), INTERRUPTED, "yellow")
             raise SystemExit(STOPPED) from None
+        except BrokenPipeError:
+            # The reader of the output has ended.
+            raise
+        except OSError as error:
+            text = f"found {str(error.filename)!r} ({error.strerror}); expected a path that can be read or written" if error.filename else str(error)
+            raise BadInput(text) from None
+        except (errors.PhipsiError, ImportError) as error:
+            raise BadInput(_as_options(" ".join(str(error).split()))) from None
 
 
 @contextmanager
@@ -233,7 +234,7 @@ def report(
     check_pages()
     console = Console(stderr=True)
     if stability:
-        with _typed_errors(), folder(output), reporter(console) as says:
+        with folder(output), reporter(console) as says:
             extreme = pipeline.collect(STABILITY, Stability(quick, seed), says)
             pages = pipeline.write(STABILITY, extreme, output, None, says)
         if as_json:
@@ -242,7 +243,7 @@ def report(
             click.echo("\n".join(map(str, pages)))
         return
     scene, name, source, texts = _load(robot, floating_base)
-    with _typed_errors(), folder(output), reporter(console) as says:
+    with folder(output), reporter(console) as says:
         found = pipeline.collect(sections.ROBOT, Report(quick, name, source, scene, seed, count, texts), says)
         pages = pipeline.write(sections.ROBOT, found, output, None, says)
     if as_json:
@@ -282,7 +283,7 @@ def check(robot: Path | None, floating_base: bool, count: int, seed: int, as_jso
     drawn = Report(True, name, "", scene, seed, count)
     if scene.nv > DENSE_CAP:
         raise BadInput(f"scene: found {scene.nv} degrees of freedom; expected at most {DENSE_CAP}, because the check uses dense matrices")
-    with _typed_errors(), reporter(Console(stderr=True)) as says:
+    with reporter(Console(stderr=True)) as says:
         rows = residuals.residuals(scene, drawn.states, drawn.conditions, says)
     held = sum(row.passed for row in rows)
     if as_json:
@@ -314,27 +315,26 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int,
     found: dict[str, Any] = {"name": name, "machine": drawn.machine, "calls": None, "accuracy": None}
     # Results are printed at once, or at the end as JSON.
     console = Console(quiet=as_json)
-    with _typed_errors():
-        if 0 < scene.nv <= DENSE_CAP:
-            found["calls"] = calls.measured(scene, drawn.batch, quick, Silent())
-            terminal.calls(console, f"{name}, random states, one thread", found["calls"])
-            title = f"{name}, {drawn.effort.states} random states, Scene::evaluate in Rust, one state per call"
-            found["accuracy"] = accuracy.accuracy(drawn, Silent())
-            terminal.accuracy(console, title, found["accuracy"])
-        elif not as_json:
-            click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared for 1 to {DENSE_CAP}")
-        sources: Mapping[str, str | Path] = auto_cost.example_robots() or {BUNDLED: _core.BUNDLED_ARM}
-        if robots:
-            # Files with equal names in several folders are named by their paths.
-            stems = [robot.stem for robot in robots]
-            sources = {robot.stem if stems.count(robot.stem) == 1 else str(robot): robot for robot in robots}
-        with reporter(Console(stderr=True)) as says:
-            each = partial(says.each, "Form auto by kind of state")
-            costs = found["auto"] = auto_cost.of_robots(sources, quick=quick, seed=seed, each=each, read=partial(load, **_reading()))
-        if costs:
-            terminal.auto_costs(console, costs)
-        found["growth"] = growth.growth((7, 10, 100, 1000, 10_000), 5, Silent())
-        terminal.growth(console, found["growth"])
+    if 0 < scene.nv <= DENSE_CAP:
+        found["calls"] = calls.measured(scene, drawn.batch, quick, Silent())
+        terminal.calls(console, f"{name}, random states, one thread", found["calls"])
+        title = f"{name}, {drawn.effort.states} random states, Scene::evaluate in Rust, one state per call"
+        found["accuracy"] = accuracy.accuracy(drawn, Silent())
+        terminal.accuracy(console, title, found["accuracy"])
+    elif not as_json:
+        click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared for 1 to {DENSE_CAP}")
+    sources: Mapping[str, str | Path] = auto_cost.example_robots() or {BUNDLED: _core.BUNDLED_ARM}
+    if robots:
+        # Files with equal names in several folders are named by their paths.
+        stems = [robot.stem for robot in robots]
+        sources = {robot.stem if stems.count(robot.stem) == 1 else str(robot): robot for robot in robots}
+    with reporter(Console(stderr=True)) as says:
+        each = partial(says.each, "Form auto by kind of state")
+        costs = found["auto"] = auto_cost.of_robots(sources, quick=quick, seed=seed, each=each, read=partial(load, **_reading()))
+    if costs:
+        terminal.auto_costs(console, costs)
+    found["growth"] = growth.growth((7, 10, 100, 1000, 10_000), 5, Silent())
+    terminal.growth(console, found["growth"])
     if as_json:
         echo_json(found)
         return

@@ -18,7 +18,7 @@ from ..estimation._columns import KINDS
 from ..estimation._identification import Identification
 from ..estimation._logs import with_derivatives
 from . import pipeline, terminal
-from .commands import JSON, FLOATING, BadInput, _as_options, _load, _typed_errors, check_pages, echo_json, group
+from .commands import JSON, FLOATING, BadInput, _as_options, _load, check_pages, echo_json, group
 from .identification import REPORT, IdentificationReport, force_unit, with_unit
 from .progress import Silent
 
@@ -85,7 +85,7 @@ def identify(
     scene = _locked(scene, locked, joints)
     console, trust = Console(stderr=True), _trust(trusts)
     settings: dict[str, Any] = {"fit": fit, "keep": keep, "blocks": blocks, "friction_speed": friction_speed, "stribeck_speed": stribeck_speed, "tau_delay": tau_delay}
-    with _typed_errors(), warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         if transmission is not None:
             settings["transmission"] = _matrix(transmission)
@@ -193,8 +193,7 @@ def _locked(scene: Scene, locked: tuple[str, ...], joints: tuple[str, ...]) -> S
             q[at.start] = float(value)
         except ValueError:
             raise BadInput(f"--lock: found {value!r} for {joint!r}; expected a number, rad or m, of a joint of one axis") from None
-    with _typed_errors():
-        return scene.lock(still, q) if still else scene
+    return scene.lock(still, q) if still else scene
 
 
 def _axes(scene: Scene) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import tasks
 from .._pose import from_rpy
-from .commands import JSON, BEYOND, FLOATING, KEYFRAME, MIMIC, BadInput, Mimic, _load, _typed_errors, echo_json, group
+from .commands import JSON, BEYOND, FLOATING, KEYFRAME, MIMIC, BadInput, Mimic, _load, echo_json, group
 from .motion import read_state
 from .text import plural
 
@@ -47,14 +47,13 @@ def ik(
     scene, name, _, _ = _load(robot, floating_base, mimic)
     if position is None and rpy is None:
         raise BadInput("--position, --rpy: found neither; expected at least one of them")
-    with _typed_errors():
-        q0 = read_state(state, scene, keyframe)["q"]
-        wanted: list[Any] = []
-        if position is not None:
-            wanted.append(tasks.Position(link, position))
-        if rpy is not None:
-            wanted.append(tasks.Orientation(link, from_rpy(np.array(rpy))))
-        found = scene.inverse_kinematics(wanted, q0, starts=starts, limits=limits)
+    q0 = read_state(state, scene, keyframe)["q"]
+    wanted: list[Any] = []
+    if position is not None:
+        wanted.append(tasks.Position(link, position))
+    if rpy is not None:
+        wanted.append(tasks.Orientation(link, from_rpy(np.array(rpy))))
+    found = scene.inverse_kinematics(wanted, q0, starts=starts, limits=limits)
     joints = {joint: found.q[scene.q_index(joint)] for joint in scene.joint_names}
     if as_json:
         about = {"name": name, "link": link, "joints": {joint: values[0] if len(values) == 1 else values for joint, values in joints.items()}}

@@ -15,7 +15,7 @@ from .. import errors
 from .._core import Scene
 from .._motion import PD, Trajectory
 from . import motion, pipeline
-from .commands import BEYOND, FLOATING, JSON, KEYFRAME, MIMIC, ROBOT, STOPPED, BadInput, Mimic, _as_options, _load, _typed_errors, check_pages, echo_json, folder, group
+from .commands import BEYOND, FLOATING, JSON, KEYFRAME, MIMIC, ROBOT, STOPPED, BadInput, Mimic, _as_options, _load, check_pages, echo_json, folder, group
 from .progress import Silent, reporter
 from .run import Run, layout, touches, unit
 from .states import Array
@@ -99,7 +99,7 @@ def simulate(
     steps = round(duration / dt)
     every = record_every or max(1, steps // ROWS)
     code, path, said = 0, None, None
-    with _typed_errors(), folder(output):
+    with folder(output):
         start = motion.read_state(state, scene, keyframe)
         uncertainty = motion.read_uncertainty(unsure, noise, scene)
         if check is not None:

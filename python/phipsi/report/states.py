@@ -40,13 +40,16 @@ class States:
 def draw(scene: Scene, count: int, seed: int) -> States:
     """Draw states: positions within limits, joint velocities in (-1, 1), torques of the magnitude of the bias torque.
 
-    A joint without limits is rotated in (-pi, pi) or translated in (-1, 1) m.
+    A joint without limits is rotated in (-pi, pi) or translated in (-1, 1) m. Connections are satisfied.
     """
     generator = np.random.default_rng(seed)
     low, high = ranges(scene)
     steps = generator.uniform(low, high, (count, scene.nv))
     q = scene.integrate(scene.neutral(), steps)
     qd = generator.uniform(-1.0, 1.0, (count, scene.nv))
+    if scene.loops.names:
+        nearest = scene.loops.project(q, qd)
+        q, qd = nearest.q, np.asarray(nearest.qd)
     size = np.abs(scene.bias_torque(q, qd)).max(axis=0, initial=0.0)
     size = np.where(size > 0.0, size, size.max(initial=0.0) or 1.0)
     tau = generator.uniform(-1.0, 1.0, (count, scene.nv)) * size

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..estimation._tables import by_names
 from . import embed
-from .commands import FLOATING, KEYFRAME, MIMIC, ROBOT, BadInput, Mimic, _load, _typed_errors, group
+from .commands import FLOATING, KEYFRAME, MIMIC, ROBOT, BadInput, Mimic, _load, group
 
 
 @group.command()
@@ -33,29 +33,26 @@ def view(robot: Path | None, floating_base: bool, mimic: Mimic | None, keyframe:
         raise BadInput(reason)
     scene, name, _, _ = _load(robot, floating_base, mimic)
     t = forces = None
-    with _typed_errors():
-        q = scene.initial(keyframe)
+    q = scene.initial(keyframe)
     if motion is not None:
         if keyframe is not None:
             raise BadInput("--keyframe: found a keyframe and --motion; expected one of them")
         try:
             with np.load(motion, allow_pickle=False) as archive:
-                t, q = archive["t"], archive["q"]
-                if "joint_names" in archive:
-                    with _typed_errors():
-                        q = by_names("--motion", archive["joint_names"], q, scene, True)
+                t, q, names = archive["t"], archive["q"], archive["joint_names"] if "joint_names" in archive else None
                 if "force" in archive and archive["force"].shape[1]:
                     forces = archive["force_at"], archive["force"]
         except (OSError, ValueError, KeyError, EOFError) as error:
             raise BadInput(f"--motion: found {error}; expected an .npz with t, (k,), and q, (k, nq)") from None
-    with _typed_errors():
-        if output is not None:
-            click.echo(scene.show(q, t=t, forces=forces, to=output, title=name))
-            return
-        viewer = scene.show(q, t=t, forces=forces, port=port, host=host, title=name, browser=browser)
-        click.echo(f"{name}: {viewer.url} (stop with Ctrl-C)")
-        try:
-            while not viewer._closed.wait(0.5):
-                pass
-        finally:
-            viewer.close()
+        if names is not None:
+            q = by_names("--motion", names, q, scene, True)
+    if output is not None:
+        click.echo(scene.show(q, t=t, forces=forces, to=output, title=name))
+        return
+    viewer = scene.show(q, t=t, forces=forces, port=port, host=host, title=name, browser=browser)
+    click.echo(f"{name}: {viewer.url} (stop with Ctrl-C)")
+    try:
+        while not viewer._closed.wait(0.5):
+            pass
+    finally:
+        viewer.close()

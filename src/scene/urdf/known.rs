@@ -95,6 +95,21 @@ pub(super) const QUIET: [&str; 14] = [
     "mujoco",
 ];
 
+/// Elements of QUIET elements that affect the dynamics nevertheless: their parent, their name, and the value, true or
+/// false, with which they do; `None`: any.
+pub(super) const ACTING: [(&str, &str, Option<bool>); 8] = [
+    // Bullet scales the inertia by this value.
+    ("contact", "inertia_scaling", None),
+    ("gazebo", "turnGravityOff", Some(true)),
+    ("gazebo", "gravity", Some(false)),
+    ("gazebo", "kinematic", Some(true)),
+    ("gazebo", "static", Some(true)),
+    ("gazebo", "springStiffness", Some(true)),
+    ("gazebo", "dampingFactor", Some(true)),
+    // A joint in the notation of SDF, such as one that closes a loop.
+    ("gazebo", "joint", None),
+];
+
 /// Elements of Drake that connect bodies. They are reported although they are foreign, because they affect the
 /// dynamics.
 pub(super) const OF_DRAKE: [&str; 7] = [

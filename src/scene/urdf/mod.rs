@@ -135,9 +135,8 @@ fn robot_instead(tag: &str) -> String {
         format!("<robot>: only URDF is read, not {format}; {way}, or build the scene in code with SceneBuilder")
     };
     match tag {
-        "mujoco" | "mujocoinclude" => {
-            read("MJCF", "convert it to URDF (for instance with mjcf-urdf-simple-converter from PyPI)")
-        }
+        "mujoco" => read("MJCF", "use phipsi.load in Python, convert it to URDF"),
+        "mujocoinclude" => "a whole robot: load an MJCF file that includes this one".to_owned(),
         "sdf" | "world" | "model" => read("SDF", "use the URDF that it was made from, convert it to URDF"),
         _ => "<robot>".to_owned(),
     }

@@ -36,20 +36,20 @@ pub(super) fn read_transmissions(
     // Joints whose armature was given by `<dynamics armature>` or by elements of the joint.
     let mut said: HashSet<usize> =
         joints.iter().enumerate().filter(|(_, joint)| joint.armature != 0.0).map(|(i, _)| i).collect();
-    let named = |tag: &'static str| {
+    let all = |tag: &'static str| {
         robot.children().filter(move |node| {
             node.tag_name().name() == tag && node.tag_name().namespace() == robot.tag_name().namespace()
         })
     };
     let reader = Reader { source };
-    for node in named("joint") {
+    for node in all("joint") {
         let Some(rotor) = reader.rotor(&[node], &INERTIAS[..1], &RATIOS[..1], findings)? else { continue };
         let Some(&joint) = plain_attribute(&node, "name").and_then(|name| index.get(name)) else { continue };
         add(&rotor, joint, joints, &said, findings);
         said.insert(joint);
     }
     let (mut actuators_of_scene, mut taken) = (Vec::new(), HashSet::new());
-    for node in named("transmission") {
+    for node in all("transmission") {
         let parts =
             |tag: &'static str| node.children().filter(move |child| child.has_tag_name(tag)).collect::<Vec<_>>();
         let (actuators, driven) = (parts("actuator"), parts("joint"));
@@ -104,10 +104,9 @@ fn motor(name: String, joint: Option<&JointDescription>, gear: Option<f64>) -> A
     Actuator { control: [-most, most], ..Actuator::new(name, joint.name.clone(), gear) }
 }
 
-/// The first gear ratio in the elements, 1 without one; `None` if it is not a number.
+/// The gear ratio in the elements, as for a rotor inertia, 1 without one; `None` if it is not a number.
 fn ratio_of(elements: &[Node]) -> Option<f64> {
-    let mut children = elements.iter().flat_map(Node::children);
-    let Some(node) = children.find(|child| child.is_element() && RATIOS.contains(&&*written(child))) else {
+    let Some((_, node)) = named(elements, &RATIOS).next() else {
         return Some(1.0);
     };
     let text = plain_attribute(&node, "value").or_else(|| node.text()).unwrap_or_default();
@@ -172,10 +171,7 @@ impl Reader<'_> {
                 findings.add(&format!("<{name}> in <{}>", elements[0].tag_name().name()), &child, "");
             }
         }
-        let find = |element: Node<'a, 'd>, names: &[&str]| {
-            names.iter().find_map(|name| children(element).find(|(written, _)| written == name))
-        };
-        let Some((tag, node)) = find(elements[0], inertias) else {
+        let Some((tag, node)) = named(&elements[..1], inertias).next() else {
             return Ok(None);
         };
         if children(elements[0]).filter(|(name, _)| inertias.contains(&name.as_str())).count() > 1 {
@@ -186,10 +182,7 @@ impl Reader<'_> {
             let found = format!("{} in <{tag}>", number(inertia));
             return Err(Error::scene(self.source.place_of(&node), found, "an inertia, zero or positive"));
         }
-        let mut found = elements.iter().flat_map(|element| {
-            let ratios = ratios.iter().filter_map(|name| find(*element, &[name]));
-            ratios.collect::<Vec<_>>()
-        });
+        let mut found = named(elements, ratios);
         let mut ratio = 1.0;
         if let Some((tag, node)) = found.next() {
             ratio = self.value(&tag, &node, findings)?;
@@ -220,6 +213,16 @@ impl Reader<'_> {
             }
         }
     }
+}
+
+/// The first child of each name in the elements, element by element in the order of the names, with its name.
+fn named<'a, 'd>(elements: &[Node<'a, 'd>], names: &[&str]) -> impl Iterator<Item = (String, Node<'a, 'd>)> {
+    elements.iter().flat_map(move |element| {
+        names.iter().filter_map(move |&name| {
+            let child = element.children().find(|child| child.is_element() && written(child) == name)?;
+            Some((name.to_owned(), child))
+        })
+    })
 }
 
 /// A name without its prefix.

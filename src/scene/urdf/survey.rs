@@ -1,6 +1,6 @@
 //! Collects the content of a document that the reader does not read, for one warning, and rejects unexpanded xacro.
 
-use super::known::{Known, OF_DRAKE, QUIET, ROBOT, like, one_off};
+use super::known::{ACTING, Known, OF_DRAKE, QUIET, ROBOT, like, one_off};
 use super::lenient::UNDECLARED;
 use super::xml::{Source, plain_attribute, quoted};
 use crate::error::Error;
@@ -121,10 +121,9 @@ impl<'s> Findings<'s> {
             return self.visit(child, read, owner.or((known.tag == ROBOT.tag).then_some(child)));
         }
         if QUIET.contains(&tag) {
-            // Bullet scales the inertia by this value.
-            let scaled = child.children().find(|inner| tag == "contact" && inner.has_tag_name("inertia_scaling"));
-            if let Some(scaled) = scaled {
-                self.add(&format!("<inertia_scaling> in <contact> of {}", place(node, owner)), &scaled, "");
+            for inner in child.children().filter(|inner| acts(tag, inner)) {
+                let of = plain_attribute(child, "reference").map_or_else(|| place(node, owner), quoted);
+                self.add(&format!("<{}> in <{tag}> of {of}", inner.tag_name().name()), &inner, "");
             }
             return Ok(());
         }
@@ -178,6 +177,15 @@ impl<'s> Findings<'s> {
         }
         Ok(())
     }
+}
+
+/// True if an element inside of an element of QUIET affects the dynamics.
+fn acts(outer: &str, inner: &Node) -> bool {
+    let value = plain_attribute(inner, "value").or(inner.text()).unwrap_or_default().trim();
+    let is_false = value.eq_ignore_ascii_case("false") || value.parse() == Ok(0.0);
+    ACTING.iter().any(|&(of, name, on)| {
+        of == outer && inner.has_tag_name(name) && on.is_none_or(|on| !value.is_empty() && is_false != on)
+    })
 }
 
 /// Text such as `<dynamics> of joint "elbow"` for an element of a link or joint.
