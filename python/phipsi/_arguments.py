@@ -115,9 +115,14 @@ def check_finite(what: str, values: ArrayLike, expected: str = "finite numbers")
 def vectors(name: str, values: ArrayLike, size: int) -> NDArray[np.float64]:
     """Vectors of another program's state, (..., size)."""
     found = numbers(name, values)
+    check_shape(name, found, size)
+    return found
+
+
+def check_shape(name: str, found: NDArray[np.float64], size: int) -> None:
+    """Refuse arrays that are not (..., size)."""
     if found.ndim == 0 or found.shape[-1] != size:
         raise of_argument(ShapeError, name, f"found shape {found.shape}; expected (..., {size})")
-    return found
 
 
 def leading(q: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[int, ...]:
