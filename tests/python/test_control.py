@@ -873,6 +873,15 @@ def test_numbers_of_a_regulator_that_are_not_finite_are_named(name, wrong):
         control.lqr(**(given | {name: np.full((1, 1), wrong)}))
 
 
+@pytest.mark.parametrize("effort", [50.0, np.full(12, 50.0), np.array([np.full(12, -50.0), np.full(12, 50.0)])])
+def test_a_floating_base_has_no_control(effort):
+    scene = phipsi.load(phipsi.BUNDLED_ARM, floating_base=True)
+    plan = scene.optimize(scene.neutral(), dt=0.02, steps=5, costs=[EFFORT, control.State(velocity=0.1)], effort=effort, limits=False)
+    assert (plan.tau[:, :6] == 0.0).all()
+    assert (plan.gains[:, :6] == 0.0).all()
+    assert (plan.tau[:, 6:] != 0.0).any()
+
+
 def test_nothing_that_moves_has_a_plan():
     scene = phipsi.SceneBuilder().link("only", 1.0).build()
     plan = scene.optimize([], dt=0.1, steps=3, costs=EFFORT)

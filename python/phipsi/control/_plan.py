@@ -517,20 +517,18 @@ def _state(scene: Scene, q: ArrayLike, qd: ArrayLike, names: tuple[str, str]) ->
 def _effort(scene: Scene, effort: Any) -> _Array:
     """Smallest and largest torques, (2, nv)."""
     limit = scene.limits.effort if effort is True else np.full(scene.nv, np.inf)
+    bounds = np.stack([-limit, limit])
     if effort is not True and effort is not None:
         given = numbers("effort", effort)
         if given.shape not in {(), (scene.nv,), (2, scene.nv)}:
             raise of_argument(ShapeError, "effort", f"found shape {given.shape}; expected True, None, a number, ({scene.nv},) or (2, {scene.nv})")
-        if given.shape == (2, scene.nv):
-            return given
-        if not (given >= 0.0).all():
+        if given.shape != (2, scene.nv) and not (given >= 0.0).all():
             raise of_argument(ArgumentError, "effort", f"found {given.min()}; expected limits that are zero (no control) or positive")
-        limit = np.broadcast_to(given, (scene.nv,))
-    limit = limit.copy()
+        bounds = given.copy() if given.shape == (2, scene.nv) else np.stack(np.broadcast_arrays(-given, given, limit)[:2])
     for joint in scene.joint_names:
         if scene.joint(joint).type == "floating":
-            limit[scene.v_index(joint)] = 0.0
-    return np.stack([-limit, limit])
+            bounds[:, scene.v_index(joint)] = 0.0
+    return bounds
 
 
 def _start(scene: Scene, tau: Any, start: Any, steps: int) -> tuple[_Array | None, tuple[_Array, _Array] | None]:
