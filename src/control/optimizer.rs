@@ -316,7 +316,7 @@ impl Optimizer {
         scene.check_start(start.q, start.qd)?;
         defects.clear();
         self.defect_weight = 0.0;
-        // Those of the last search are not of this problem: rows without multipliers are not penalized.
+        // The last search had its own: rows are penalized when they have new ones.
         self.multipliers.iter_mut().for_each(Vec::clear);
         motion.q[..nq].copy_from_slice(start.q);
         motion.qd[..nv].copy_from_slice(start.qd);
