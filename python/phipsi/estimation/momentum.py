@@ -301,6 +301,8 @@ class MomentumObserver:
         flow = np.einsum("...ji,...j->...i", scene.coriolis_matrix(q, qd), qd) - scene.gravity_torque(q)
         mass = np.asarray(scene.mass_matrix(q))
         momentum = np.einsum("...ij,...j->...i", mass, qd)
+        # The next step compares with them.
+        check_result("momentum and its rate of change", [momentum, flow])
         if self._connected:
             self._motions = allowed_motions(scene, q)
         if self._before is None:
