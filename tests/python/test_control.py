@@ -723,6 +723,9 @@ def test_regulators_that_rounding_does_not_determine_are_refused():
         control.lqr(a, b, 10.0 ** np.linspace(-10, 10, 7), 1e-9)
     with pytest.raises(ArgumentError, match="A, B: found a system that these controls do not stabilize"):
         control.lqr([[0.0, 1.0], [-1.0, 0.0]], [[0.0], [1.0]], 0.0, 1.0)
+    # A step over which the motion grows beyond all numbers.
+    with pytest.raises(ArgumentError, match="A, B: found a system that these controls do not stabilize"):
+        control.lqr([[5.0]], [[1.0]], 1.0, 1.0, dt=1000.0)
 
 
 def test_regulators_of_no_states_and_of_no_cost():

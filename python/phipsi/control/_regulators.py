@@ -95,10 +95,11 @@ def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, *, dt: float | N
     True
     """
     a, b, q, r = _system(A, B, Q, R)
-    if dt is not None:
-        a, b = _held(a, b, positive("dt", dt))
-        q, r = q * dt, r * dt
+    # Results that overflow are found by their values.
     with np.errstate(all="ignore"):
+        if dt is not None:
+            a, b = _held(a, b, positive("dt", dt))
+            q, r = q * dt, r * dt
         try:
             found = _solved(a, b, q, r, dt is not None)
         except np.linalg.LinAlgError:
