@@ -285,6 +285,8 @@ class MotionPlan:
     def trajectory(self) -> Any:
         """The motion as a Trajectory of Scene.simulate.
 
+        With connections, the simulation projects each step onto them; the steps of the plan leave them a little.
+
         Returns
         -------
         trajectory : Trajectory
