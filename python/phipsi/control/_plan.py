@@ -366,7 +366,7 @@ class MotionPlan:
 class _Search:
     """The optimizer of a problem, with the terms that it has now; it is created when it is needed, also after a copy."""
 
-    def __init__(self, scene: Scene, times: tuple[float, int], effort: _Array, limits: bool, settings: tuple[float, ...]) -> None:
+    def __init__(self, scene: Scene, times: tuple[float, int], effort: _Array, limits: bool, settings: tuple[float, float, float, float]) -> None:
         self.arguments = scene, times, effort, limits, settings
         self.terms: list[Any] = []
         self.optimizer: _Optimizer | None = None

@@ -170,11 +170,13 @@ def _solved(a: _Array, b: _Array, q: _Array, r: _Array, is_discrete: bool) -> tu
     values, vectors = np.linalg.eig(flow)
     stable = vectors[:, np.argsort(values.real)[:n]]
     value = _symmetric(np.linalg.solve(stable[:n].T, stable[n:].T).T.real)
-    best, least, before = None, SETTLED, np.full(b.T.shape, np.inf)
+    best: tuple[_Array, _Array] | None = None
+    least, before = SETTLED, np.full(b.T.shape, np.inf)
     for _ in range(STEPS):
-        gains = np.linalg.solve(r + b.T @ value @ b, b.T @ value @ a) if is_discrete else np.linalg.solve(r, b.T @ value)
+        on, by = (r + b.T @ value @ b, b.T @ value @ a) if is_discrete else (r, b.T @ value)
+        gains = np.asarray(np.linalg.solve(on, by), np.float64)
         closed = a - b @ gains
-        poles = np.linalg.eigvals(closed)
+        poles = np.asarray(np.linalg.eigvals(closed), np.complex128)
         if not (np.isfinite(value).all() and ((np.abs(poles) < 1.0) if is_discrete else (poles.real < 0.0)).all()):
             break
         # The step of Newton's method is the error of the solution before.
