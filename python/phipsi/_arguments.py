@@ -58,6 +58,15 @@ def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(array_of(name, value, None, 0), np.float64)
 
 
+def finite(name: str, value: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+    """As `numbers`, contiguous, of one shape, without NaN and infinities."""
+    found = np.ascontiguousarray(numbers(name, value)) if np.ndim(value) else numbers(name, value)
+    if shape is not None and found.shape != shape:
+        raise of_argument(ShapeError, name, f"found shape {found.shape}; expected {shape}")
+    check_finite(name, found)
+    return found
+
+
 def whole(name: str, value: Any, least: int, expected: str = "", most: int = 2**53) -> int:
     """A whole number from `least` to `most`; `expected` describes it in the message."""
     expected = expected or f"a whole number, at least {least}"
@@ -88,12 +97,17 @@ def names_of(value: Iterable[Any]) -> tuple[Any, ...]:
 
 def check_result(what: str, values: ArrayLike) -> None:
     """Refuse a result with NaN or infinities: finite arguments can still overflow."""
-    finite = np.isfinite(values).ravel()
-    if finite.all():
+    check_finite(f"{what} (result; the arguments overflow)", values)
+
+
+def check_finite(what: str, values: ArrayLike, expected: str = "finite numbers") -> None:
+    """Refuse NaN and infinities."""
+    is_finite = np.isfinite(values).ravel()
+    if is_finite.all():
         return
-    index = int(finite.argmin())
-    text = f"found {np.ravel(values)[index]} at index {index}; expected finite numbers"
-    error = of_argument(NotFiniteError, f"{what} (result; the arguments overflow)", text)
+    index = int(is_finite.argmin())
+    found = str(np.ravel(values)[index]).replace("nan", "NaN")
+    error = of_argument(NotFiniteError, what, f"found {found} at index {index}; expected {expected}")
     error.index = index
     raise error
 
@@ -101,9 +115,14 @@ def check_result(what: str, values: ArrayLike) -> None:
 def vectors(name: str, values: ArrayLike, size: int) -> NDArray[np.float64]:
     """Vectors of another program's state, (..., size)."""
     found = numbers(name, values)
+    check_shape(name, found, size)
+    return found
+
+
+def check_shape(name: str, found: NDArray[np.float64], size: int) -> None:
+    """Refuse arrays that are not (..., size)."""
     if found.ndim == 0 or found.shape[-1] != size:
         raise of_argument(ShapeError, name, f"found shape {found.shape}; expected (..., {size})")
-    return found
 
 
 def leading(q: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[int, ...]:

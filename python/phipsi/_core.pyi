@@ -3831,8 +3831,8 @@ class Scene:
         gain : float, default 1
             Share of the errors that is removed in dt; below 1, errors decay exponentially.
         damping : float, default 1e-6
-            Damping relative to the largest entry of J^T J over the variances; more keeps velocities small near
-            singularities.
+            Damping of each joint relative to its diagonal entry of J^T J over the variances, or to a thousandth of the
+            largest entry; more keeps velocities small near singularities.
         limits : bool, default True
             If true, joints, and joints coupled to them, stay within their limits. A joint outside of its limits
             returns as fast as its velocity limit allows.

@@ -45,18 +45,28 @@ impl Scene {
         let at = |state: usize| move |error: Error| Fault { state, error };
         let (tied, width) = (coupling.tied(), what.width(self.nv()));
         check_length("out", out.len(), width * states.len()).map_err(at(0))?;
-        let mut expanded = Vec::with_capacity(states.len());
-        for (i, state) in states.iter().enumerate() {
-            self.check_coordinates("q", state.q).map_err(at(i))?;
+        let expand = |state: &Arguments<'_>| {
+            self.check_coordinates("q", state.q)?;
             for (name, rates) in [("qd", state.qd), ("qdd", state.u)].iter().take(what.reads() - 1) {
-                self.check_rates(name, rates).map_err(at(i))?;
+                self.check_rates(name, rates)?;
             }
             let rates = |at: usize, x: &[f64]| if at < what.reads() { coupling.rates(x) } else { Vec::new() };
             let armature = match state.model.armature {
                 [] => Vec::new(),
-                armature => self.check_armature(armature).map(|()| coupling.armature(armature)).map_err(at(i))?,
+                armature => self.check_armature(armature).map(|()| coupling.armature(armature))?,
             };
-            expanded.push([coupling.configuration(state.q), rates(1, state.qd), rates(2, state.u), armature]);
+            Ok([coupling.configuration(state.q), rates(1, state.qd), rates(2, state.u), armature])
+        };
+        // The states before an invalid one are finished.
+        let (mut expanded, mut checked) = (Vec::with_capacity(states.len()), Ok(()));
+        for (i, state) in states.iter().enumerate() {
+            match expand(state).map_err(at(i)) {
+                Ok(one) => expanded.push(one),
+                Err(fault) => {
+                    checked = Err(fault);
+                    break;
+                }
+            }
         }
         let mut asked: Vec<Arguments<'_>> = Vec::with_capacity(states.len());
         for ([q, qd, u, armature], state) in expanded.iter().zip(states) {
@@ -65,13 +75,14 @@ impl Scene {
         }
         let of_tree = what.width(tied.nv());
         if of_tree == width {
-            return tied.quantity_independent(kernels, what, &asked, out);
+            return tied.quantity_independent(kernels, what, &asked, &mut out[..width * asked.len()]).and(checked);
         }
-        let mut results = vec![f64::NAN; of_tree * states.len()];
-        tied.quantity_independent(kernels, what, &asked, &mut results)?;
-        for (from, to) in results.chunks_exact(of_tree.max(1)).zip(out.chunks_exact_mut(width.max(1))) {
+        let mut results = vec![f64::NAN; of_tree * asked.len()];
+        let done = tied.quantity_independent(kernels, what, &asked, &mut results);
+        let count = done.as_ref().map_or_else(|fault| fault.state, |()| asked.len());
+        for (from, to) in results.chunks_exact(of_tree.max(1)).zip(out.chunks_exact_mut(width.max(1))).take(count) {
             coupling.reduce_quantity(what, from, to);
         }
-        Ok(())
+        done.and(checked)
     }
 }

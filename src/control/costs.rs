@@ -208,14 +208,13 @@ impl Cost {
     pub fn evaluate(
         &self,
         dynamics: &Dynamics,
-        sizes: Sizes,
+        (sizes, steps): (Sizes, usize),
         motion: &Motion,
         s: &mut CostScratch,
         rows: &mut Rows,
     ) -> Result<(), Error> {
         let scene = dynamics.scene();
         let (nq, nv) = (scene.nq(), scene.nv());
-        let knots = motion.q.len() / nq.max(1);
         let root = dynamics.h.sqrt();
         if let Term::Own(own) = &self.term {
             self.evaluate_own(own.as_ref(), (nq, nv), motion, s)?;
@@ -223,12 +222,12 @@ impl Cost {
         let whole = dynamics.whole();
         let workspace = s.workspace.get_or_insert_with(|| whole.workspace());
         rows.clear();
-        for knot in 0..knots {
+        for knot in 0..=steps {
             if knot < self.first || knot > self.last {
                 rows.end_knot();
                 continue;
             }
-            let (at, is_end) = (knot - self.first, knot + 1 == knots);
+            let (at, is_end) = (knot - self.first, knot == steps);
             let weight = if is_end || self.is_limit { 1.0 } else { root };
             let (q, qd) = (&motion.q[knot * nq..][..nq], &motion.qd[knot * nv..][..nv]);
             match &self.term {

@@ -282,7 +282,8 @@ impl Optimizer {
                 write_system(self.sizes, &step, &mut a[knot * n * n..][..n * n], &mut b[knot * n * m..][..n * m]);
             }
             let to = &mut hessian[knot * all * all..][..all * all];
-            self.rows.iter().for_each(|rows| rows.add_squares(knot, all, to));
+            let costs = self.problem.costs.iter().zip(&self.rows).filter(|(cost, _)| !cost.is_limit);
+            costs.for_each(|(_, rows)| rows.add_squares(knot, all, to));
         }
         Ok(Linearization { a, b, by_torque, hessian })
     }
@@ -315,6 +316,8 @@ impl Optimizer {
         scene.check_start(start.q, start.qd)?;
         defects.clear();
         self.defect_weight = 0.0;
+        // The last search had its own: rows are penalized when they have new ones.
+        self.multipliers.iter_mut().for_each(Vec::clear);
         motion.q[..nq].copy_from_slice(start.q);
         motion.qd[..nv].copy_from_slice(start.qd);
         if start.tau.is_empty() {
@@ -399,7 +402,7 @@ impl Optimizer {
     fn evaluate(&mut self, motion: &Motion, rows: &mut [Rows]) -> Result<f64, Error> {
         let mut violation: f64 = 0.0;
         for (cost, (rows, multipliers)) in self.problem.costs.iter().zip(rows.iter_mut().zip(&self.multipliers)) {
-            cost.evaluate(&self.dynamics, self.sizes, motion, &mut self.costs, rows)?;
+            cost.evaluate(&self.dynamics, (self.sizes, self.problem.steps), motion, &mut self.costs, rows)?;
             if cost.is_limit {
                 violation = violation.max(rows.largest());
                 if !multipliers.is_empty() {

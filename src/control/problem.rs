@@ -126,7 +126,7 @@ pub struct Outcome {
 }
 
 /// The system and the cost about the motion: for each step A (n x n), B (n x m), and for each knot the second
-/// derivatives of the cost by (x, u).
+/// derivatives of the cost by (x, u), without inequalities: their weights are not part of the cost.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Linearization {
     /// A of each step.

@@ -27,8 +27,8 @@ struct Call<'a, 'b> {
 }
 
 impl Scene {
-    /// Runs one algorithm on some states of a scene with mimic joints. Writes the results one after another. `ask` runs
-    /// an algorithm of the tree with its rows.
+    /// Runs one algorithm on some states of a scene with mimic joints. Writes the results one after another, also those
+    /// before a state that fails. `ask` runs an algorithm of the tree with its rows.
     pub(crate) fn evaluate_coupled(
         &self,
         coupling: &Coupling,
@@ -41,25 +41,26 @@ impl Scene {
         let width = self.width(algorithm);
         let at = |state: usize| move |error: Error| Fault { state, error };
         check_length("out", out.len(), width * states.len()).map_err(at(0))?;
-        for (i, state) in states.iter().enumerate() {
-            self.check_coupled(algorithm, &state.read_by(algorithm)).map_err(at(i))?;
-        }
-        let mut call = Call { coupling, ask };
-        match algorithm {
-            Algorithm::MassMatrixInverse(form) => out.copy_from_slice(&call.inverses(form, states)?),
+        let mut valid = states.iter().enumerate();
+        let checked =
+            valid.try_for_each(|(i, state)| self.check_coupled(algorithm, &state.read_by(algorithm)).map_err(at(i)));
+        let states = checked.as_ref().map_or_else(|fault| &states[..fault.state], |()| states);
+        let (mut call, mut all) = (Call { coupling, ask }, Vec::new());
+        let done = match algorithm {
+            Algorithm::MassMatrixInverse(form) => call.inverses(form, states, &mut all),
+            // There are no connections: no rows, and rank and residual are zero.
             Algorithm::ConstrainedDynamics(form) => {
-                // There are no connections: no rows, and rank and residual are zero.
-                let qdd = call.reduced(false, Algorithm::ForwardDynamics(form), states, found)?;
-                let nv = width - 2;
-                for (i, to) in out.chunks_exact_mut(width).enumerate() {
-                    to[..nv].copy_from_slice(&qdd[i * nv..(i + 1) * nv]);
-                    to[nv..].fill(0.0);
-                }
+                call.reduced(false, Algorithm::ForwardDynamics(form), states, (found, &mut all))
             }
-            _ => out.copy_from_slice(&call.reduced(false, algorithm, states, found)?),
+            _ => call.reduced(false, algorithm, states, (found, &mut all)),
+        };
+        let own = if matches!(algorithm, Algorithm::ConstrainedDynamics(_)) { width - 2 } else { width };
+        for (i, (from, to)) in all.chunks_exact(own.max(1)).zip(out.chunks_exact_mut(width.max(1))).enumerate() {
+            to[..own].copy_from_slice(from);
+            to[own..].fill(0.0);
+            self.check_result("result", to).map_err(at(i))?;
         }
-        let mut results = out.chunks_exact(width.max(1)).enumerate();
-        results.try_for_each(|(i, out)| self.check_result("result", out).map_err(at(i)))
+        done.and(checked)
     }
 
     /// Checks the arguments of one state that the algorithm takes.
@@ -105,14 +106,14 @@ impl Scene {
 }
 
 impl Call<'_, '_> {
-    /// The results of an algorithm of the tree for all states, reduced.
+    /// Appends the results of an algorithm of the tree for all states, reduced, up to one that fails.
     fn reduced(
         &mut self,
         is_weightless: bool,
         algorithm: Algorithm,
         states: &[Arguments<'_>],
-        found: &mut Found<'_>,
-    ) -> Result<Vec<f64>, Fault> {
+        (found, out): (&mut Found<'_>, &mut Vec<f64>),
+    ) -> Result<(), Fault> {
         let (coupling, entry, tied) = (self.coupling, algorithm.entry(), self.coupling.tied());
         let (acts, nv) = (algorithm.goes_through_connections(), coupling.sizes().1);
         let states: Vec<_> = states.iter().map(|state| state.read_by(algorithm)).collect();
@@ -140,34 +141,33 @@ impl Call<'_, '_> {
         }
         let (width, sizes) = (tied.width(algorithm), tied.sizes());
         let mut results = vec![f64::NAN; states.len() * width];
-        (self.ask)(is_weightless, algorithm, &asked, &mut results, found)?;
-        let mut out = Vec::new();
-        for of_state in results.chunks_exact(width.max(1)) {
-            let rest = coupling.reduced_all(entry.results, (&sizes, acts), of_state, &mut out);
+        let done = (self.ask)(is_weightless, algorithm, &asked, &mut results, found);
+        let count = done.as_ref().map_or_else(|fault| fault.state, |()| states.len());
+        for of_state in results.chunks_exact(width.max(1)).take(count) {
+            let rest = coupling.reduced_all(entry.results, (&sizes, acts), of_state, out);
             if algorithm.gives_constants() {
                 let (armature, others) = rest.split_at(sizes.nv);
                 out.extend(coupling.by_armature(armature));
                 out.extend_from_slice(others);
             }
         }
-        Ok(out)
+        done
     }
 
-    /// (G^T M G)^-1 of each state, from its columns: accelerations at rest and without gravity; exactly symmetric.
-    fn inverses(&mut self, form: Form, states: &[Arguments<'_>]) -> Result<Vec<f64>, Fault> {
+    /// Appends (G^T M G)^-1 of each state up to one that fails, from its columns: accelerations at rest and without gravity; exactly symmetric.
+    fn inverses(&mut self, form: Form, states: &[Arguments<'_>], out: &mut Vec<f64>) -> Result<(), Fault> {
         let (_, nv) = self.coupling.sizes();
         let (rest, mut units) = (vec![0.0; nv], vec![0.0; nv * nv]);
         units.iter_mut().step_by(nv + 1).for_each(|diagonal| *diagonal = 1.0);
-        let mut out = Vec::with_capacity(states.len() * nv * nv);
         for (i, state) in states.iter().enumerate() {
             let of = |u| Arguments { q: state.q, qd: &rest, u, model: state.model, ..Arguments::default() };
             let columns: Vec<_> = units.chunks_exact(nv.max(1)).map(of).collect();
-            let mut inverse = self
-                .reduced(true, Algorithm::ForwardDynamics(form), &columns, &mut |_, _| {})
+            let mut inverse = Vec::with_capacity(nv * nv);
+            self.reduced(true, Algorithm::ForwardDynamics(form), &columns, (&mut |_, _| {}, &mut inverse))
                 .map_err(|fault| Fault { state: i, ..fault })?;
             mirror(nv, &mut inverse);
             out.append(&mut inverse);
         }
-        Ok(out)
+        Ok(())
     }
 }

@@ -9,7 +9,7 @@ use crate::kinematics::pair::Pair;
 use crate::kinematics::{Frame, placement};
 use crate::setters::setters;
 use crate::spatial::RigidShift;
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use std::collections::HashSet;
 
 /// Largest accepted entry of R^T R - 1 for the rotation R of a frame.
@@ -407,8 +407,16 @@ pub(super) fn frame_fault(frame: &RigidShift<f64>) -> Option<(String, &'static s
 /// The rotation of least angle that maps z onto a direction; about x for the direction -z.
 fn z_onto(axis: &Vector3<f64>) -> Matrix3<f64> {
     let direction = (axis / axis.amax()).normalize();
-    let turn = Rotation3::rotation_between(&Vector3::z(), &direction);
-    *turn.unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)).matrix()
+    let (across, cosine) = (Vector3::z().cross(&direction), direction.z);
+    let square = across.norm_squared();
+    if square == 0.0 {
+        let sign = cosine.signum();
+        return Matrix3::from_diagonal(&Vector3::new(1.0, sign, sign));
+    }
+    // 1 / (1 + cosine); an angle from the cosine would lose tilts below 1e-8.
+    let share = if cosine > 0.0 { 1.0 / (1.0 + cosine) } else { (1.0 - cosine) / square };
+    let cross = across.cross_matrix();
+    Matrix3::identity() + cross + cross * cross * share
 }
 
 /// Re-orthonormalizes a rotation that has accumulated rounding errors: one Newton step, R (3 - R^T R)/2.

@@ -59,6 +59,12 @@ def calls(scene: phipsi.Scene) -> dict[str, Any]:
         "momentum": lambda q, qd, tau, **e: scene.momentum(q, qd, **e),
         "forward_dynamics_variance": lambda q, qd, tau, **e: scene.forward_dynamics_variance(q, qd, tau, torque=0.1, **e),
         "inverse_dynamics_variance": lambda q, qd, tau, **e: scene.inverse_dynamics_variance(q, qd, tau, joints={"armature": 0.1}, **e),
+        "variances of links of correlated bodies": lambda q, qd, tau, **e: scene.forward_dynamics_variance(
+            q, qd, tau, parameters=1e-4 * np.ones((10 * len(scene.body_names),) * 2), links=link, **e
+        ).links[link],
+        "inverse_dynamics_variance of correlated bodies": lambda q, qd, tau, **e: scene.inverse_dynamics_variance(
+            q, qd, tau, parameters=1e-4 * np.ones((10 * len(scene.body_names),) * 2), **e
+        ),
         "integrate": lambda q, qd, tau, **e: scene.integrate(q, qd, **e),
         "difference": lambda q, qd, tau, **e: scene.difference(scene.neutral(), q, **e),
         "inverse_kinematics": lambda q, qd, tau, **e: scene.inverse_kinematics(
@@ -73,10 +79,26 @@ def calls(scene: phipsi.Scene) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("name", calls(random_scene(2, 9, floating_base=True)))
-def test_good_states_come_back_and_bad_ones_are_nan(floating: phipsi.Scene, name: str) -> None:
-    call = calls(floating)[name]
-    q, qd, tau = random_states(floating, 0, (BATCH,))
+def follower() -> phipsi.Scene:
+    """A floating chain in which two joints follow others."""
+    builder, random, last = phipsi.SceneBuilder().link("base", 2.0, (0, 0, 0.1), 0.05 * np.eye(3)), np.random.default_rng(4), "base"
+    for k in range(4):
+        builder.link(f"l{k}", 1.0, tuple(random.uniform(-0.1, 0.1, 3)), 0.02 * np.eye(3))
+        follows = {"mimic": f"j{k - 2}", "mimic_multiplier": 1.5, "mimic_offset": 0.1} if k > 1 else {}
+        builder.joint(f"j{k}", "revolute", last, f"l{k}", xyz=(0.1, 0, 0.2), axis=tuple(random.normal(size=3)), **follows)  # type: ignore[arg-type]
+        last = f"l{k}"
+    return builder.build(floating_base=True, mimic="couple")
+
+
+SCENES = {"independent": lambda: random_scene(2, 9, floating_base=True), "mimic": follower}
+CASES = [(kind, name) for kind in SCENES for name in calls(random_scene(2, 9, floating_base=True)) if (kind, name) != ("mimic", "estimate")]
+
+
+@pytest.mark.parametrize(("kind", "name"), CASES)
+def test_good_states_come_back_and_bad_ones_are_nan(kind: str, name: str) -> None:
+    scene = SCENES[kind]()
+    call = calls(scene)[name]
+    q, qd, tau = random_states(scene, 0, (BATCH,))
     expected = call(q, qd, tau)
     q[list(BAD), 4] = np.nan
     with pytest.raises(NotFiniteError):

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import phipsi
 from phipsi.errors import ArgumentError, ConstraintError, SceneError, ShapeError, SimulationError
+from tolerances import assert_near, product
 
 
 def bars(builder: phipsi.SceneBuilder | None = None) -> phipsi.SceneBuilder:
@@ -436,3 +437,17 @@ def test_a_rod_whose_ends_coincide_but_for_rounding_has_no_length() -> None:
             builder.joint(name, "revolute", parent, name, xyz=rng.normal(size=3), rpy=rng.normal(size=3), axis=rng.normal(size=3))
         with pytest.raises(SceneError, match="origins coincide"):
             builder.connect("rod", "rod", "b", "base", xyz=rng.normal(size=3)).build()
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1e-12, 1e-9, 1e-8, 1e-6, 1.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_hinge_turns_about_its_axis_however_small_its_tilt(tilt: float, sign: float) -> None:
+    axis = np.array([tilt, -0.5 * tilt, sign])
+    box = phipsi.SceneBuilder().link("box", mass=1.0, inertia=np.eye(3))
+    scene = box.connect("hinge", "axis", "box", axis=axis).build(floating_base=True)
+    half = 0.6 * axis / np.linalg.norm(axis)
+    q = np.concatenate([np.zeros(3), np.sin(0.6) * half / 0.6, [np.cos(0.6)]])
+    assert_near(scene.loops.error(q), np.zeros(5), product(9, 1.0) * max(tilt, 1e-2))
+    # Across the axis it does not turn.
+    q[3:] = [np.sin(0.05), 0.0, 0.0, np.cos(0.05)]
+    assert np.abs(scene.loops.error(q)).max() > 0.05

@@ -588,6 +588,63 @@ def test_least_expected_cost_with_other_masses(arm):
     assert means[1] < 0.99 * means[0]
 
 
+def test_expected_cost_is_that_of_the_plan_after_others_were_made_from_it(arm):
+    goals = [[control.Effort(5.0), control.State(velocity=3.0), control.Terminal(tasks.Position("link6", at, position=0.01))] for at in ([0.5, 0.1, 0.4], [0.1, 0.5, 0.2])]
+    unsure = estimation.MotionUncertainty(torque_noise=1e-3)
+
+    def made():
+        return arm.optimize(np.full(6, 0.1), dt=0.02, steps=20, costs=goals[0])
+
+    plan = made()
+    before = plan.expected(unsure)
+    other = plan.resume(plan.q[1] + 0.3, plan.qd[1], costs=goals[1])
+    after = plan.expected(unsure)
+    assert (after.cost, *(of.tobytes() for of in after[1:])) == (before.cost, *(of.tobytes() for of in before[1:]))
+    # Without costs those of the plan are meant, also if another plan with other targets was made from it.
+    again, wanted = plan.resume(plan.q[1], plan.qd[1]), made().resume(plan.q[1], plan.qd[1])
+    assert (again.q == wanted.q).all()
+    assert again.cost == wanted.cost
+    assert (other.resume(other.q[1], other.qd[1]).q == made().resume(plan.q[1] + 0.3, plan.qd[1], costs=goals[1]).resume(other.q[1], other.qd[1]).q).all()
+
+
+@pytest.mark.parametrize("iterations", [0, 1, 3])
+def test_resuming_is_a_new_search_from_the_shifted_torques(arm, iterations):
+    # The inequalities of the limits had multipliers in the search before.
+    costs = [control.Effort(10.0), control.EffortRate(100.0), control.Terminal(tasks.Position("link6", (0.3, 0.1, 0.4)))]
+    given = {"dt": 0.02, "steps": 10, "costs": costs}
+    plan = arm.optimize(np.full(6, 0.1), **given)
+    assert abs(plan.qd / arm.limits.velocity).max() > 0.999
+    for _ in range(2):
+        found = plan.resume(plan.q[1], plan.qd[1], iterations=iterations)
+        wanted = arm.optimize(plan.q[1], plan.qd[1], tau=plan.shift()[2], iterations=iterations, **given)
+        for name in ("q", "qd", "tau", "gains", "rate_gains"):
+            tolerances.assert_same_bits(getattr(found, name), getattr(wanted, name))
+
+
+@pytest.mark.parametrize("limits", [False, True])
+def test_inequalities_are_no_part_of_the_expected_cost(limits):
+    # A mass on a rail is linear, so that the expectation of its cost is exact: that of sampled runs.
+    builder = phipsi.SceneBuilder().link("w").link("m", mass=1.0).joint("j", "prismatic", "w", "m", axis="x", lower=-1, upper=0.2)
+    scene, steps, dt = builder.build(gravity=(0, 0, 0)), 40, 0.02
+    costs = [control.Effort(1.0), control.State([0.5], position=0.3, velocity=1.0), control.Terminal(control.State([0.5], position=0.05, velocity=0.1))]
+    slow = control.NotPositive(control.Function(lambda q, qd, tau: qd - 0.4))
+    plan = scene.optimize([0.0], dt=dt, steps=steps, costs=costs if limits else [*costs, slow], limits=limits)
+    assert plan.converged
+    assert abs(plan.q.max() - 0.2) < 1e-6 if limits else abs(plan.qd.max() - 0.4) < 1e-5
+    found = plan.expected(estimation.MotionUncertainty(initial=[1e-4, 1e-4], torque_noise=1e-4))
+    # x = Phi z + ... of independent unit z: the deviations of each step for each of the causes.
+    a, b = np.array([[1.0, dt], [0.0, 1.0]]), np.array([dt * dt, dt])
+    x, excess = np.zeros((2, 2 + steps)), 0.0
+    x[:, :2] = 1e-2 * np.eye(2)
+    for k in range(steps):
+        u = -plan.gains[k] @ x
+        excess += 0.5 * dt * (np.sum(u**2) + np.sum((x[0] / 0.3) ** 2) + np.sum(x[1] ** 2))
+        x = a @ x + np.outer(b, u[0])
+        x[:, 2 + k] += b * np.sqrt(1e-4 / dt)
+    excess += 0.5 * (np.sum((x[0] / 0.05) ** 2) + np.sum((x[1] / 0.1) ** 2))
+    assert abs(found.cost - plan.cost - excess) <= tolerances.product(steps, plan.cost)
+
+
 def test_uncertainty_needs_a_search(arm):
     unsure = estimation.MotionUncertainty(torque_noise=1e-3)
     with pytest.raises(ArgumentError, match="iterations"):
@@ -611,6 +668,70 @@ def test_regulators_solve_their_riccati_equations(arm):
     assert (abs(held.poles) < 1.0).all()
     assert abs(held.gains / gains - 1.0).max() > 1e-4
     assert abs(held.gains - gains).max() < 0.1 * abs(gains).max()
+
+
+def exact_gains(a, b, q, r, value, dt):
+    """Gains of the Riccati equation at 60 digits: Newton's method from a stabilizing value, and the step of the system
+    by the exponential function.
+    """
+    with mp.workdps(60):
+        a, b, q, r, x = (mp.matrix(np.asarray(of).tolist()) for of in (a, b, q, r, value))
+        n, m = a.rows, b.cols
+        if dt is not None:
+            whole = mp.zeros(n + m)
+            whole[:n, :n], whole[:n, n:] = dt * a, dt * b
+            whole = mp.expm(whole)
+            a, b, q, r = whole[:n, :n], whole[:n, n:], dt * q, dt * r
+        for _ in range(5):
+            gains = mp.inverse(r) * b.T * x if dt is None else mp.inverse(r + b.T * x * b) * b.T * x * a
+            closed = np.array((a - b * gains).tolist())
+            one = np.eye(n, dtype=int)
+            left = np.kron(closed.T, closed.T) - np.eye(n * n, dtype=int) if dt is not None else np.kron(closed.T, one) + np.kron(one, closed.T)
+            right = np.array((q + gains.T * r * gains).tolist()).reshape(-1)
+            x = mp.matrix(np.array(mp.lu_solve(mp.matrix(left.tolist()), mp.matrix((-right).tolist()))).reshape(n, n).tolist())
+        return np.array(gains.tolist(), dtype=float)
+
+
+def cheap_controls():
+    """A chain whose controls are cheap: gains are large, and the step of the equation is far from the identity."""
+    scene = phipsi.scenes.chain(4)
+    q = np.full(4, 0.3)
+    system = scene.linearize(q, np.zeros(4), scene.gravity_torque(q))
+    return system.A, system.B, np.repeat([10.0, 40.0], 4), np.full(4, 1e-4)
+
+
+def slow_and_fast():
+    """One control moves three slow motions: the closed loop has poles from -2e-2 to -6e6."""
+    a = [[-0.0224563, 0.00025205, 0.00232172], [0.00449017, -0.02323443, -0.00040573], [0.0056609, 0.00123511, -0.02163162]]
+    return np.array(a), np.array([[58.36269379], [24.56505952], [-17.02326887]]), np.array([1.63250539e4, 8.20210638e2, 1.58328203e-3]), np.array([1.7e-6])
+
+
+@pytest.mark.parametrize("system", [cheap_controls, slow_and_fast])
+@pytest.mark.parametrize("dt", [None, 0.01])
+def test_regulators_of_far_apart_weights_are_exact_to_rounding(system, dt):
+    a, b, q, r = system()
+    found = control.lqr(a, b, q, r, dt=dt)
+    wanted = exact_gains(a, b, np.diag(q), np.diag(r), found.value, dt)
+    tolerances.assert_near(found.gains, wanted, tolerances.inverse(np.linalg.cond(found.value), abs(wanted).max()))
+
+
+def test_regulators_that_rounding_does_not_determine_are_refused():
+    # An equation whose solution has no digit in double precision, and an undamped motion that no cost sees.
+    random = np.random.default_rng(1)
+    a, b = 1e-4 * random.normal(size=(7, 7)), 1e2 * random.normal(size=(7, 1))
+    with pytest.raises(ArgumentError, match="A, B: found a system that these controls do not stabilize"):
+        control.lqr(a, b, 10.0 ** np.linspace(-10, 10, 7), 1e-9)
+    with pytest.raises(ArgumentError, match="A, B: found a system that these controls do not stabilize"):
+        control.lqr([[0.0, 1.0], [-1.0, 0.0]], [[0.0], [1.0]], 0.0, 1.0)
+    # A step over which the motion grows beyond all numbers.
+    with pytest.raises(ArgumentError, match="A, B: found a system that these controls do not stabilize"):
+        control.lqr([[5.0]], [[1.0]], 1.0, 1.0, dt=1000.0)
+
+
+def test_regulators_of_no_states_and_of_no_cost():
+    assert control.lqr(np.zeros((0, 0)), np.zeros((0, 2)), 1.0, 1.0).gains.shape == (2, 0)
+    assert (control.lqr([[-1.0]], [[1.0]], 0.0, 1.0).gains == 0.0).all()
+    assert (control.lqr([[-1.0]], [[1.0]], 0.0, 1.0, dt=0.1).gains == 0.0).all()
 
 
 def test_constant_path_has_the_gains_of_the_steady_regulator(arm):
@@ -675,6 +796,8 @@ WRONG = [
     ({"tau": np.full(6, np.inf)}, NotFiniteError, "tau"),
     ({"start": 3}, ArgumentError, "start"),
     ({"start": (np.zeros((3, 6)), np.zeros((3, 6)))}, ShapeError, "start"),
+    ({"start": (np.full((10, 6), np.nan), np.zeros((10, 6)))}, NotFiniteError, "^start: "),
+    ({"uncertainty": estimation.MotionUncertainty(initial=np.full(12, np.nan))}, NotFiniteError, "^initial: "),
     ({"effort": -1.0}, ArgumentError, "effort"),
     ({"effort": np.zeros(4)}, ShapeError, "effort"),
     ({"effort": np.array([np.ones(6), -np.ones(6)])}, ArgumentError, "effort"),
@@ -693,6 +816,82 @@ def test_wrong_calls_name_the_argument(arm, at):
     assert arm.optimize(**given).converged
     with pytest.raises(error, match=text):
         arm.optimize(**(given | change))
+
+
+WRONG_MEASUREMENTS = [
+    ({"qd": np.full(6, np.nan)}, NotFiniteError, "^qd: found NaN"),
+    ({"qd": np.zeros(5)}, ShapeError, "^qd: "),
+    ({"qd": 0.0}, ShapeError, "^qd: "),
+    ({"q": np.full(6, np.inf)}, NotFiniteError, "^q: found inf"),
+    ({"q": np.zeros((2, 6))}, ShapeError, "^q: "),
+]
+
+
+@pytest.mark.parametrize("at", range(len(WRONG_MEASUREMENTS)))
+def test_wrong_measurements_are_refused_by_the_law_and_by_resuming(arm, at):
+    change, error, text = WRONG_MEASUREMENTS[at]
+    plan = reach(arm, costs=[control.Effort(1.0), control.EffortRate(10.0)], steps=5)
+    given = {"q": plan.q[1], "qd": plan.qd[1]} | change
+    with pytest.raises(error, match=text):
+        plan.policy(1, **given)
+    with pytest.raises(error, match=text):
+        plan.resume(**given)
+
+
+def test_wrong_torques_of_the_step_before_are_refused(arm):
+    plan = reach(arm, costs=[control.Effort(1.0), control.EffortRate(10.0)], steps=5)
+    for before, error in ((np.full(6, np.nan), NotFiniteError), ([1.0], ShapeError)):
+        with pytest.raises(error, match="^before: "):
+            plan.policy(1, plan.q[1], plan.qd[1], before=before)
+
+
+WRONG_PATHS = [
+    ({"q": np.full((6, 6), np.nan)}, NotFiniteError, "^q: "),
+    ({"qd": np.zeros((5, 6))}, ShapeError, "^qd: "),
+    ({"tau": np.full((5, 6), np.inf)}, NotFiniteError, "^tau: "),
+    ({"tau": np.zeros(6)}, ShapeError, "^"),
+    ({"position": -1.0}, ArgumentError, "^position: "),
+    ({"velocity": np.nan}, ArgumentError, "^velocity: "),
+    ({"effort": [1.0, 2.0]}, ShapeError, "^effort: "),
+    ({"end": 0.0}, ArgumentError, "^end: "),
+    ({"dt": np.nan}, ArgumentError, "^dt: "),
+]
+
+
+@pytest.mark.parametrize("at", range(len(WRONG_PATHS)))
+def test_wrong_paths_name_the_argument(arm, at):
+    change, error, text = WRONG_PATHS[at]
+    zero = {"q": np.zeros((6, 6)), "qd": np.zeros((6, 6)), "tau": np.zeros((5, 6))}
+    given = zero | {"dt": 0.01, "position": 0.1, "velocity": 1.0, "effort": 5.0}
+    assert control.tracking(arm, **given).gains.shape == (5, 6, 12)
+    with pytest.raises(error, match=text):
+        control.tracking(arm, **(given | change))
+
+
+@pytest.mark.parametrize("name", ["A", "B", "Q", "R"])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_numbers_of_a_regulator_that_are_not_finite_are_named(name, wrong):
+    given = {"A": np.zeros((1, 1)), "B": np.ones((1, 1)), "Q": 1.0, "R": 1.0}
+    with pytest.raises(NotFiniteError, match=f"^{name}: "):
+        control.lqr(**(given | {name: np.full((1, 1), wrong)}))
+
+
+@pytest.mark.parametrize("effort", [50.0, np.full(12, 50.0), np.array([np.full(12, -50.0), np.full(12, 50.0)])])
+def test_a_floating_base_has_no_control(effort):
+    scene = phipsi.load(phipsi.BUNDLED_ARM, floating_base=True)
+    plan = scene.optimize(scene.neutral(), dt=0.02, steps=5, costs=[EFFORT, control.State(velocity=0.1)], effort=effort, limits=False)
+    assert (plan.tau[:, :6] == 0.0).all()
+    assert (plan.gains[:, :6] == 0.0).all()
+    assert (plan.tau[:, 6:] != 0.0).any()
+
+
+def test_nothing_that_moves_has_a_plan():
+    scene = phipsi.SceneBuilder().link("only", 1.0).build()
+    plan = scene.optimize([], dt=0.1, steps=3, costs=EFFORT)
+    assert plan.converged
+    assert plan.q.shape == (4, 0)
+    assert plan.gains.shape == (3, 0, 0)
+    assert plan.cost == 0.0
 
 
 def test_inequalities_that_cannot_hold_are_said(arm):

@@ -13,6 +13,7 @@ import pytest
 from oracle_pinocchio import ROBOTS, Oracle, load
 from phipsi import tasks
 from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError
+from scipy.optimize import lsq_linear
 from tolerances import assert_near, assert_same_bits, inverse, product
 
 ARM = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
@@ -488,6 +489,25 @@ def test_rates_are_those_of_damped_least_squares() -> None:
     assert_near(jacobian @ rates * 0.5, 0.7 * np.array([0.01, -0.02, 0.005]), 1e-7)
     # Nearly the minimum of all solutions, each joint weighted by its effect on the task.
     assert rates.shape == (6,)
+
+
+@pytest.mark.parametrize("damping", [1e-6, 1e-2])
+@pytest.mark.parametrize("limits", [False, True])
+def test_rates_are_the_least_squares_of_scipy(damping: float, limits: bool) -> None:
+    random = np.random.default_rng(3)
+    dt, gain, deviation, velocity = 0.02, 0.5, 1e-3, random.uniform(0.2, 3.0, 6)
+    for q in within(ARM, 8, 20):
+        target = ARM.placement(ARM.integrate(q, 0.002 * random.normal(size=6)), HAND)[:3, 3]
+        task = tasks.Position(HAND, target, position=deviation)
+        found = ARM.inverse_kinematics_rates(task, q, dt=dt, gain=gain, damping=damping, limits=limits, velocity=velocity if limits else None)
+        jacobian = ARM.jacobian(q, HAND, frame="local-world-aligned")[3:] / deviation
+        diagonal = np.sum(jacobian**2, axis=0)
+        weights = np.sqrt(damping * np.maximum(diagonal, 1e-3 * diagonal.max()))
+        left = dt * np.vstack([jacobian, np.diag(weights)])
+        right = np.concatenate([gain * (target - ARM.placement(q, HAND)[:3, 3]) / deviation, np.zeros(6)])
+        bounds = (np.maximum(-velocity, (ARM.limits.lower - q) / dt), np.minimum(velocity, (ARM.limits.upper - q) / dt)) if limits else (-np.inf, np.inf)
+        wanted = lsq_linear(left, right, bounds, method="bvls", tol=1e-15).x
+        assert_near(found, wanted, inverse(float(np.linalg.cond(left)) ** 2, float(np.abs(wanted).max())))
 
 
 def test_rates_keep_to_limits() -> None:

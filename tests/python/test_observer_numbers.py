@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import phipsi
 import pytest
-from phipsi.errors import ArgumentError, NotFiniteError
+from phipsi.errors import ArgumentError, NotFiniteError, ShapeError
 from phipsi.estimation import Encoder, ExternalWrench, Gyro, alarm_threshold, consistency_bounds, mean_time_to_alarm, nees
+from tolerances import assert_same_bits
 
 HUGE = [1e155, 1e160, 1e300]
 
@@ -98,3 +99,36 @@ def test_normalized_errors_that_overflow_are_errors() -> None:
     with pytest.raises(ArgumentError, match="covariance: found a variance that is .* not finite"):
         nees([1.0, 1.0], np.diag([np.inf, 1.0]))
     assert np.isnan(nees([np.nan, 1.0], np.eye(2)))
+
+
+@pytest.mark.parametrize(("at", "name", "number"), [(1, "momentum", 1e200), (2, "tau", np.inf), (2, "tau", np.nan)])
+@pytest.mark.parametrize("step", [0, 3])
+def test_numbers_that_a_momentum_observer_refuses_leave_it_unchanged(at: int, name: str, number: float, step: int) -> None:
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    random, q = np.random.default_rng(0), np.full(6, 0.3)
+    own, other = (scene.momentum_observer(1e-3, torque_noise=0.01, bandwidth=10.0, velocity_noise=1e-3) for _ in range(2))
+    for k in range(6):
+        given = [q, 1e-3 * random.normal(size=6), scene.gravity_torque(q)]
+        if k == step:
+            with pytest.raises(NotFiniteError, match=f"^{name}"):
+                other.step(*given[:at], np.full(6, number), *given[at + 1 :])
+        assert_same_bits(other.step(*given).joint_torque, own.step(*given).joint_torque)
+
+
+@pytest.mark.parametrize("name", ["q", "qd"])
+def test_starts_of_a_wrong_shape_are_named(name: str) -> None:
+    scene = phipsi.scenes.chain(3)
+    given = {"q": np.zeros(3), "qd": np.zeros(3)} | {name: np.zeros(2)}
+    with pytest.raises(ShapeError, match=rf"^{name}: found shape \(2,\); expected \(\.\.\., 3\)"):
+        scene.observer(1e-3, [phipsi.estimation.Encoder(noise=1e-3)], torque_noise=0.1, **given)
+
+
+def test_momentum_observers_need_a_joint() -> None:
+    with pytest.raises(ArgumentError, match="^scene: found no degrees of freedom"):
+        phipsi.SceneBuilder().link("only", 1.0).build().momentum_observer(1e-3, torque_noise=1.0, bandwidth=10.0)
+
+
+@pytest.mark.parametrize("wrong", ["x", True, [1.0, 2.0]])
+def test_a_step_that_is_no_number_is_refused(wrong: object) -> None:
+    with pytest.raises(ArgumentError, match="^dt: found"):
+        phipsi.scenes.chain(2).momentum_observer(wrong, torque_noise=1.0, bandwidth=10.0)  # type: ignore[arg-type]

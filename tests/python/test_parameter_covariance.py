@@ -235,7 +235,7 @@ def test_bad_arguments() -> None:
         arm(9, bodies=2).inverse_dynamics_variance(q[:, :2], qd[:, :2], qdd[:, :2], parameters=found)
     with pytest.raises(ShapeError, match=r"root: found shape \(2, 3\); expected \(number, 39\)"):
         ParameterCovariance.from_arrays(scene, arrays | {"root": np.zeros((2, 3))})
-    with pytest.raises(NotFiniteError, match="root: found a NaN"):
+    with pytest.raises(NotFiniteError, match="root: found NaN at index 0"):
         ParameterCovariance.from_arrays(scene, arrays | {"root": np.full((1, 39), np.nan)})
     with pytest.raises(ShapeError, match="q: found leading axes"):
         found.torques_variance(q, qd[:2], qdd)

@@ -114,6 +114,17 @@ def test_plans(mixed: phipsi.Scene, remade: Remade) -> None:
     assert plan != mixed.plan()
 
 
+def test_motion_plans(arm: phipsi.Scene, remade: Remade) -> None:
+    control = phipsi.control
+    costs = [control.Effort(10.0), control.EffortRate(100.0), control.Terminal(phipsi.tasks.Position(arm.link_names[-1], (0.3, 0.1, 0.4)))]
+    plan = arm.optimize(arm.neutral() + 0.1, dt=0.02, steps=10, costs=costs)
+    again, unsure = remade(plan), phipsi.estimation.MotionUncertainty(torque_noise=1e-3)
+    for name in ("q", "qd", "tau", "gains"):
+        assert_same_bits(getattr(again, name), getattr(plan, name))
+    assert_same_bits(again.expected(unsure).covariance, plan.expected(unsure).covariance)
+    assert_same_bits(again.resume(plan.q[1], plan.qd[1]).tau, plan.resume(plan.q[1], plan.qd[1]).tau)
+
+
 def test_other_results(arm: phipsi.Scene, remade: Remade) -> None:
     q, qd, tau = random_states(arm, 0)
     path = arm.simulate(q, qd, dt=1e-3, steps=3)

@@ -12,7 +12,7 @@ from conftest import random_rotation, random_scene
 from phipsi.errors import ArgumentError, NotFiniteError, ShapeError
 from phipsi.estimation import Encoder, ExternalWrench, Gyro, Pose, nees
 from test_observers import slider
-from tolerances import assert_near, assert_same_bits
+from tolerances import EPS, assert_near, assert_same_bits
 
 
 def deviation(scene: phipsi.Scene, link: str, mount: np.ndarray, at: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -91,6 +91,30 @@ def test_rotation_vectors_are_scipys() -> None:
     poses = np.tile(np.eye(4), (len(vectors), 1, 1))
     poses[:, :3, :3] = scipy.spatial.transform.Rotation.from_rotvec(vectors).as_matrix()
     assert_near(sensor._vector(poses)[:, :3], vectors, 1e-8)
+
+
+@pytest.mark.parametrize("half_turn", [False, True])
+@pytest.mark.parametrize("off", [0.0, 1e-15, 1e-9, 1e-8, 1e-7, 1e-4])
+def test_predicted_rotations_are_scipys_near_zero_and_half_turns(half_turn: bool, off: float) -> None:
+    scene = phipsi.SceneBuilder().link("box", 1.0, (0, 0, 0.1), 0.02 * np.eye(3)).build(floating_base=True)
+    random, rotations = np.random.default_rng(5), scipy.spatial.transform.Rotation
+    for axis in [*np.eye(3), np.array([1.0, -1.0, 0.0]), *random.normal(size=(50, 3))]:
+        wanted = axis / np.linalg.norm(axis) * (np.pi - off if half_turn else off)
+        q = np.concatenate([np.zeros(3), rotations.from_rotvec(wanted).as_quat()])
+        found = Pose(link="box", noise=1.0).predict(scene, np.zeros((1, 2), int), (q, np.zeros(6), None), np.zeros(6)).value[:3]
+        # Both signs of a half turn are the same rotation.
+        apart = (rotations.from_rotvec(found).inv() * rotations.from_quat(q[3:])).as_rotvec()
+        assert_near(apart, np.zeros(3), 16 * EPS * (np.pi if half_turn else max(off, EPS)))
+
+
+def test_a_reading_equal_to_the_prediction_is_processed() -> None:
+    scene = phipsi.load(phipsi.BUNDLED_ARM)
+    tool, random = scene.link_names[-1], np.random.default_rng(6)
+    for q in random.uniform(-2.0, 2.0, (100, 6)):
+        observer = scene.observer(0.01, [Pose(link=tool, noise=0.01)], q=q, torque_noise=0.01)
+        estimate = observer.step(scene.gravity_torque(q), {"pose": scene.placement(q, tool)})
+        assert_near(estimate.q, q, 1e4 * EPS)
+        assert abs(float(estimate.nis)) < 1e-20
 
 
 def test_missing_and_bad_poses() -> None:

@@ -221,6 +221,14 @@ class TestArguments:
         with pytest.raises(ArgumentError, match="joints.*'stiction'.*armature"):
             self.scene.forward_dynamics_variance(*self.state, joints={"stiction": 1.0})
 
+    @pytest.mark.parametrize("speed", [0.0, -1.0, np.nan])
+    @pytest.mark.parametrize("kind", ["chain", "connections"])
+    def test_a_friction_speed_that_is_not_positive(self, kind: str, speed: float) -> None:
+        scene = self.scene if kind == "chain" else self.scene.to_builder().connect("fixed", "point", "link1").build()
+        for method in (scene.forward_dynamics_variance, scene.inverse_dynamics_variance):
+            with pytest.raises(ArgumentError, match="^friction_speed: found"):
+                method(*self.state, joints={"friction": 1.0}, friction_speed=speed)
+
     def test_an_unknown_link(self) -> None:
         with pytest.raises(ArgumentError, match="nowhere"):
             self.scene.forward_dynamics_variance(*self.state, links="nowhere")

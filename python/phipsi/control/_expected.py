@@ -14,6 +14,7 @@ from ..estimation.trajectories import MotionUncertainty
 from ..estimation.uncertainty import ParameterCovariance, _joint_covariance, _per_joint, covariance_root
 
 if TYPE_CHECKING:
+    from .._core import _Optimizer
     from ._plan import MotionPlan
 
 __all__ = ["Expected", "expected"]
@@ -91,10 +92,17 @@ def read_uncertainty(uncertainty: Any) -> MotionUncertainty:
     return given
 
 
-def closed_loop(plan: MotionPlan, given: MotionUncertainty, system: Any = None) -> _Loop:
-    """The closed loop of a plan; system: A, B, the derivatives by torques and the Hessians, those of the plan by default."""
+def linearized(free: _Optimizer, q: _Array, qd: _Array, tau: _Array) -> tuple[_Array, ...]:
+    """A, B, the derivatives by torques and the Hessians about knots that need not follow each other."""
+    free.solve((q[0], qd[0]), tau, (np.ascontiguousarray(q[1:]), np.ascontiguousarray(qd[1:])), 0)
+    a, b, by_torque, hessian = free.linearization()[0]
+    return a, b, by_torque, hessian
+
+
+def closed_loop(plan: MotionPlan, given: MotionUncertainty, free: _Optimizer) -> _Loop:
+    """The closed loop of a plan; free: an optimizer of its costs without limits, whose weights are not part of the cost."""
     driven = plan._problem.driven
-    a, b, by_torque, hessian = plan._problem.optimizer.linearization()[0] if system is None else system
+    a, b, by_torque, hessian = linearized(free, plan.q, plan.qd, plan.tau)
     steps, n, nv = len(a), a.shape[1], plan.scene.nv
     gains = plan.gains[:, driven, :]
     if plan.rate_gains is not None:
@@ -114,7 +122,7 @@ def closed_loop(plan: MotionPlan, given: MotionUncertainty, system: Any = None) 
 
 def expected(plan: MotionPlan, uncertainty: Any) -> Expected:
     """MotionPlan.expected."""
-    loop, nv = closed_loop(plan, read_uncertainty(uncertainty)), plan.scene.nv
+    loop, nv = closed_loop(plan, read_uncertainty(uncertainty), plan._problem.free()), plan.scene.nv
     whole = loop.whole()
     deviations = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 0.0))
     efforts = np.zeros((len(plan.tau), nv))

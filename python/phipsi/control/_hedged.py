@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..estimation.trajectories import MotionUncertainty
-from ._expected import closed_loop, constant_errors, noise_of
+from ._expected import closed_loop, constant_errors, linearized, noise_of
 from ._terms import During, Effort, State
 
 if TYPE_CHECKING:
@@ -42,24 +42,24 @@ class Gradient(NamedTuple):
 def hedged(
     plan: MotionPlan,
     given: MotionUncertainty,
-    free: _Optimizer,
     search: Callable[[MotionPlan, list[Any]], MotionPlan],
     tolerance: float,
 ) -> MotionPlan:
     """The plan of least expected cost near a plan.
 
-    free: an optimizer of the same costs without limits; search: a plan from a plan, with further terms. The excess of
+    search: a plan from a plan, with further terms. The excess of
     the expected cost is replaced by its gradient and a bound on its curvature, which are targets for states and
     torques; a round is a search with these. Rounds that increase the expected cost are made again with more curvature.
     """
-    best = plan.cost + closed_loop(plan, given).excess()
+    free = plan._problem.free()
+    best = plan.cost + closed_loop(plan, given, free).excess()
     stiffness, failures, reason = 1.0, 0, "the largest number of rounds"
     gradient = gradient_of(plan, given, free)
     for _ in range(ROUNDS):
         moved = search(plan, _terms(plan, gradient, stiffness))
         # The law about the new motion, without the further terms.
         moved = plan._problem.solve((moved.q[0], moved.qd[0]), moved.tau, (moved.q[1:], moved.qd[1:]), 0)
-        found = moved.cost + closed_loop(moved, given).excess()
+        found = moved.cost + closed_loop(moved, given, free).excess()
         if not found < best:
             stiffness, failures = 4.0 * stiffness, failures + 1
             if failures > FAILURES:
@@ -106,7 +106,7 @@ def gradient_of(plan: MotionPlan, given: MotionUncertainty, free: _Optimizer) ->
     has, by the adjoint of the Riccati recursion.
     """
     scene, nv = plan.scene, plan.scene.nv
-    loop = closed_loop(plan, given, _linearized(free, plan.q, plan.qd, plan.tau))
+    loop = closed_loop(plan, given, free)
     steps, n, _ = loop.b.shape
     laws, whole = loop.laws(), loop.whole()
     value, co_state = np.zeros((steps + 1, n, n)), np.zeros((steps + 1, n, loop.sensitivity.shape[2]))
@@ -158,7 +158,7 @@ def gradient_of(plan: MotionPlan, given: MotionUncertainty, free: _Optimizer) ->
             qd[before + 1] += sign * after
             motion = q[:-1].copy(), qd[:-1].copy(), plan.qd[1:].copy()
             motion[2][before] = qd[before + 1]
-            found.append(excess(_linearized(free, q, qd, tau), motion)[knots])
+            found.append(excess(linearized(free, q, qd, tau), motion)[knots])
         by[which][knots, column] = (found[0] - found[1]) / (2.0 * size)
         second[which][knots, column] = (found[0] + found[1] - 2.0 * middle[knots]) / size**2
     return Gradient(by[0], by[1], by[2][:-1], (np.abs(second[0]), np.abs(second[1]), np.abs(second[2][:-1])))
@@ -198,10 +198,3 @@ def _directions(plan: MotionPlan) -> Iterator[tuple[int, int, float, NDArray[np.
     for column in plan._problem.driven.tolist():
         for first in (0, 1):
             yield 2, column, efforts, np.arange(first, steps, 2)
-
-
-def _linearized(free: _Optimizer, q: _Array, qd: _Array, tau: _Array) -> tuple[_Array, ...]:
-    """A, B, the derivatives by torques and the Hessians about knots that need not follow each other."""
-    free.solve((q[0], qd[0]), tau, (np.ascontiguousarray(q[1:]), np.ascontiguousarray(qd[1:])), 0)
-    a, b, by_torque, hessian = free.linearization()[0]
-    return a, b, by_torque, hessian

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arguments import has_followers, numbers, whole
+from .._arguments import finite, has_followers, numbers, whole
 from ..errors import ArgumentError, PlanWarning, ShapeError, of_argument, warn
 from ._expected import Expected, expected, read_uncertainty
 from ._hedged import hedged
@@ -150,10 +150,12 @@ class MotionPlan:
         True
         """
         k = whole("k", k, 0, f"a step of 0 to {len(self.tau) - 1}", len(self.tau) - 1)
-        deviation = np.concatenate([self.scene.difference(self.q[k], q), numbers("qd", qd) - self.qd[k]])
+        q, qd = _state(self.scene, q, qd, ("q", "qd"))
+        deviation = np.concatenate([self.scene.difference(self.q[k], q), qd - self.qd[k]])
         tau: _Array = self.tau[k] - self.gains[k] @ deviation
-        if before is not None and self.rate_gains is not None and k > 0:
-            tau = tau - self.rate_gains[k] @ (numbers("before", before) - self.tau[k - 1])
+        applied = None if before is None else finite("before", before, (self.scene.nv,))
+        if applied is not None and self.rate_gains is not None and k > 0:
+            tau = tau - self.rate_gains[k] @ (applied - self.tau[k - 1])
         return np.clip(tau, *self.effort)
 
     def shift(self, steps: int = 1) -> tuple[_Array, _Array, _Array]:
@@ -236,10 +238,9 @@ class MotionPlan:
         >>> plan.resume(plan.q[1], plan.qd[1]).q.shape
         (11, 3)
         """
-        state = _state(self.scene, q, qd)
-        if costs is not None:
-            self._problem.optimizer.retarget(read(self.scene, costs, len(self.tau), state))
-        return self._problem.solve(state, self.shift(steps)[2], None, whole("iterations", iterations, 0))
+        state = _state(self.scene, q, qd, ("q", "qd"))
+        problem = self._problem if costs is None else replace(self._problem, terms=read(self.scene, costs, len(self.tau), state))
+        return problem.solve(state, self.shift(steps)[2], None, whole("iterations", iterations, 0))
 
     def expected(self, uncertainty: Any) -> Expected:
         """Expected cost and error bands of the motion under the feedback law, to first order.
@@ -283,6 +284,8 @@ class MotionPlan:
 
     def trajectory(self) -> Any:
         """The motion as a Trajectory of Scene.simulate.
+
+        With connections, the simulation projects each step onto them; the steps of the plan leave them a little.
 
         Returns
         -------
@@ -360,16 +363,62 @@ class MotionPlan:
         np.savez(path, t=self.t, q=self.q, qd=self.qd, tau=self.tau, gains=self.gains, cost=self.cost, converged=self.converged)
 
 
+class _Search:
+    """The optimizer of a problem, with the terms that it has now; it is created when it is needed, also after a copy."""
+
+    def __init__(self, scene: Scene, times: tuple[float, int], effort: _Array, limits: bool, settings: tuple[float, float, float, float]) -> None:
+        self.arguments = scene, times, effort, limits, settings
+        self.terms: list[Any] = []
+        self.optimizer: _Optimizer | None = None
+
+    def of(self, terms: list[Any]) -> _Optimizer:
+        """The optimizer with these terms."""
+        from .._core import _Optimizer
+
+        if self.optimizer is None:
+            scene, times, effort, limits, settings = self.arguments
+            self.optimizer = _Optimizer(scene, times, terms, effort.tolist(), limits, settings)
+        elif terms is not self.terms:
+            self.optimizer.retarget(terms)
+        self.terms = terms
+        return self.optimizer
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"optimizer": None}
+
+
 @dataclass(frozen=True)
 class _Problem:
-    """A problem with the memory of its search."""
+    """A problem with the memory of its search, which plans of other targets share."""
 
-    scene: Scene
-    dt: float
-    optimizer: _Optimizer
-    effort: _Array
-    friction_speed: float
-    smoothing: float
+    terms: list[Any]
+    search: _Search
+
+    @property
+    def optimizer(self) -> _Optimizer:
+        """The optimizer with the terms of this problem."""
+        return self.search.of(self.terms)
+
+    @property
+    def effort(self) -> _Array:
+        """Smallest and largest torques, (2, nv)."""
+        return self.search.arguments[2]
+
+    @property
+    def friction_speed(self) -> float:
+        """Speed below which friction is viscous."""
+        return self.search.arguments[4][2]
+
+    @property
+    def smoothing(self) -> float:
+        """Length by which the contact law is relaxed."""
+        return self.search.arguments[4][3]
+
+    def free(self) -> _Optimizer:
+        """A new optimizer of the costs alone, without limits and inequalities."""
+        scene, times, effort, _, settings = self.search.arguments
+        unlimited = np.copysign(np.where(effort == 0.0, 0.0, np.inf), effort)
+        return _Search(scene, times, unlimited, False, settings).of([term for term in self.terms if not term[3]])
 
     @property
     def driven(self) -> NDArray[np.intp]:
@@ -380,14 +429,14 @@ class _Problem:
         self, state: tuple[_Array, _Array], tau: _Array | None, states: tuple[_Array, _Array] | None, iterations: int
     ) -> MotionPlan:
         (q, qd, tau, gains), converged, cost, reason, history = self.optimizer.solve(state, tau, states, iterations)
-        nv = self.scene.nv
-        rate_gains = None
+        scene, (dt, _) = self.search.arguments[:2]
+        nv, rate_gains = scene.nv, None
         if gains.shape[2] > 2 * nv:
             rate_gains = np.zeros((len(tau), nv, nv))
             rate_gains[:, :, self.driven] = gains[:, :, 2 * nv :]
         each = [Iteration._make([*row[:-1], int(row[-1])]) for row in history.tolist()]
         plan_gains = np.ascontiguousarray(gains[:, :, : 2 * nv])
-        return MotionPlan(self.dt, q, qd, tau, plan_gains, rate_gains, cost, converged, reason, each, self.scene, self.effort, self)
+        return MotionPlan(dt, q, qd, tau, plan_gains, rate_gains, cost, converged, reason, each, scene, self.effort, self)
 
 
 def optimize(
@@ -410,33 +459,28 @@ def optimize(
     uncertainty: Any = None,
 ) -> MotionPlan:
     """Scene.optimize."""
-    from .._core import _Optimizer
-
     steps = whole("steps", steps, 1)
-    state = _state(scene, q0, np.zeros(scene.nv) if qd0 is None else qd0)
+    state = _state(scene, q0, np.zeros(scene.nv) if qd0 is None else qd0, ("q0", "qd0"))
     given = read(scene, costs, steps, state)
     bounds = _effort(scene, effort)
     settings = float(tolerance), float(limit_tolerance), float(friction_speed), float(smoothing)
     times, iterations = (float(dt), steps), whole("iterations", iterations, 0)
 
-    def problem_of(terms: list[Any], bounds: _Array, limits: bool) -> _Problem:
-        optimizer = _Optimizer(scene, times, terms, bounds.tolist(), limits, settings)
-        return _Problem(scene, times[0], optimizer, bounds, settings[2], settings[3])
+    def problem_of(terms: list[Any]) -> _Problem:
+        return _Problem(terms, _Search(scene, times, bounds, bool(limits), settings))
 
     first, states = _start(scene, tau, start, steps)
-    plan = problem_of(given, bounds, bool(limits)).solve(state, first, states, iterations)
+    plan = problem_of(given).solve(state, first, states, iterations)
     if uncertainty is not None:
         unsure = read_uncertainty(uncertainty)
         if iterations == 0:
             raise of_argument(ArgumentError, "iterations", "found 0 with an uncertainty, whose plan is found by a search; expected at least 1, or plan.expected(uncertainty)")
 
         def search(near: MotionPlan, more: list[Any]) -> MotionPlan:
-            problem = problem_of([*given, *read(scene, more, steps, state)], bounds, bool(limits))
+            problem = problem_of([*given, *read(scene, more, steps, state)])
             return problem.solve(state, near.tau, (near.q[1:], near.qd[1:]), iterations)
 
-        unlimited = np.copysign(np.where(bounds == 0.0, 0.0, np.inf), bounds)
-        free = problem_of([term for term in given if not term[3]], unlimited, False).optimizer
-        plan = hedged(plan, unsure, free, search, float(tolerance))
+        plan = hedged(plan, unsure, search, float(tolerance))
     _warn_of_motion(plan)
     return plan
 
@@ -468,31 +512,25 @@ def _warn_of_motion(plan: MotionPlan) -> None:
             warn(f"plan: found an error of the connections of {error.max():.2g} (m or rad) at step {error.argmax()}; expected at most {CLOSE:g}: shorter steps", PlanWarning)
 
 
-def _state(scene: Scene, q: ArrayLike, qd: ArrayLike) -> tuple[_Array, _Array]:
-    state = numbers("q0", q), numbers("qd0", qd)
-    for name, array, width in (("q0", state[0], scene.nq), ("qd0", state[1], scene.nv)):
-        if array.shape != (width,):
-            raise of_argument(ShapeError, name, f"found shape {array.shape}; expected ({width},)")
-    return np.ascontiguousarray(state[0]), np.ascontiguousarray(state[1])
+def _state(scene: Scene, q: ArrayLike, qd: ArrayLike, names: tuple[str, str]) -> tuple[_Array, _Array]:
+    return finite(names[0], q, (scene.nq,)), finite(names[1], qd, (scene.nv,))
 
 
 def _effort(scene: Scene, effort: Any) -> _Array:
     """Smallest and largest torques, (2, nv)."""
     limit = scene.limits.effort if effort is True else np.full(scene.nv, np.inf)
+    bounds = np.stack([-limit, limit])
     if effort is not True and effort is not None:
         given = numbers("effort", effort)
         if given.shape not in {(), (scene.nv,), (2, scene.nv)}:
             raise of_argument(ShapeError, "effort", f"found shape {given.shape}; expected True, None, a number, ({scene.nv},) or (2, {scene.nv})")
-        if given.shape == (2, scene.nv):
-            return given
-        if not (given >= 0.0).all():
+        if given.shape != (2, scene.nv) and not (given >= 0.0).all():
             raise of_argument(ArgumentError, "effort", f"found {given.min()}; expected limits that are zero (no control) or positive")
-        limit = np.broadcast_to(given, (scene.nv,))
-    limit = limit.copy()
+        bounds = given.copy() if given.shape == (2, scene.nv) else np.stack(np.broadcast_arrays(-given, given, limit)[:2])
     for joint in scene.joint_names:
         if scene.joint(joint).type == "floating":
-            limit[scene.v_index(joint)] = 0.0
-    return np.stack([-limit, limit])
+            bounds[:, scene.v_index(joint)] = 0.0
+    return bounds
 
 
 def _start(scene: Scene, tau: Any, start: Any, steps: int) -> tuple[_Array | None, tuple[_Array, _Array] | None]:
@@ -503,11 +541,7 @@ def _start(scene: Scene, tau: Any, start: Any, steps: int) -> tuple[_Array | Non
             start = start.shift(0)
         if not isinstance(start, tuple) or len(start) not in (2, 3):
             raise of_argument(ArgumentError, "start", f"found {type(start).__name__}; expected a plan, plan.shift(), or (q, qd) of the knots after the start")
-        first_q, first_qd = (np.ascontiguousarray(numbers("start", of)) for of in start[:2])
-        states = first_q, first_qd
-        for array, width in zip(states, (scene.nq, scene.nv), strict=True):
-            if array.shape != (steps, width):
-                raise of_argument(ShapeError, "start", f"found shape {array.shape}; expected ({steps}, {width})")
+        states = finite("start", start[0], (steps, scene.nq)), finite("start", start[1], (steps, scene.nv))
         if len(start) == 3 and tau is None:
             tau = start[2]
     if tau is None:

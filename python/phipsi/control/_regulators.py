@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arguments import numbers
+from .._arguments import finite
 from .._summary import summarized
 from ..errors import ArgumentError, ShapeError, of_argument
+from ..estimation._values import positive
 from ._plan import MotionPlan, optimize
-from ._terms import Effort, State, Terminal
+from ._terms import Effort, State, Terminal, weights
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -22,8 +23,9 @@ _Array = NDArray[np.float64]
 
 #: Largest number of doublings; the error squares in each.
 DOUBLINGS = 60
-#: Largest relative change of the solution after the last doubling.
-SETTLED = 1e-13
+#: Largest number of steps of Newton's method, and largest relative change of the gains in the last one.
+STEPS = 20
+SETTLED = 1e-6
 
 
 @summarized
@@ -78,8 +80,8 @@ def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, *, dt: float | N
 
     Notes
     -----
-    Structure-preserving doubling (E. K.-W. Chu, H.-Y. Fan, W.-W. Lin and C.-S. Wang, Int. J. Control 77, 2004, 767-788),
-    for continuous time after a Cayley transform.
+    From the stable subspace of the Hamiltonian, with the steps of Kleinman (IEEE Trans. Autom. Control 13, 1968, 114-115)
+    until rounding is reached: a solution whose gains rounding changes by more than 1e-6 raises the error.
 
     Examples
     --------
@@ -93,46 +95,35 @@ def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, *, dt: float | N
     True
     """
     a, b, q, r = _system(A, B, Q, R)
-    identity = np.eye(len(a))
-    if dt is not None:
-        if not (np.isfinite(dt) and dt > 0.0):
-            raise of_argument(ArgumentError, "dt", f"found {dt}; expected a positive time, or None for continuous time")
-        a, b = _held(a, b, dt)
-        q, r = q * dt, r * dt
-        value = _doubled(a, b @ np.linalg.solve(r, b.T), q)
-        gains = np.linalg.solve(r + b.T @ value @ b, b.T @ value @ a)
-    else:
-        g = b @ np.linalg.solve(r, b.T)
-        shift = max(float(np.linalg.norm(a)), 1e-3) * 1.1
-        for _ in range(20):
-            shifted = a - shift * identity
-            inner = shifted.T + q @ np.linalg.solve(shifted, g)
-            if min(np.linalg.cond(shifted), np.linalg.cond(inner)) < 1e8:
-                break
-            shift *= 1.7
-        inverse = np.linalg.inv(inner)
-        first = identity + 2.0 * shift * inverse.T
-        middle = 2.0 * shift * np.linalg.solve(shifted, g) @ inverse
-        last = 2.0 * shift * inverse @ q @ np.linalg.inv(shifted)
-        value = _doubled(first, _symmetric(middle), _symmetric(last))
-        value = _newton(a, g, q, value)
-        gains = np.linalg.solve(r, b.T @ value)
-    poles = np.linalg.eigvals(a - b @ gains)
-    size = np.abs(poles) if dt is not None else np.exp(poles.real)
-    if not (np.isfinite(value).all() and (size < 1.0).all()):
-        raise of_argument(ArgumentError, "A, B", "found a system that these controls do not stabilize; expected one whose unstable motions B reaches and Q sees")
-    return Regulator(np.asarray(gains, np.float64), value, np.asarray(poles, np.complex128))
+    # Results that overflow are found by their values.
+    with np.errstate(all="ignore"):
+        if dt is not None:
+            a, b = _held(a, b, positive("dt", dt))
+            q, r = q * dt, r * dt
+        try:
+            found = _solved(a, b, q, r, dt is not None)
+        except np.linalg.LinAlgError:
+            found = None
+    if found is None:
+        raise of_argument(
+            ArgumentError,
+            "A, B",
+            "found a system that these controls do not stabilize, to rounding; expected one whose unstable motions B reaches and whose"
+            " undamped ones Q sees, with weights that do not differ by many orders of magnitude",
+        )
+    value, gains = found
+    return Regulator(gains, value, np.asarray(np.linalg.eigvals(a - b @ gains), np.complex128))
 
 
 def _system(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> tuple[_Array, _Array, _Array, _Array]:
-    a, b = numbers("A", A), numbers("B", B)
+    a, b = finite("A", A), finite("B", B)
     if a.ndim != 2 or a.shape[0] != a.shape[1]:
         raise of_argument(ShapeError, "A", f"found shape {a.shape}; expected (n, n)")
     if b.ndim != 2 or len(b) != len(a):
         raise of_argument(ShapeError, "B", f"found shape {b.shape}; expected ({len(a)}, m)")
     weights = []
     for name, given, width, least in (("Q", Q, len(a), 0.0), ("R", R, b.shape[1], np.finfo(float).tiny)):
-        array = numbers(name, given)
+        array = finite(name, given)
         array = np.diag(np.full(width, array) if array.ndim == 0 else array) if array.ndim < 2 else array
         if array.shape != (width, width):
             raise of_argument(ShapeError, name, f"found shape {np.shape(given)}; expected ({width},) or ({width}, {width}), or one number")
@@ -167,38 +158,54 @@ def _held(a: _Array, b: _Array, dt: float) -> tuple[_Array, _Array]:
     return result[:n, :n], result[:n, n:]
 
 
-def _doubled(a: _Array, g: _Array, q: _Array) -> _Array:
-    """The stabilizing solution X of X = A^T X (1 + G X)^-1 A + Q."""
-    identity = np.eye(len(a))
-    with np.errstate(all="ignore"):
-        for _ in range(DOUBLINGS):
-            if not all(np.isfinite(of).all() for of in (a, g, q)):
-                break
-            middle = np.linalg.inv(identity + g @ q)
-            new = _symmetric(q + a.T @ q @ middle @ a)
-            g = _symmetric(g + a @ middle @ g @ a.T)
-            a = a @ middle @ a
-            change, q = np.abs(new - q).max(initial=0.0), new
-            if change <= SETTLED * np.abs(q).max(initial=0.0):
-                break
-    return q
-
-
-def _newton(a: _Array, g: _Array, q: _Array, value: _Array) -> _Array:
-    """Newton steps of the continuous equation, which remove the rounding of the transform: Lyapunov equations by their
-    eigenvectors.
-    """
-    for _ in range(2):
-        closed = a - g @ value
-        rest = a.T @ value + value @ a - value @ g @ value + q
-        poles, vectors = np.linalg.eig(closed)
-        if np.linalg.cond(vectors) > 1e6:
+def _solved(a: _Array, b: _Array, q: _Array, r: _Array, is_discrete: bool) -> tuple[_Array, _Array] | None:
+    """The stabilizing solution of the Riccati equation and its gains; None if rounding or the system leave none."""
+    n, g, one = len(a), b @ np.linalg.solve(r, b.T), np.eye(len(a))
+    if is_discrete:
+        # The pencil M - s L after a Cayley transform, which maps the unit circle to the imaginary axis.
+        m, last = np.block([[a, 0.0 * one], [-q, one]]), np.block([[one, g], [0.0 * one, a.T]])
+        flow = np.linalg.solve(m + last, m - last)
+    else:
+        flow = np.block([[a, -g], [-q, -a.T]])
+    values, vectors = np.linalg.eig(flow)
+    stable = vectors[:, np.argsort(values.real)[:n]]
+    value = _symmetric(np.linalg.solve(stable[:n].T, stable[n:].T).T.real)
+    best: tuple[_Array, _Array] | None = None
+    least, before = SETTLED, np.full(b.T.shape, np.inf)
+    for _ in range(STEPS):
+        on, by = (r + b.T @ value @ b, b.T @ value @ a) if is_discrete else (r, b.T @ value)
+        gains = np.asarray(np.linalg.solve(on, by), np.float64)
+        closed = a - b @ gains
+        poles = np.asarray(np.linalg.eigvals(closed), np.complex128)
+        if not (np.isfinite(value).all() and ((np.abs(poles) < 1.0) if is_discrete else (poles.real < 0.0)).all()):
             break
-        inner = vectors.T @ rest @ vectors
-        solved = -inner / (poles[:, None] + poles[None, :])
-        inverse = np.linalg.inv(vectors)
-        value = _symmetric(value + (inverse.T @ solved @ inverse).real)
-    return value
+        # The step of Newton's method is the error of the solution before.
+        error = float(np.abs(gains - before).max(initial=0.0) / max(np.abs(gains).max(initial=0.0), 1e-300))
+        if error <= least:
+            best, least = (value, gains), error
+        elif best is not None:
+            break
+        if error == 0.0:
+            break
+        before, rest = gains, q + gains.T @ r @ gains
+        rest = closed.T @ value @ closed - value + rest if is_discrete else closed.T @ value + value @ closed + rest
+        value = _symmetric(value + _lyapunov(closed, _symmetric(rest), poles, is_discrete))
+    return best
+
+
+def _lyapunov(a: _Array, rest: _Array, poles: NDArray[np.complex128], is_discrete: bool) -> _Array:
+    """Solution X of A^T X A - X + rest = 0, or of A^T X + X A + rest = 0 after a Cayley transform, by doubling."""
+    if not is_discrete and len(a):
+        sizes, one = np.abs(poles), np.eye(len(a))
+        shift = np.sqrt(sizes.min() * sizes.max())
+        inverse = np.linalg.inv(a - shift * one)
+        a, rest = inverse @ (a + shift * one), 2.0 * shift * inverse.T @ rest @ inverse
+    for _ in range(DOUBLINGS):
+        more = a.T @ rest @ a
+        rest, a = _symmetric(rest + more), a @ a
+        if not np.abs(more).max(initial=0.0) > 1e-16 * np.abs(rest).max(initial=0.0):
+            break
+    return rest
 
 
 def tracking(
@@ -261,13 +268,13 @@ def tracking(
     >>> plan.gains.shape
     (20, 3, 6)
     """
-    path, rates, efforts = numbers("q", q), numbers("qd", qd), numbers("tau", tau)
-    steps = len(efforts)
-    for name, array, shape in (("q", path, (steps + 1, scene.nq)), ("qd", rates, (steps + 1, scene.nv)), ("tau", efforts, (steps, scene.nv))):
-        if array.shape != shape:
-            raise of_argument(ShapeError, name, f"found shape {array.shape}; expected {shape}")
-    way = State(path[:-1], rates[:-1], position, velocity)
-    goal = Terminal(State(path[-1], rates[-1], numbers("position", position) * end, numbers("velocity", velocity) * end))
-    costs = [Effort(effort, efforts), way, goal]
+    steps = len(np.atleast_2d(finite("tau", tau)))
+    path, rates = finite("q", q, (steps + 1, scene.nq)), finite("qd", qd, (steps + 1, scene.nv))
+    efforts = finite("tau", tau, (steps, scene.nv))
+    deviations = (("position", position), ("velocity", velocity), ("effort", effort))
+    near, slow, weak = (1.0 / weights(name, given, scene.nv) for name, given in deviations)
+    last = positive("end", end)
+    way, goal = State(path[:-1], rates[:-1], near, slow), Terminal(State(path[-1], rates[-1], near * last, slow * last))
+    costs = [Effort(weak, efforts), way, goal]
     start = (path[1:], rates[1:], efforts)
     return optimize(scene, path[0], rates[0], dt=dt, steps=steps, costs=costs, start=start, iterations=0, limits=False, effort=None)

@@ -185,14 +185,14 @@ def _arguments(
     count, nv = knots[1] - knots[0] + 1, scene.nv
     if isinstance(term, State):
         q = scene.neutral() if term.q is None else _each(f"{name}.q", term.q, scene.nq, count)
-        weights = [_weights(f"{name}.{what}", value, nv) for what, value in (("position", term.position), ("velocity", term.velocity))]
-        return "state", (np.ravel(q), np.ravel(_each(f"{name}.qd", term.qd, nv, count)), *weights)
+        spread = [weights(f"{name}.{what}", value, nv) for what, value in (("position", term.position), ("velocity", term.velocity))]
+        return "state", (np.ravel(q), np.ravel(_each(f"{name}.qd", term.qd, nv, count)), *spread)
     if isinstance(term, Effort):
         tau = _each(f"{name}.tau", term.tau, nv, count)
-        return "effort", (np.ravel(tau), _weights(f"{name}.deviation", term.deviation, nv))
+        return "effort", (np.ravel(tau), weights(f"{name}.deviation", term.deviation, nv))
     if isinstance(term, EffortRate):
         before = np.zeros(0) if term.before is None else _each(f"{name}.before", term.before, nv, 1)
-        return "rate", (_weights(f"{name}.deviation", term.deviation, nv), np.ravel(before))
+        return "rate", (weights(f"{name}.deviation", term.deviation, nv), np.ravel(before))
     if isinstance(term, Function):
         called = _Residuals(scene, name, term)
         q, qd = (np.repeat(of[None], count, axis=0) for of in start)
@@ -210,7 +210,7 @@ def _each(name: str, value: ArrayLike, width: int, count: int) -> _Array:
     return np.ascontiguousarray(array)
 
 
-def _weights(name: str, deviation: ArrayLike, nv: int) -> _Array:
+def weights(name: str, deviation: ArrayLike, nv: int) -> _Array:
     array = np.broadcast_to(numbers(name, deviation), (nv,)) if np.ndim(deviation) == 0 else numbers(name, deviation)
     if array.shape != (nv,):
         raise of_argument(ShapeError, name, f"found shape {array.shape}; expected a number or ({nv},)")

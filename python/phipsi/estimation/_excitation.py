@@ -13,10 +13,11 @@ from .. import _core
 from .._arguments import check_tree, names_of, numbers
 from .._friction import opposing
 from .._summary import summarized
-from ..errors import ArgumentError, InertiaWarning, ShapeError, of_argument
+from ..errors import ArgumentError, InertiaWarning, of_argument
 from ._base import combinations
 from ._bodies import prior_of_bodies
 from ._columns import Columns
+from ._values import each
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -143,12 +144,11 @@ def _noise(scene: Scene, noise: ArrayLike | None, search: _Search, start: _Array
         largest = np.max(np.abs(search.torques(start)), axis=0)
         unlimited = np.maximum(largest, 1e-6 * largest.max())
         return NOISE * np.where(np.isfinite(search.effort), search.effort / USED, unlimited)
-    found = np.asarray(_core._numbers("noise", noise))
-    if found.shape not in ((), (scene.nv,)) or not np.all(found > 0.0):
-        raise of_argument(ShapeError, "noise", f"found shape {found.shape}; expected () or ({scene.nv},), above zero")
+    refused = "found {least}; expected finite standard deviations above zero"
+    found = each("noise", np.asarray(_core._numbers("noise", noise)), scene.nv, refused, positive=True)
     if not np.all((found >= NOISES[0]) & (found <= NOISES[1])):
         raise of_argument(ArgumentError, "noise", f"found {found}; expected from {NOISES[0]:g} to {NOISES[1]:g}")
-    return np.broadcast_to(found, (scene.nv,))
+    return found
 
 
 def _torques(scene: Scene, motion: tuple[_Array, _Array, _Array], direction: _Array) -> _Array:

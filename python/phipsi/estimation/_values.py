@@ -31,6 +31,7 @@ def each(name: str, value: ArrayLike, size: int, refused: str, *, positive: bool
 
 def positive(name: str, value: float) -> float:
     """A finite number above zero."""
-    if not (np.isfinite(value) and value > 0.0):
+    found = numbers(name, value)
+    if not (found.ndim == 0 and np.isfinite(found) and found > 0.0):
         raise of_argument(ArgumentError, name, f"found {value}; expected a finite number above zero")
-    return float(value)
+    return float(found)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from .._arguments import check_result, numbers
+from .._arguments import check_finite, check_result, check_shape, numbers
 from .._summary import summarized
 from ..errors import ArgumentError, ShapeError, SingularTaskError, of_argument
 from ._allowed import allowed_motions, mobility
@@ -141,6 +141,8 @@ class MomentumObserver:
     ) -> None:
         for name, value in (("dt", dt), ("bandwidth", bandwidth), ("false_alarms_per_hour", false_alarms_per_hour)):
             positive(name, value)
+        if not scene.nv:
+            raise of_argument(ArgumentError, "scene", "found no degrees of freedom; expected at least one joint that moves")
         if not FILTERED[0] <= bandwidth * dt <= FILTERED[1]:
             low, high = (f"{limit / dt:.3g}" for limit in FILTERED)
             raise of_argument(ArgumentError, "bandwidth", f"found {bandwidth} with the step {dt} s; expected from {low} to {high} 1/s")
@@ -292,10 +294,15 @@ class MomentumObserver:
         q, qd, tau = (
             np.array(_core._numbers(*one)) for one in (("q", q, scene, True), ("qd", qd, scene), ("tau", tau, scene))
         )
+        # Functions of the scene check the others; this one acts in the next step.
+        check_shape("tau", tau, scene.nv)
+        check_finite("tau", tau)
         # C* qd - g: rate of change of the momentum without torques.
         flow = np.einsum("...ji,...j->...i", scene.coriolis_matrix(q, qd), qd) - scene.gravity_torque(q)
         mass = np.asarray(scene.mass_matrix(q))
         momentum = np.einsum("...ij,...j->...i", mass, qd)
+        # The next step compares with them.
+        check_result("momentum and its rate of change", [momentum, flow])
         if self._connected:
             self._motions = allowed_motions(scene, q)
         if self._before is None:

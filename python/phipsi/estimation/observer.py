@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from .._arguments import numbers, whole
+from .._arguments import check_shape, leading, numbers, whole
 from ..errors import ArgumentError, DivergenceWarning, NotFiniteError, ShapeError, of_argument, warn
 from ._manifold import joint_groups
 from ._records import Record, State, innovation_ratios
@@ -119,7 +119,9 @@ class Observer:
         self.scene, self.dt, self.sensors, self.wrenches = scene, float(dt), tuple(sensors), tuple(wrenches)
         start_q = np.asarray(_core._numbers("q", q, scene, True))
         start_qd = np.asarray(_core._numbers("qd", np.zeros(scene.nv) if qd is None else qd, scene))
-        self._batch = np.broadcast_shapes(start_q.shape[:-1], start_qd.shape[:-1])
+        check_shape("q", start_q, scene.nq)
+        check_shape("qd", start_qd, scene.nv)
+        self._batch = leading(start_q, start_qd)
         robots, nv = math.prod(self._batch), scene.nv
         refused = "found a number that is negative or not finite; expected zero or positive ones"
         density = each("torque_noise", torque_noise, nv, refused)

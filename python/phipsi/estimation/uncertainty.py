@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arguments import has_followers, numbers
+from .._arguments import check_finite, has_followers, numbers
 from .._random import generator_of
 from .._summary import summarized
-from ..errors import ArgumentError, NotFiniteError, ShapeError, of_argument
+from ..errors import ArgumentError, BadStateWarning, ShapeError, of_argument
 from ._columns import OF_JOINTS, Columns, Extra, flattened
 from ._sampling import sample
-from ._values import each
+from ._values import each, positive
 
 if TYPE_CHECKING:
     from .._core import Scene
@@ -101,14 +103,6 @@ class ParameterCovariance:
                 "parameters",
                 f"found shape {given.shape}; expected {(bodies, 10, 10)}, or {full} for correlated bodies",
             )
-        if not np.isfinite(given).all():
-            error = of_argument(
-                NotFiniteError,
-                "parameters",
-                "found a NaN or an infinity; expected a covariance, with zeros for known parameters",
-            )
-            error.index = int(np.argmin(np.isfinite(given).ravel()))
-            raise error
         if given.shape == full and bodies > 0:
             blocks = given.reshape(bodies, 10, bodies, 10).transpose(0, 2, 1, 3)
             beside = blocks[~np.eye(bodies, dtype=bool)]
@@ -270,8 +264,7 @@ class ParameterCovariance:
         root = numbers("root", arrays["root"])
         if root.ndim != 2 or root.shape[1] != model.width:
             raise of_argument(ShapeError, "root", f"found shape {root.shape}; expected (number, {model.width})")
-        if not np.isfinite(root).all():
-            raise of_argument(NotFiniteError, "root", "found a NaN or an infinity; expected finite numbers")
+        check_finite("root", root)
         return cls._of_root(model, root.T)
 
     def _extra_torques(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
@@ -318,6 +311,7 @@ def covariance_root(name: str, covariance: _Array) -> _Array:
 
 def covariance_roots(name: str, covariances: _Array, single: bool = False) -> _Array:
     """Roots of covariances, (..., n, n); columns of the size of rounding errors are zero."""
+    check_finite(name, covariances, "a covariance, with zeros for what is known")
     deviations = np.sqrt(np.maximum(np.diagonal(covariances, axis1=-2, axis2=-1), 0.0))
     scale = np.where(deviations > 0.0, deviations, 1.0)
     unit = covariances / (scale[:, :, None] * scale[:, None, :])
@@ -423,6 +417,14 @@ def _torque_covariance(
     return np.asarray(np.einsum("s...i,s...j->...ij", torques, torques) + own[..., None] * np.eye(scene.nv))
 
 
+@contextlib.contextmanager
+def _warned() -> Iterator[None]:
+    """Calls for the same states as one before, which has issued their BadStateWarning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BadStateWarning)
+        yield
+
+
 def forward_dynamics_variance(
     scene: Scene,
     q: ArrayLike,
@@ -442,18 +444,21 @@ def forward_dynamics_variance(
     """Implementation of Scene.forward_dynamics_variance."""
     found = ParameterCovariance(scene, parameters)
     noise = _per_joint(scene, "torque", 0.0 if torque is None else torque)
+    speed = positive("friction_speed", friction_speed)
     names = [links] if isinstance(links, str) else list(links or ())
     own: dict[str, Any] = {"inertias": inertias, "armature": armature}
     if _has_rows(scene):
         qdd = scene.forward_dynamics(q, qd, tau, wrenches=wrenches, errors=errors, **own)
         of = scene.loops if scene.loops.names else scene
-        inverse = of.mass_matrix_inverse(q, **own)
-        spread = _torque_covariance(scene, (q, qd, qdd), found, noise, (joints, friction_speed), errors)
+        with _warned():
+            inverse = of.mass_matrix_inverse(q, errors=errors, **own)
+            spread = _torque_covariance(scene, (q, qd, qdd), found, noise, (joints, speed), errors)
+            jacobians = {name: scene.jacobian(q, name, errors=errors) for name in names}
         whole = inverse @ spread @ np.swapaxes(inverse, -1, -2)
+        whole = np.where(np.isfinite(qdd).all(axis=-1)[..., None, None], whole, np.nan)
         variances = np.diagonal(whole, axis1=-2, axis2=-1).copy()
         if links is None:
             return variances
-        jacobians = {name: scene.jacobian(q, name) for name in names}
         return AccelerationVariance(
             variances, {name: j @ whole @ np.swapaxes(j, -1, -2) for name, j in jacobians.items()}
         )
@@ -464,7 +469,7 @@ def forward_dynamics_variance(
         independent,
         noise,
         _joint_covariance(scene, joints, found),
-        friction_speed,
+        speed,
         names or None,
         wrenches,
         inertias,
@@ -480,15 +485,17 @@ def forward_dynamics_variance(
         columns = found.columns.reshape(-1, *(1,) * (both.ndim - 1), *found.columns.shape[1:])
         # An error of a joint parameter acts as a torque, at the acceleration found.
         pushed = zero
-        if found.extras.any():
-            qdd = scene.forward_dynamics(q, qd, tau, wrenches=wrenches, errors=errors, **own)
-            pushed = -found._extra_torques(q, qd, qdd)
-        moved = scene.forward_dynamics_jvp(
-            q, qd, tau, zero, zero, pushed, dparameters=columns, wrenches=wrenches, errors=errors, **own
-        )
+        with _warned():
+            if found.extras.any():
+                qdd = scene.forward_dynamics(q, qd, tau, wrenches=wrenches, errors=errors, **own)
+                pushed = -found._extra_torques(q, qd, qdd)
+            moved = scene.forward_dynamics_jvp(
+                q, qd, tau, zero, zero, pushed, dparameters=columns, wrenches=wrenches, errors=errors, **own
+            )
+            jacobians = {name: scene.jacobian(q, name, errors=errors) for name in names}
         of_joints += np.sum(moved**2, axis=0)
         for name, covariance in of_links.items():
-            changes = np.einsum("...iv,s...v->s...i", scene.jacobian(q, name), moved)
+            changes = np.einsum("...iv,s...v->s...i", jacobians[name], moved)
             of_links[name] = covariance + np.einsum("s...i,s...j->...ij", changes, changes)
     return AccelerationVariance(of_joints, of_links) if links is not None else of_joints
 
@@ -510,14 +517,14 @@ def inverse_dynamics_variance(
     """Implementation of Scene.inverse_dynamics_variance."""
     found = ParameterCovariance(scene, parameters)
     noise = _per_joint(scene, "torque", 0.0 if torque is None else torque)
+    speed = positive("friction_speed", friction_speed)
     if _has_rows(scene):
-        spread = _torque_covariance(scene, (q, qd, qdd), found, noise, (joints, friction_speed), errors)
+        spread = _torque_covariance(scene, (q, qd, qdd), found, noise, (joints, speed), errors)
         variances = np.diagonal(spread, axis1=-2, axis2=-1).copy()
-        if inertias is None and armature is None:
-            return variances
-        # A model changes no variance, but it has a shape and can be invalid.
-        torques = scene.inverse_dynamics(q, qd, qdd, inertias=inertias, armature=armature, errors=errors)
-        return np.where(np.isfinite(torques), variances, np.nan)
+        # A model changes no variance, but it has a shape and can be invalid, and so can a state without uncertain parameters.
+        with _warned():
+            torques = scene.inverse_dynamics(q, qd, qdd, inertias=inertias, armature=armature, errors=errors)
+        return np.where(np.isfinite(torques).all(axis=-1, keepdims=True), variances, np.nan)
     independent = np.zeros((len(scene.body_names), 0, 10)) if found.blocks is None else found.blocks
     variance = scene._variance(
         False,
@@ -525,7 +532,7 @@ def inverse_dynamics_variance(
         independent,
         noise,
         _joint_covariance(scene, joints, found),
-        friction_speed,
+        speed,
         None,
         None,
         inertias,
@@ -535,7 +542,8 @@ def inverse_dynamics_variance(
     if found.blocks is None:
         zero = np.zeros(scene.nv)
         columns = found.columns.reshape(-1, *(1,) * (variance.ndim - 1), *found.columns.shape[1:])
-        moved = scene.inverse_dynamics_jvp(q, qd, qdd, zero, zero, zero, dparameters=columns, errors=errors)
+        with _warned():
+            moved = scene.inverse_dynamics_jvp(q, qd, qdd, zero, zero, zero, dparameters=columns, errors=errors)
         moved = moved + found._extra_torques(q, qd, qdd)
         variance = variance + np.sum(moved**2, axis=0)
     return variance

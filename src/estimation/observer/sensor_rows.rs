@@ -6,7 +6,7 @@ use crate::kinematics::{AccelerationKind, ReferenceFrame, frame_motion, local_ja
 use crate::model::Model;
 use crate::scene::Scene;
 use crate::spatial::linear;
-use nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
+use nalgebra::{Matrix6, Rotation3, UnitQuaternion, Vector3, Vector6};
 #[cfg(feature = "python")]
 use {super::settings::Sensor, crate::error::Error};
 
@@ -135,7 +135,9 @@ impl SensorRows {
             }
             Source::Pose(frame, _) => {
                 let placement = local_jacobian(model, q, frame, &mut self.of_frame[..6 * nv]);
-                let turned = Rotation3::from_matrix_unchecked(placement.rotation).scaled_axis();
+                // By the quaternion: the axis and the cosine of the matrix lose the smallest and largest angles.
+                let turned = Rotation3::from_matrix_unchecked(placement.rotation);
+                let turned = UnitQuaternion::from_rotation_matrix(&turned).scaled_axis();
                 self.value[..3].copy_from_slice(turned.as_slice());
                 self.value[3..6].copy_from_slice(placement.lever.as_slice());
                 self.take(1, 0, nv);
@@ -171,7 +173,7 @@ impl SensorRows {
     /// The difference of a measured pose from the prediction, (rotation, position) in the axes of the predicted frame,
     /// and the derivatives, both in units of the deviations that the covariance has: changes value and `by_q`.
     pub(super) fn whiten_pose(&mut self, readings: &[f64], inverse: &Matrix6<f64>) {
-        let turned = |x: &[f64]| Rotation3::new(Vector3::new(x[0], x[1], x[2]));
+        let turned = |x: &[f64]| UnitQuaternion::new(Vector3::new(x[0], x[1], x[2]));
         let back = turned(&self.value).inverse();
         let moved = Vector3::from_fn(|i, _| readings[3 + i] - self.value[3 + i]);
         let (rotation, position) = ((back * turned(readings)).scaled_axis(), back * moved);
