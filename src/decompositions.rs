@@ -37,8 +37,8 @@ where
     matrix.try_symmetric_eigen(f64::EPSILON, most).filter(|found| found.eigenvalues.iter().all(|x| x.is_finite()))
 }
 
-/// An orthonormal basis Q of the columns of a matrix, (rows x rank): Householder reflections with column pivoting, up to
-/// the first pivot that is at most `lost`. None if the matrix is not finite.
+/// An orthonormal basis Q of the columns of a matrix, (rows x rank): Householder reflections with column pivoting, up
+/// to the first pivot that is at most `lost`. None if the matrix is not finite.
 pub(crate) fn column_basis(matrix: DMatrix<f64>, lost: f64) -> Option<DMatrix<f64>> {
     if !is_finite(matrix.as_slice()) {
         return None;

@@ -191,8 +191,8 @@
 //! | 6, closed form of M^-1 | [`dynamics::mass_matrix_inverse`] |
 //!
 //! The paper numbers bodies from the tip; the recursions work in body frames with joint axes along z. They are generic
-//! over the scalar ([`scalar::Real`]): f64, dual numbers, and [`scalar::DoubleDouble`] with about 31 digits, which serves
-//! as the reference for error measurements.
+//! over the scalar ([`scalar::Real`]): f64, dual numbers, and [`scalar::DoubleDouble`] with about 31 digits, which
+//! serves as the reference for error measurements.
 //!
 //! # Features
 //!

@@ -38,9 +38,9 @@ fn a_joint(work: impl Fn(usize) -> Operations) -> u64 {
 fn one_body_by_hand() {
     // R Rz: three rows of two products with a sum and two without.
     let placed = Operations { multiplications: 6, fused: 6, sines: 1, ..Operations::NONE };
-    // The acceleration across a lever: three cross products of six. Three rotations of 3 + 6. The joint's own velocity: 2
-    // and a sum. Squares and products of w, and three sums of three. The force: 6 products without a sum, 27 with, 3 sums,
-    // and 3 differences of moments of inertia.
+    // The acceleration across a lever: three cross products of six. Three rotations of 3 + 6. The joint's own velocity:
+    // 2 and a sum. Squares and products of w, and three sums of three. The force: 6 products without a sum, 27 with, 3
+    // sums, and 3 differences of moments of inertia.
     let bias = Operations {
         additions: 1 + 9 + 3 + 3,
         multiplications: placed.multiplications + 3 * 3 + 6 + 6,

@@ -47,8 +47,8 @@ impl Scene {
     /// Signed distances of pairs of colliders at `q` (nq), written to `out` (pairs). The pairs are indices into
     /// [`Scene::colliders`], of any two of them: also of those that cannot touch.
     ///
-    /// A pair beyond `limit` (m, or infinite) has the [default](ColliderDistance::default) result, and costs little. O(N), and
-    /// one search for nearest points per pair.
+    /// A pair beyond `limit` (m, or infinite) has the [default](ColliderDistance::default) result, and costs little.
+    /// O(N), and one search for nearest points per pair.
     ///
     /// ```
     /// use phipsi::scene::{Collider, JointDescription, JointKind, LinkDescription, SceneBuilder, Solid};

@@ -58,9 +58,9 @@ impl Scene {
 
     /// J M^-1 J^T of the points of all contacts at `q`, (contacts x 3 x contacts x 3) row by row, written to `out`: the
     /// velocities ([`Scene::contact_velocities`]) of all points, in the base frame, due to unit impulses along the axes
-    /// of the base frame. Symmetric and positive semidefinite, 1/kg. The factor of M has the form of the workspace. With
-    /// connections M^-1 is that of [`Scene::constrained_mass_matrix_inverse`], and with mimic joints J and M^-1 are those
-    /// of the independent joints.
+    /// of the base frame. Symmetric and positive semidefinite, 1/kg. The factor of M has the form of the workspace.
+    /// With connections M^-1 is that of [`Scene::constrained_mass_matrix_inverse`], and with mimic joints J and M^-1
+    /// are those of the independent joints.
     ///
     /// # Errors
     ///

@@ -82,8 +82,8 @@ pub(super) fn solve<T: Vectorized, I: Target>(
     doubt | open
 }
 
-/// The factors of M, in form auto with an error estimate, and of the rows at (q, qd); `estimates` is scratch. Returns the
-/// lanes that need the fallback.
+/// The factors of M, in form auto with an error estimate, and of the rows at (q, qd); `estimates` is scratch. Returns
+/// the lanes that need the fallback.
 #[inline(always)]
 pub(crate) fn factors<T: Vectorized, I: Target>(
     (target, form): (I, Form),

@@ -10,7 +10,8 @@ use crate::model::StateModel;
 use crate::scene::{Coupling, Scene};
 
 impl Scene {
-    /// As [`Scene::evaluate`], by the kernels of the tree with its rows; those without gravity are created at first use.
+    /// As [`Scene::evaluate`], by the kernels of the tree with its rows; those without gravity are created at first
+    /// use.
     pub(super) fn evaluate_on_tied(
         &self,
         coupling: &Coupling,

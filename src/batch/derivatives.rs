@@ -179,8 +179,8 @@ within_target! {
         in_sweeps(scene, scratch, state.0, state.1, out);
     }
 
-    /// Subtracts d(J* lambda)/dq from dtau/dq, and replaces M^-1 by that through the connections. Returns the lanes that
-    /// need the fallback.
+    /// Subtracts d(J* lambda)/dq from dtau/dq, and replaces M^-1 by that through the connections. Returns the lanes
+    /// that need the fallback.
     #[inline(never)]
     fn reduce<'a, T>(
         scene: (&'a Model<T>, &'a SweepModel<T>),

@@ -155,7 +155,8 @@ macro_rules! within_target {
 pub(crate) use within_target;
 
 /// Scratch memory in the scalar of an instruction set, for one state or for several: the result of `boxed`, which the
-/// macro calls with the instruction set as a further argument. Without `lanes`, and for the baseline, the scalar is f64.
+/// macro calls with the instruction set as a further argument. Without `lanes`, and for the baseline, the scalar is
+/// f64.
 #[cfg(feature = "motion")]
 macro_rules! on_instruction_set {
     (($arm:expr, $alone:expr), $Compiled:ident::boxed($($argument:expr),*)) => {{

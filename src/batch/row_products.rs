@@ -1,4 +1,5 @@
-//! Solutions and products with derivatives through connections at one configuration, for one state per lane of a scalar.
+//! Solutions and products with derivatives through connections at one configuration, for one state per lane of a
+//! scalar.
 
 use super::accelerations::KernelArguments;
 use super::connected::{self, ConnectedKernel};
@@ -106,8 +107,8 @@ impl<T: Vectorized> ConnectedProducts<T> {
         open | failed(gradients.of_accelerations(&mut at, (motion, forces), results))
     }
 
-    /// The change of the accelerations along a direction, from the change of the torques of inverse dynamics at constant
-    /// accelerations in `out`, in place. `lanes` are needed. Returns the lanes that need the fallback.
+    /// The change of the accelerations along a direction, from the change of the torques of inverse dynamics at
+    /// constant accelerations in `out`, in place. `lanes` are needed. Returns the lanes that need the fallback.
     #[inline(always)]
     pub fn along<I: Target>(
         &mut self,
@@ -150,8 +151,8 @@ impl<'a, T: Vectorized, I: Target> AtRows<'a, T, I> {
         Self { kernels, scene, factors, products, q }
     }
 
-    /// y and r for the cotangents of x and of p (empty for zero): M y + J* r = `of_x`, J y = -`of_p`. `lanes` are needed.
-    /// Returns the lanes that need the fallback.
+    /// y and r for the cotangents of x and of p (empty for zero): M y + J* r = `of_x`, J y = -`of_p`. `lanes` are
+    /// needed. Returns the lanes that need the fallback.
     #[inline(always)]
     pub fn solve(&mut self, to: &mut SolutionGradients<T>, (of_x, of_p): (&[T], &[T]), lanes: u64) -> u64 {
         let Self { kernels: (target, _), scene, factors: (sweeps, rows), products, q } = self;

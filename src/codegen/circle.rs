@@ -1,5 +1,5 @@
-//! Sine and cosine of many states at once in generated code: the constants of [`trigonometry`], and the formulas that C and
-//! Rust share.
+//! Sine and cosine of many states at once in generated code: the constants of [`trigonometry`], and the formulas that C
+//! and Rust share.
 
 use super::width::Width;
 use crate::scalar::trigonometry;

@@ -1,7 +1,7 @@
 //! Traces for scenes with mimic joints, q = G q' + o.
 //!
-//! Functions are those of the tree for expanded arguments, with reduced results: accelerations through one row per joint
-//! that follows another. Products with M^-1 are further right-hand sides with the factors of M and of these rows.
+//! Functions are those of the tree for expanded arguments, with reduced results: accelerations through one row per
+//! joint that follows another. Products with M^-1 are further right-hand sides with the factors of M and of these rows.
 
 use super::functions::Function;
 use super::tracing::{Tracer, factor_of_mimic_joints, solve_mimic_joints};

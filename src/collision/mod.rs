@@ -2,8 +2,8 @@
 //!
 //! Nearest points, penetration depths and convex hulls are those of parry3d (feature `collision`). A pair of shapes has
 //! at most eight points of contact. Each is a sphere or point on one of them, and a plane, sphere or box on the other
-//! ([`Against`]): the contacts that the dynamics knows. Spheres, boxes, half spaces and the rims of cylinders are exact;
-//! elsewhere the features that touch are those of the moment.
+//! ([`Against`]): the contacts that the dynamics knows. Spheres, boxes, half spaces and the rims of cylinders are
+//! exact; elsewhere the features that touch are those of the moment.
 //!
 //! No robotics here: shapes and relative poses.
 

@@ -107,8 +107,8 @@ pub(super) fn settled(
     if found.is_some_and(|found| found.distance > TOUCHING * size && !is_round) || !size.is_finite() {
         return found;
     }
-    // The gap is a lower bound of the distance, and points of both shapes are an upper one unless they overlap. Overlaps
-    // of polyhedra are found exactly.
+    // The gap is a lower bound of the distance, and points of both shapes are an upper one unless they overlap.
+    // Overlaps of polyhedra are found exactly.
     let slack = if is_round { ROUND } else { LARGER } * size;
     let closed = |found: &Nearest| gap(a, b, b_in_a, &found.normal) >= found.distance - slack;
     let bounds =

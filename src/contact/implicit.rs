@@ -23,8 +23,8 @@
 //! with it ([`Turning`]). The rows of P are those of velocities that vanish, with constant A and B.
 //!
 //! On springs, a contact that sticks at the boundary of its cone slides by a velocity of the size eps: A and B of order
-//! zero can fail to determine the limit then. The derivatives are those of sliding, and if that is singular too, those on
-//! springs with a small eps ([`Cone::at_boundary`]).
+//! zero can fail to determine the limit then. The derivatives are those of sliding, and if that is singular too, those
+//! on springs with a small eps ([`Cone::at_boundary`]).
 
 use super::gram::add_rows;
 use super::held::Held;
@@ -122,7 +122,8 @@ impl Cone {
         self.modes_beside(p, c, limits, 0.0)
     }
 
-    /// As [`Cone::modes`], where contacts slide that stick at this distance from the boundary, relative to the friction.
+    /// As [`Cone::modes`], where contacts slide that stick at this distance from the boundary, relative to the
+    /// friction.
     fn modes_beside(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits, distance: f64) -> Vec<Mode> {
         let x = self.targets(p, c);
         let of = |i: usize| {

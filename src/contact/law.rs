@@ -38,8 +38,8 @@ impl Limits {
         Self { least: vec![0.0; c.len() / 3], scale: if largest > 0.0 { largest } else { 1.0 } }
     }
 
-    /// The limits of a step in which contacts have the velocities `free` without impulses: only c has to be removed, but
-    /// the rounding errors are those of the larger velocities.
+    /// The limits of a step in which contacts have the velocities `free` without impulses: only c has to be removed,
+    /// but the rounding errors are those of the larger velocities.
     pub fn of_step(c: &DVector<f64>, free: &DVector<f64>) -> Self {
         let beside = Self::beside(c);
         Self { scale: beside.scale.max(free.amax()), ..beside }

@@ -41,8 +41,8 @@ const STRONG: f64 = 1000.0;
 /// A residual this small after the continuation cannot be improved by another curve.
 const SMALL: f64 = 1e-6;
 
-/// Compliance of equal springs, relative to their unit ([`Cone::spring`]), that makes the impulses of redundant contacts
-/// unique; and decreasing compliances for stiff problems whose impulses are far from those.
+/// Compliance of equal springs, relative to their unit ([`Cone::spring`]), that makes the impulses of redundant
+/// contacts unique; and decreasing compliances for stiff problems whose impulses are far from those.
 const SPRINGS: f64 = 1e-6;
 const STIFFER: [f64; 4] = [1e-8, 1e-10, 1e-12, 1e-14];
 
@@ -50,7 +50,8 @@ const STIFFER: [f64; 4] = [1e-8, 1e-10, 1e-12, 1e-14];
 /// proximal term, because a smaller one would move impulses in the null space of G by rounding errors.
 const CORRECTIONS: usize = 4;
 
-/// Compliance of the springs of these steps, for which rounding errors of the shares are a tenth of those of the others.
+/// Compliance of the springs of these steps, for which rounding errors of the shares are a tenth of those of the
+/// others.
 const SOFTER: f64 = 1e-5;
 
 /// Impulses with at most this residual share their loads evenly, whatever their residual was before.
@@ -141,9 +142,9 @@ impl<'a> Search<'a> {
     /// Active-set method for redundant contacts whose velocities without impulses are slightly inconsistent, such as
     /// those of four corners with gaps of rounding size; returns whether the tolerance is met.
     ///
-    /// Velocities in the null space of G do not depend on the impulses, so that a contact has to open. Newton steps with
-    /// a small proximal term move the impulses in the null space until the first normal impulse is zero; that contact
-    /// remains open until the others are solved, and closes again if it approaches its surface.
+    /// Velocities in the null space of G do not depend on the impulses, so that a contact has to open. Newton steps
+    /// with a small proximal term move the impulses in the null space until the first normal impulse is zero; that
+    /// contact remains open until the others are solved, and closes again if it approaches its surface.
     fn open_in_turn(&mut self, start: &DVector<f64>) -> bool {
         let (mut p, mut c, n) = (start.clone(), self.c.clone(), self.cone.len());
         let (mut open, mut least) = (vec![false; n], f64::INFINITY);
@@ -378,8 +379,9 @@ impl Cone {
         }
         (search.best, search.solved)
     }
-    /// Impulses that satisfy the law, with the precision that rounding allows. Those of redundant contacts are otherwise
-    /// those of equal springs up to the tolerance over the compliance, and each determines the rebound of its contact.
+    /// Impulses that satisfy the law, with the precision that rounding allows. Those of redundant contacts are
+    /// otherwise those of equal springs up to the tolerance over the compliance, and each determines the rebound of its
+    /// contact.
     pub fn shared_evenly(&self, p: DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
         let springs = self.on_springs(SOFTER);
         let soft = springs.polished(&p, c, limits).filter(|(_, left)| *left <= TOLERANCE);

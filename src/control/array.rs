@@ -1,5 +1,5 @@
-//! One stage of the filter through time in array form (D98): nothing is subtracted, so that no digits are lost where the
-//! weights of the end are millions of times those of the way.
+//! One stage of the filter through time in array form (D98): nothing is subtracted, so that no digits are lost where
+//! the weights of the end are millions of times those of the way.
 
 use super::knot::{Law, Sizes, Step, Value};
 use super::rows::Rows;

@@ -58,7 +58,8 @@ impl ContactSteps {
         Ok(())
     }
 
-    /// dv'/d(q, v), (states x nv x 2 nv), and dv'/du, (states x nv x driven): the adjoint of the step for each entry of v'.
+    /// dv'/d(q, v), (states x nv x 2 nv), and dv'/du, (states x nv x driven): the adjoint of the step for each entry of
+    /// v'.
     ///
     /// # Errors
     ///

@@ -60,8 +60,8 @@ impl Optimizer {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] and [`Error::Shape`] for a time step that is not positive, no steps, bounds that exclude each
-    /// other, costs that do not fit, and friction that is not Coulomb's.
+    /// [`Error::Argument`] and [`Error::Shape`] for a time step that is not positive, no steps, bounds that exclude
+    /// each other, costs that do not fit, and friction that is not Coulomb's.
     pub fn new(scene: &Scene, mut problem: Problem) -> Result<Self, Error> {
         check_positive("dt", problem.dt)?;
         check_positive("tolerance", problem.tolerance)?;
@@ -139,7 +139,8 @@ impl Optimizer {
         self.sizes.state()
     }
 
-    /// Replaces terms of the cost, of which there are not more than before, to change their targets between two searches.
+    /// Replaces terms of the cost, of which there are not more than before, to change their targets between two
+    /// searches.
     ///
     /// # Errors
     ///

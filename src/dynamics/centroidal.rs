@@ -22,8 +22,8 @@ pub fn total_mass<T: Real>(model: &Model<T>) -> T {
     moving.fold(T::zero(), |sum, (_, body)| sum + body.inertia.mass)
 }
 
-/// The force M a + b of each body in `workspace.z` at joint accelerations qdd, without gravity, from velocities: their sum
-/// is the mass times the acceleration of the center of mass.
+/// The force M a + b of each body in `workspace.z` at joint accelerations qdd, without gravity, from velocities: their
+/// sum is the mass times the acceleration of the center of mass.
 #[inline(always)]
 pub(super) fn forces_of_bodies<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, rates: (&[T], &[T])) {
     let Workspace { store, velocity, z: acceleration, .. } = &mut *workspace;
@@ -33,8 +33,8 @@ pub(super) fn forces_of_bodies<T: Real>(model: &Model<T>, workspace: &mut Worksp
     }
 }
 
-/// The Jacobian of the center of mass into `out`, (3 x nv) row by row: the velocity in the base frame is J qd. From first
-/// moments and placements from the center.
+/// The Jacobian of the center of mass into `out`, (3 x nv) row by row: the velocity in the base frame is J qd. From
+/// first moments and placements from the center.
 #[inline(always)]
 pub(super) fn center_of_mass_jacobian<T: Real>(model: &Model<T>, (workspace, center): At<'_, T>, out: &mut [T]) {
     let by_mass = center.mass.recip();
@@ -86,9 +86,9 @@ pub(super) fn centroidal_momentum_matrix_rate<T: Real>(
     });
 }
 
-/// The derivatives of the centroidal momentum A qd with respect to q and qd into `out`, (2 x 6 x nv) row by row. From the
-/// linear momentum `whole`, velocities, momenta of subtrees in `workspace.z`, composite inertias and placements from the
-/// center.
+/// The derivatives of the centroidal momentum A qd with respect to q and qd into `out`, (2 x 6 x nv) row by row. From
+/// the linear momentum `whole`, velocities, momenta of subtrees in `workspace.z`, composite inertias and placements
+/// from the center.
 ///
 /// With h the momentum of all bodies outboard of joint k about the origin of body k and V(p) the velocity inboard of
 /// the joint, that about a fixed point changes by S x* h + r (V(p) x S). The center of mass moves by c' = (r S)/m, so

@@ -16,9 +16,9 @@ impl<T: Real> UnitForces<T> {
         Self([[zero(); 3]; 2])
     }
 
-    /// Sets the forces on one of the bodies, along the rows of `axes`: `place` is the pose of a frame in the base frame,
-    /// `frame` its pose in the frame of the body, and `arm` the vector from its origin to the point of contact in the
-    /// base frame.
+    /// Sets the forces on one of the bodies, along the rows of `axes`: `place` is the pose of a frame in the base
+    /// frame, `frame` its pose in the frame of the body, and `arm` the vector from its origin to the point of contact
+    /// in the base frame.
     #[inline(always)]
     pub fn set(
         &mut self,

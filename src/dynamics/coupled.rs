@@ -154,7 +154,8 @@ impl Call<'_, '_> {
         done
     }
 
-    /// Appends (G^T M G)^-1 of each state up to one that fails, from its columns: accelerations at rest and without gravity; exactly symmetric.
+    /// Appends (G^T M G)^-1 of each state up to one that fails, from its columns: accelerations at rest and without
+    /// gravity; exactly symmetric.
     fn inverses(&mut self, form: Form, states: &[Arguments<'_>], out: &mut Vec<f64>) -> Result<(), Fault> {
         let (_, nv) = self.coupling.sizes();
         let (rest, mut units) = (vec![0.0; nv], vec![0.0; nv * nv]);

@@ -49,8 +49,8 @@ pub(super) fn first_moments_tip_to_base<T: Real>(model: &Model<T>, workspace: &m
     sum_tip_to_base(&model.system.stages, &store.shifts, first_moment);
 }
 
-/// Kinetic energy, J: half of v* M v over all bodies, plus half of armature times the square of the joint velocity; from
-/// velocities.
+/// Kinetic energy, J: half of v* M v over all bodies, plus half of armature times the square of the joint velocity;
+/// from velocities.
 #[inline(always)]
 pub(super) fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &Workspace<T>, qd: &[T]) -> T {
     let mut twice_kinetic = T::zero();

@@ -54,8 +54,8 @@ pub(crate) fn of_frame<T: Real>(
     true
 }
 
-/// Computes a quantity of all bodies into `out`, in O(N); does nothing for those of a frame. Each pass is compiled into it
-/// once.
+/// Computes a quantity of all bodies into `out`, in O(N); does nothing for those of a frame. Each pass is compiled into
+/// it once.
 #[inline(always)]
 pub(crate) fn of_all_bodies<T: Real>(
     model: &Model<T>,

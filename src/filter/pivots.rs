@@ -43,8 +43,8 @@ impl<T: Real> Scale<T> {
     }
 
     /// The bound that P^- of a stage adds to the entries of its parent, from the traces a and b of its blocks and the
-    /// square of the lever. The rotation satisfies |R| |A| |R| <= a and the terms of the lever are <= a + 2 |l|^2 b. The
-    /// result is doubled for the terms that measurements subtract.
+    /// square of the lever. The rotation satisfies |R| |A| |R| <= a and the terms of the lever are <= a + 2 |l|^2 b.
+    /// The result is doubled for the terms that measurements subtract.
     #[inline(always)]
     pub(crate) fn sent((a, b): (T, T), lever_square: T) -> Self {
         let four = a.constant(4.0);

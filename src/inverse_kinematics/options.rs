@@ -48,8 +48,8 @@ pub struct RateOptions<'a> {
     pub dt: f64,
     /// Fraction of the errors to be removed in this time.
     pub gain: f64,
-    /// Damping of each joint relative to its diagonal entry of the second derivative of the tasks, or to a thousandth of
-    /// the largest entry; it keeps joint velocities small near singularities.
+    /// Damping of each joint relative to its diagonal entry of the second derivative of the tasks, or to a thousandth
+    /// of the largest entry; it keeps joint velocities small near singularities.
     pub damping: f64,
     /// True if joints stay within their position and velocity limits.
     pub limits: bool,

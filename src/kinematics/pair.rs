@@ -228,8 +228,8 @@ fn tilted<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>
     }
 }
 
-/// The cotangents of multipliers* (E V' + E' V): by a twist of C relative to D, by V and by V', forces on C in its axes.
-/// None where [`pair_rows`] is.
+/// The cotangents of multipliers* (E V' + E' V): by a twist of C relative to D, by V and by V', forces on C in its
+/// axes. None where [`pair_rows`] is.
 ///
 /// Each kind writes the second derivative of its error with vectors in the axes of C, which rotate with w.
 #[inline(always)]

@@ -251,8 +251,8 @@ impl BackwardSolver<f64> for KnownAccelerations<'_> {
     }
 }
 
-/// Gradients by q, v and u at known accelerations, (3 nv) into `out`, and by the parameters, from the gradient `u_bar` by
-/// the torques.
+/// Gradients by q, v and u at known accelerations, (3 nv) into `out`, and by the parameters, from the gradient `u_bar`
+/// by the torques.
 fn gradients_by_torques(
     model: &Model<f64>,
     (workspace, products): (&mut Workspace<f64>, &mut ProductScratch<f64>),

@@ -278,8 +278,8 @@ fn step_back<T: Vectorized, I: Target>(
     lanes & lanes_but::<T>(|lane| longest.lane(lane) <= FARTHEST)
 }
 
-/// Changes the velocities of the lanes given as bits so that the rates of the rows vanish, in a few steps; `size` is that
-/// of the robot. Adds the forces to the second of two vectors. Returns the lanes that need more steps.
+/// Changes the velocities of the lanes given as bits so that the rates of the rows vanish, in a few steps; `size` is
+/// that of the robot. Adds the forces to the second of two vectors. Returns the lanes that need more steps.
 #[inline(always)]
 fn slow<T: Vectorized, I: Target>(
     (target, scene): (I, (&Model<T>, &SweepModel<T>)),

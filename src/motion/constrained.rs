@@ -104,8 +104,8 @@ impl Solver<f64> for Constrained<'_> {
 }
 
 impl Constrained<'_> {
-    /// Ends a step: projects `q_next` and `v_next` onto the connections. Returns the fault of the step; adds the steps of
-    /// the projection of positions to `steps`, as [`project_positions`].
+    /// Ends a step: projects `q_next` and `v_next` onto the connections. Returns the fault of the step; adds the steps
+    /// of the projection of positions to `steps`, as [`project_positions`].
     pub fn finish(
         &mut self,
         settings: &StepSettings,

@@ -202,8 +202,8 @@ impl Substeps {
                     s.v.fill(f64::NAN);
                     break;
                 }
-                // The time of a rebound, and the work of the other forces until then, need the shortest substep. Compliant
-                // connections store energy.
+                // The time of a rebound, and the work of the other forces until then, need the shortest substep.
+                // Compliant connections store energy.
                 let returns = steps.rows(settings).iter().any(|of| of.is_outside(&s.q));
                 let is_exact = (settings.given.restitution == 0.0 || steps.solution().rebound.is_none())
                     && (!settings.is_rigid() || conserves(settings, s, (&totals, returns), steps.workspace()));

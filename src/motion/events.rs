@@ -408,8 +408,9 @@ pub(super) struct Event<'a> {
 
 /// The end of the sliding of a joint within a step, whose velocity `v_i` crosses zero with accelerations a before and
 /// a+ after. A change dv of `v_i` makes this later by -dv/`a_i`, and changes the velocities after it by (a+ - a)
-/// dv/`a_i` (as for [`Rebound`]), `v_i` itself to (`a+_i`/`a_i`) dv. In the step, in which the friction at the end acts from
-/// the start on, it changes by dv if it slides back, or by zero if it ends at rest, from where it may slide back later.
+/// dv/`a_i` (as for [`Rebound`]), `v_i` itself to (`a+_i`/`a_i`) dv. In the step, in which the friction at the end acts
+/// from the start on, it changes by dv if it slides back, or by zero if it ends at rest, from where it may slide back
+/// later.
 #[derive(Debug, Clone)]
 pub(super) struct Reversal {
     row: usize,

@@ -15,8 +15,8 @@ impl<T: Real> Scratch<T> {
         curved.map_or(usual, |of| of.curve.both(of.coulomb, (self.v[row].lane(0), u)))
     }
 
-    /// As [`Self::friction_of`], beside the torques in `u`. That of a moving row, which can be negative in one direction,
-    /// holds nothing: the usual one.
+    /// As [`Self::friction_of`], beside the torques in `u`. That of a moving row, which can be negative in one
+    /// direction, holds nothing: the usual one.
     #[inline(always)]
     pub fn friction_of_mode(&self, mode: &ModeTerms<T>) -> [T; 2] {
         if self.curved.is_empty() || mode.stuck.lane(0) == 0.0 {

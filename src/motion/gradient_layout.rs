@@ -21,9 +21,9 @@ pub struct RecordedRows<'a> {
 /// Layout of the gradients of one state: the number of vectors of each part, and their length.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layout {
-    /// By q, qd, armature, damping, stiffness and friction, (nv) each; then by torques, targets and target velocities, one
-    /// vector, or one per step, none without a control law; then by the wrenches on all links, one vector, or one per step;
-    /// then by contacts; then by the parameters of bodies, none if they are not requested.
+    /// By q, qd, armature, damping, stiffness and friction, (nv) each; then by torques, targets and target velocities,
+    /// one vector, or one per step, none without a control law; then by the wrenches on all links, one vector, or one
+    /// per step; then by contacts; then by the parameters of bodies, none if they are not requested.
     pub parts: [[usize; 2]; 4 + INPUTS],
 }
 

@@ -21,8 +21,8 @@ use std::ops::Deref;
 /// for temporary arrays of steps with contacts, coupled joints or error control ([`Settings::accuracy`]), and of those
 /// in which a joint reaches a stop or begins or ceases to stick. A clone continues independently from the same states.
 ///
-/// States, times, settings and diagnostics are read by the methods of the [`Rollout`], to which it dereferences; a reset
-/// state begins at time zero.
+/// States, times, settings and diagnostics are read by the methods of the [`Rollout`], to which it dereferences; a
+/// reset state begins at time zero.
 ///
 /// ```
 /// use phipsi::motion::{Settings, Simulator, Torque};

@@ -148,8 +148,8 @@ impl StepSettings {
             && self.smoothing.is_none()
     }
 
-    /// True if the adjoint of the steps is vectorized: without contacts and coupled joints, with connections if the steps
-    /// are.
+    /// True if the adjoint of the steps is vectorized: without contacts and coupled joints, with connections if the
+    /// steps are.
     pub fn has_vectorized_adjoint(&self) -> bool {
         self.method != Method::Contact && self.coupling.is_none() && (!self.connected || self.is_vectorized())
     }

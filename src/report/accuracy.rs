@@ -1,7 +1,8 @@
 //! Error against run time: each method for the joint accelerations, its time per state and its error relative to
 //! double-double arithmetic.
 //!
-//! The measured calls are the public ones: [`Scene::evaluate`] with one state per call. Errors and times are those of the same calls.
+//! The measured calls are the public ones: [`Scene::evaluate`] with one state per call. Errors and times are those of
+//! the same calls.
 //!
 //! ```
 //! use phipsi::report::accuracy::{States, reference};

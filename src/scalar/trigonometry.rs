@@ -3,8 +3,8 @@
 //! The argument is reduced modulo pi/2 in three parts, and polynomials are evaluated; the rounding error of the reduced
 //! argument enters both. The parts have 33 bits (the split and the coefficients of the polynomials are those of Sun's
 //! fdlibm, with errors below one unit in the last place). Valid up to [`LARGEST`]; beyond, and for values that are not
-//! finite, the caller uses the standard library. Each scalar type implements the rounding to quadrants and the selection
-//! by quadrant.
+//! finite, the caller uses the standard library. Each scalar type implements the rounding to quadrants and the
+//! selection by quadrant.
 
 use super::Real;
 
@@ -41,8 +41,8 @@ pub(crate) const COSINE: &[f64] = &[
 #[inline(always)]
 pub fn of_reduced<T: Real>(x: T, turns: T) -> (T, T) {
     let part = HALF_PI.map(|part| x.constant(part));
-    // This difference is exact, by the 33 bits. The other differences are exact or propagate their rounding error to the
-    // next.
+    // This difference is exact, by the 33 bits. The other differences are exact or propagate their rounding error to
+    // the next.
     let first = x.minus_product(turns, part[0]);
     let y = first.minus_product(turns, part[1]);
     let slip = (first - y).minus_product(turns, part[1]);

@@ -9,8 +9,9 @@ use crate::spatial::RigidShift;
 use std::collections::{BTreeMap, HashSet};
 
 impl SceneBuilder {
-    /// Adds another robot, whose root link is fixed to a link by a joint `name`, by default that of the root link and "_mount"; `origin` is the pose of its root link
-    /// in the frame of that link. All its names get the prefix, those of keyframes too.
+    /// Adds another robot, whose root link is fixed to a link by a joint `name`, by default that of the root link and
+    /// "_mount"; `origin` is the pose of its root link in the frame of that link. All its names get the prefix, those
+    /// of keyframes too.
     ///
     /// Joints, connections, contacts, colliders, actuators and starts come with it, and a floating base becomes fixed.
     /// Gravity and the other settings of the scene remain those of this builder; colliders of the base of the other

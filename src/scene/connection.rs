@@ -41,8 +41,8 @@ pub enum ConnectionKind {
 }
 
 impl ConnectionKind {
-    /// The kind between two links with this name (a rod is a distance), of the connection `connection`; without an axis,
-    /// that of a hinge is z.
+    /// The kind between two links with this name (a rod is a distance), of the connection `connection`; without an
+    /// axis, that of a hinge is z.
     ///
     /// # Errors
     ///

@@ -12,14 +12,14 @@ impl Scene {
     ///
     /// A joint from link p to link c at the origin X, with the motion exp(a q), places p in c at (X exp(a q))^-1 =
     /// exp(-a q) X^-1: a joint about the opposite axis, which carries a massless link, and a fixed joint to p. Joint
-    /// positions, velocities and torques, and with them limits, friction and actuators, are therefore the same; their order
-    /// is that of the new tree. A free joint carries the new root.
+    /// positions, velocities and torques, and with them limits, friction and actuators, are therefore the same; their
+    /// order is that of the new tree. A free joint carries the new root.
     ///
     /// # Errors
     ///
     /// [`Error::Argument`] for an unknown link, for joints on the way that have no reverse with the same coordinates
-    /// (planar, universal, spherical), for free joints with armature, losses or velocities of a start, and for contacts,
-    /// colliders and connections of a base that would move.
+    /// (planar, universal, spherical), for free joints with armature, losses or velocities of a start, and for
+    /// contacts, colliders and connections of a base that would move.
     pub fn rerooted(&self, link: &str, floating_base: bool) -> Result<Self, Error> {
         self.link(link)?;
         let mut source = self.source().clone();

@@ -1,4 +1,5 @@
-//! Filter and smoother over a tree, stage by stage from the rows of `phipsi::filter`: what the passes of the product are compared with.
+//! Filter and smoother over a tree, stage by stage from the rows of `phipsi::filter`: what the passes of the product
+//! are compared with.
 
 use nalgebra::Vector6;
 use phipsi::filter::riccati::{self, Measured};
@@ -8,7 +9,8 @@ use phipsi::spatial::{RigidShift, Symmetric6};
 /// D and g of each row, P^- of each row, and P^+ of each body.
 pub type Covariances = (Vec<Measured<f64>>, Vec<Symmetric6<f64>>, Vec<Symmetric6<f64>>);
 
-/// Tip to base: D and g of each row, P^- of each row, and P^+ of each stage (3.6, 3.10), from the process noise of each stage.
+/// Tip to base: D and g of each row, P^- of each row, and P^+ of each stage (3.6, 3.10), from the process noise of each
+/// stage.
 pub fn riccati(system: &System<f64>, shift: &[RigidShift<f64>], mut p: Vec<Symmetric6<f64>>) -> Covariances {
     let mut measured = vec![Measured::filled(f64::NAN); system.rows()];
     let mut p_minus = vec![Symmetric6::filled(f64::NAN); system.rows()];

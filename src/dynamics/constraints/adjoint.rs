@@ -439,7 +439,8 @@ impl ConstraintAdjoint {
         gradients.of_last_step(&mut at, of_q);
     }
 
-    /// y and r for the cotangents of x and of p (empty for zero), with the factors of M and of the rows at one configuration.
+    /// y and r for the cotangents of x and of p (empty for zero), with the factors of M and of the rows at one
+    /// configuration.
     pub fn solve(
         &mut self,
         model: &Model<f64>,

@@ -38,8 +38,9 @@ struct Inward<'a, T: Real> {
 }
 
 /// The measurements of every joint (3.6, 4.2, 4.5) and the propagation to its parent; `innovations` receives e^-.
-/// `SIDES` is [`FACTOR`], [`FILTER`] or [`ESTIMATE`]. Returns the pivots, and with an error estimate, or for a scalar that records its operations, whether one test
-/// vector suffices to accept them. D, g and e^- of a revolute joint are those about its z.
+/// `SIDES` is [`FACTOR`], [`FILTER`] or [`ESTIMATE`]. Returns the pivots, and with an error estimate, or for a scalar
+/// that records its operations, whether one test vector suffices to accept them. D, g and e^- of a revolute joint are
+/// those about its z.
 #[inline(always)]
 pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     scene: (&Model<T>, &SweepModel<T>),

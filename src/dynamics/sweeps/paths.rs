@@ -90,9 +90,9 @@ impl Path {
     }
 }
 
-/// The innovations of the first `count` forces of each body along the path, into `out`, entry r of row i at i width + r,
-/// for the measurements `torque`, which are mostly zero. `forces` are b(k) - w of each step and are overwritten. `sizes`
-/// receives squares: the bound on each row of `out` over the root of D without cancellation of moments, without
+/// The innovations of the first `count` forces of each body along the path, into `out`, entry r of row i at i width +
+/// r, for the measurements `torque`, which are mostly zero. `forces` are b(k) - w of each step and are overwritten.
+/// `sizes` receives squares: the bound on each row of `out` over the root of D without cancellation of moments, without
 /// torques.
 #[inline(always)]
 pub(crate) fn innovations_along<T: Real>(

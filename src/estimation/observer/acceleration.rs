@@ -7,8 +7,8 @@
 //! da = A_q (Ad dq + h/2 Jr dqd) + A_v (dqd + h/2 da0) + A_w (1 + decay)/2 dw + M^-1 dn
 //! ```
 //!
-//! with the derivatives `A_q`, `A_v`, `A_w` and M^-1 in the middle, and the Jacobians Ad and Jr of the step h qd/2 on the
-//! manifold. The wrench w1 = decay w + growth at the end of the step is part of the middle, because a wrench that
+//! with the derivatives `A_q`, `A_v`, `A_w` and M^-1 in the middle, and the Jacobians Ad and Jr of the step h qd/2 on
+//! the manifold. The wrench w1 = decay w + growth at the end of the step is part of the middle, because a wrench that
 //! changes continuously has its mean effect.
 
 use super::closure::Closure;

@@ -69,8 +69,8 @@ const COST: [usize; 2] = [10_000, 1];
 /// Each step processes the readings of the present time, then predicts the next time by a step of order 2, with the
 /// acceleration a in its middle: qd1 = qd + dt a and q (+) dt (qd + qd1)/2, where a = FD(q (+) dt qd/2, qd + dt a0/2,
 /// tau + n, (w + w1)/2) and a0 = FD(q, qd, tau + n, w), with the wrenches w1 at the end of the step. Readings are
-/// linearized at the prediction. Damping, friction and springs of the scene are not part of the model: add their torques
-/// to tau, and their uncertainty to the torque noise.
+/// linearized at the prediction. Damping, friction and springs of the scene are not part of the model: add their
+/// torques to tau, and their uncertainty to the torque noise.
 ///
 /// `S` is a [`Scene`], `&Scene` or `Arc<Scene>`. Scenes with connections, contacts or joints that follow others are not
 /// supported. A clone is an independent observer with the same estimates.
@@ -168,13 +168,14 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         self.step_over(self.plan.timing.dt, tau, readings, &[])
     }
 
-    /// [`step`](Self::step) with the time `dt` to the next step, s, for all robots, and for each robot the wrenches that
-    /// act from the present time: 1, or 0 for a wrench that is zero, for instance without contact; empty: all act.
+    /// [`step`](Self::step) with the time `dt` to the next step, s, for all robots, and for each robot the wrenches
+    /// that act from the present time: 1, or 0 for a wrench that is zero, for instance without contact; empty: all act.
     /// Delays remain numbers of steps. A wrench that begins to act has its initial deviation.
     ///
     /// # Errors
     ///
-    /// As [`step`](Self::step), and [`Error::Argument`] for a time that is not positive, and other numbers than 0 and 1.
+    /// As [`step`](Self::step), and [`Error::Argument`] for a time that is not positive, and other numbers than 0 and
+    /// 1.
     pub fn step_over(&mut self, dt: f64, tau: &[f64], readings: &[f64], acting: &[f64]) -> Result<(), Fault> {
         let Self { scene, plan, timing, ones, robots, pool } = self;
         let (scene, plan) = ((*scene).borrow(), &*plan);
@@ -243,8 +244,8 @@ impl<S: Borrow<Scene> + Sync> Observer<S> {
         Some((record.nis, record.count))
     }
 
-    /// For each reading of the time of [`innovation`](Self::innovation), one if it was beyond the gate of its sensor and
-    /// was not processed, otherwise zero; `None` if there is no such time.
+    /// For each reading of the time of [`innovation`](Self::innovation), one if it was beyond the gate of its sensor
+    /// and was not processed, otherwise zero; `None` if there is no such time.
     #[must_use]
     pub fn rejected(&self, robot: usize) -> Option<&[f64]> {
         Some(&self.robots.get(robot)?.completed(&self.plan)?.rejected)

@@ -187,8 +187,8 @@ impl SensorRows {
         }
     }
 
-    /// Adds the derivatives of component `i` by error and torque noise to a row of H, which is stored by columns. `flow`
-    /// holds the derivatives of qdd.
+    /// Adds the derivatives of component `i` by error and torque noise to a row of H, which is stored by columns.
+    /// `flow` holds the derivatives of qdd.
     pub(super) fn write(&self, plan: &Plan, i: usize, flow: &[f64], (row, stride): (&mut [f64], usize)) {
         for k in 0..self.nv {
             let at = k * self.size + i;

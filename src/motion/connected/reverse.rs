@@ -1,9 +1,9 @@
 //! Adjoint of steps of scenes with connections by the compiled kernels, for one state per lane of a scalar.
 //!
 //! The step is made again and keeps the factors of M and of the rows at every stage, at every Newton step of the
-//! projection and at its end. In reverse order, each solution of M x - J* p = f, J x = g has an adjoint of the same kind
-//! with the same factors: one more right-hand side. A state needs the [checked adjoint](super::super::closed_reverse)
-//! if the step or one of these solutions needs the checked step.
+//! projection and at its end. In reverse order, each solution of M x - J* p = f, J x = g has an adjoint of the same
+//! kind with the same factors: one more right-hand side. A state needs the [checked
+//! adjoint](super::super::closed_reverse) if the step or one of these solutions needs the checked step.
 
 use super::super::backward::{ARMATURE, BackwardSolver, StageGradients, StepGradients, backward};
 use super::super::manifold::advance_cotangents;

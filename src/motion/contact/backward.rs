@@ -75,8 +75,8 @@ impl ContactAdjoint {
     }
 
     /// From `gradients.end` to all results of [`StepGradients`] and the gradients by the contacts, for the step that
-    /// `step` made and recorded; for a flight, only to the cotangents of its end. `of_gap` is the cotangent of the gap of
-    /// a row at the end of the displacement. Returns the joint and the error if a pivot is singular.
+    /// `step` made and recorded; for a flight, only to the cotangents of its end. `of_gap` is the cotangent of the gap
+    /// of a row at the end of the displacement. Returns the joint and the error if a pivot is singular.
     pub fn step(
         &mut self,
         scene: &Scene,

@@ -1,10 +1,10 @@
 //! Division of a step at the impacts in it, for contacts and joint stops that rebound.
 //!
 //! A part of the step passes the rows that rebound later in it without their impulses, and ends where the first of them
-//! is at its surface or stop. The impact of the rows that touch is a short part of its own, and the parts after it begin
-//! with the velocities after the impact. The length of a part is the root of the least gap at its end, to rounding, so
-//! that it is smooth in the start of the step. Its derivative is that of an implicit function, with the change of the
-//! time of the impact (saltation).
+//! is at its surface or stop. The impact of the rows that touch is a short part of its own, and the parts after it
+//! begin with the velocities after the impact. The length of a part is the root of the least gap at its end, to
+//! rounding, so that it is smooth in the start of the step. Its derivative is that of an implicit function, with the
+//! change of the time of the impact (saltation).
 //!
 //! The rules for contacts that rest and for slow rebounds are those of the whole step, so that the rebounds of a body
 //! whose bounces die out end, and the number of parts is bounded: the last part is made as a whole, with all impacts at

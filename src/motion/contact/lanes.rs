@@ -1,9 +1,9 @@
 //! Steps with contacts by the compiled kernels, for one state per lane of a scalar.
 //!
 //! Free velocities, gaps, G and the effect of impulses are vectorized; the contact law is solved for one state after
-//! another. A state needs the [checked step](super::step) if an error estimate exceeds the tolerance, if it flies, if a contact
-//! rebounds, if a joint reaches a stop, if a further contact closes because of the impulses, or if the law is not
-//! solved.
+//! another. A state needs the [checked step](super::step) if an error estimate exceeds the tolerance, if it flies, if a
+//! contact rebounds, if a joint reaches a stop, if a further contact closes because of the impulses, or if the law is
+//! not solved.
 
 use super::super::drives::agreement;
 use super::super::faults::strays;
@@ -163,8 +163,8 @@ impl<T: Vectorized> Touching<T> {
 }
 
 within_target! {
-    /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the lanes
-    /// that need the fallback, with those that already do.
+    /// Ends a step: impulses, `v_next` and `q_next`, the works, and the stored values of the contacts. Returns the
+    /// lanes that need the fallback, with those that already do.
     #[inline(never)]
     pub(in crate::motion) fn finish_contacts<'a, T, I>(
         target;

@@ -73,9 +73,9 @@ pub struct ContactReport {
     pub converged: bool,
     /// Number of iterations of all solves.
     pub iterations: f64,
-    /// Kinetic energy dissipated in impacts, J: in rebounds, in landings of contacts that do not rest at the start of the
-    /// step, and in jams whose impulse accelerates the slip. With smoothing, the work against normal forces, which can
-    /// be negative.
+    /// Kinetic energy dissipated in impacts, J: in rebounds, in landings of contacts that do not rest at the start of
+    /// the step, and in jams whose impulse accelerates the slip. With smoothing, the work against normal forces, which
+    /// can be negative.
     pub lost_in_impacts: f64,
     /// Energy dissipated by friction, J; not negative.
     pub lost_in_friction: f64,

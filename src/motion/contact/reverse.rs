@@ -132,8 +132,9 @@ impl ContactReverse {
         shaped::step(shaped.as_deref_mut(), step, (scene, settings), scratch, kept)
     }
 
-    /// Repeats step `n` until it ends at the recorded row. With friction the law can have several solutions, of which the
-    /// one near the impulses of the step before is found: they are recomputed from more and more of the rows before.
+    /// Repeats step `n` until it ends at the recorded row. With friction the law can have several solutions, of which
+    /// the one near the impulses of the step before is found: they are recomputed from more and more of the rows
+    /// before.
     fn reproduce(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
@@ -184,9 +185,9 @@ impl ContactReverse {
         self.gradients.check(scene)
     }
 
-    /// Propagates the gradients through the parts of a step, which end at impacts: with b(h) the product of the cotangent
-    /// of the end of a part and the derivative of that end by the length of the part, a longer part changes the result by
-    /// b less that of the last part, which is then shorter, and a larger gap at its end makes it longer.
+    /// Propagates the gradients through the parts of a step, which end at impacts: with b(h) the product of the
+    /// cotangent of the end of a part and the derivative of that end by the length of the part, a longer part changes
+    /// the result by b less that of the last part, which is then shorter, and a larger gap at its end makes it longer.
     fn through_parts(
         &mut self,
         (scene, settings): (&Scene, &StepSettings),
