@@ -45,6 +45,9 @@ impl Scene {
         let checked =
             valid.try_for_each(|(i, state)| self.check_coupled(algorithm, &state.read_by(algorithm)).map_err(at(i)));
         let states = checked.as_ref().map_or_else(|fault| &states[..fault.state], |()| states);
+        if states.is_empty() {
+            return checked;
+        }
         let (mut call, mut all) = (Call { coupling, ask }, Vec::new());
         let done = match algorithm {
             Algorithm::MassMatrixInverse(form) => call.inverses(form, states, &mut all),
