@@ -160,6 +160,7 @@ pub(crate) use within_target;
 #[cfg(feature = "motion")]
 macro_rules! on_instruction_set {
     (($arm:expr, $alone:expr), $Compiled:ident::boxed($($argument:expr),*)) => {{
+        #[allow(unused_imports)] // without `lanes`
         use $crate::batch::instruction_set::{Baseline, InstructionSet, Target};
         let on_arm = match ($arm, $alone) {
             #[cfg(all(target_arch = "x86_64", feature = "lanes"))]
