@@ -59,16 +59,11 @@ impl Scene {
             Ok([coupling.configuration(state.q), rates(1, state.qd), rates(2, state.u), armature])
         };
         // The states before an invalid one are finished.
-        let (mut expanded, mut checked) = (Vec::with_capacity(states.len()), Ok(()));
-        for (i, state) in states.iter().enumerate() {
-            match expand(state).map_err(at(i)) {
-                Ok(one) => expanded.push(one),
-                Err(fault) => {
-                    checked = Err(fault);
-                    break;
-                }
-            }
-        }
+        let mut expanded = Vec::with_capacity(states.len());
+        let checked = states.iter().enumerate().try_for_each(|(i, state)| {
+            expanded.push(expand(state).map_err(at(i))?);
+            Ok(())
+        });
         let mut asked: Vec<Arguments<'_>> = Vec::with_capacity(states.len());
         for ([q, qd, u, armature], state) in expanded.iter().zip(states) {
             let model = StateModel { armature, ..state.model };

@@ -113,8 +113,8 @@ impl DoubleDoubleState {
         Self { model, workspace, q: Vec::new(), qd: Vec::new(), tau: Vec::new(), wrenches: Vec::new() }
     }
 
-    /// Computes with a state in double-double arithmetic; its bodies, which take longer to widen than a sweep, are
-    /// `kept`. False if the scalar is not f64, the inertia of a body has no root, or `compute` fails.
+    /// Computes with a state in double-double arithmetic. The wide bodies are `kept`: widening them takes as long as a
+    /// sweep. False if the scalar is not f64, the inertia of a body has no root, or `compute` fails.
     #[cold]
     pub fn with<T: Real>(
         (model, kept): (&Model<T>, &mut Made),

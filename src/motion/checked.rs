@@ -28,8 +28,10 @@ impl CheckedState {
         let closed = settings.connected.then(|| ClosedScratch::new(scene, settings, form));
         let scratch = Scratch::new(model, settings);
         let (events, substeps) = (Events::new(settings, &scratch), Substeps::new(&scratch));
-        let solver = Checked::new(model, settings.coupling.clone(), form).accepting(settings.given.tolerance);
-        let solver = solver.with_kernels(model, settings.given.arm);
+        let mut solver = Checked::new(model, settings.coupling.clone(), form).accepting(settings.given.tolerance);
+        if closed.is_none() {
+            solver = solver.with_kernels(model, settings.given.arm);
+        }
         Self { scratch, solver, events, substeps, closed }
     }
 

@@ -279,12 +279,10 @@ impl Substeps {
             s.totals = totals;
             s.q.copy_from_slice(&q);
             s.v.copy_from_slice(&v);
-            let returns = !consistent
-                && !recovers
-                && scheme.step <= RETURNING
-                && steps.rows(settings).iter().any(|of| of.is_outside(&s.q));
-            let lasts = !consistent && !recovers && steps.holds(s);
-            let grazes = !consistent && !recovers && steps.rows(settings).iter().any(|of| of.grazes(&s.q));
+            let (changes, rows) = (!consistent && !recovers, steps.rows(settings));
+            let returns = changes && scheme.step <= RETURNING && rows.iter().any(|of| of.is_outside(&s.q));
+            let grazes = changes && rows.iter().any(|of| of.grazes(&s.q));
+            let lasts = changes && steps.holds(s);
             if part <= SHORTEST || returns || lasts || grazes {
                 let error = if consistent {
                     // Shorter substeps do not help: the substep is accepted, and its error is reported.
@@ -330,16 +328,13 @@ impl Substeps {
             }
             let shorter = 0.9 * (accuracy / error).powf(1.0 / (order + 1.0));
             let keeps = |of: &SetValued| of.keeps((&q, &v), (&whole_q, &whole_v), scheme.step);
-            length = part
-                * if consistent && shorter.is_finite() {
-                    shorter.clamp(0.1, 0.5)
-                } else {
-                    match steps.rows(settings).iter().map(keeps).fold(1.0, f64::min) {
-                        kept if kept < 1.0 && !recovers => (BEFORE * kept).clamp(0.02, 0.5),
-                        _ => 0.25,
-                    }
-                };
-            length = length.max(SHORTEST);
+            let kept = if changes { rows.iter().map(keeps).fold(1.0, f64::min) } else { 1.0 };
+            let share = match () {
+                () if consistent && shorter.is_finite() => shorter.clamp(0.1, 0.5),
+                () if kept < 1.0 => (BEFORE * kept).clamp(0.02, 0.5),
+                () => 0.25,
+            };
+            length = (part * share).max(SHORTEST);
         }
         s.totals[LENGTH] = length;
         s.totals[SUBSTEPS] += made;

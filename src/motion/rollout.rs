@@ -160,8 +160,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let has_models = !settings.properties.are_of_all(nv);
         let properties = if has_models { settings.properties.largest(nv) } else { settings.properties.clone() };
         let gains = settings.gains.clone();
-        let usual = Tolerance { given: None, rows: holds.model().longest_path() }.of_covariance(f64::EPSILON);
-        let of_control = settings.accuracy.map(|accuracy| SOLVED * accuracy).filter(|bound| *bound > usual);
+        let usual = || Tolerance { given: None, rows: holds.model().longest_path() }.of_covariance(f64::EPSILON);
+        let of_control = settings.accuracy.map(|accuracy| SOLVED * accuracy).filter(|bound| *bound > usual());
         let tolerance = settings.tolerance.or(of_control);
         let given = Arc::new(Settings { gains: None, wrenches: None, tolerance, ..settings });
         let of_steps = |touches: bool| {

@@ -70,6 +70,7 @@ trait Alone: Send + Sync {
     fn solve(&mut self, estimates: bool, call: KernelArguments<'_, f64>) -> bool;
 }
 
+/// Kernels with the model, and with room for the arguments, in their scalar.
 struct InScalar<T: Vectorized, I> {
     target: I,
     form: Form,
@@ -130,7 +131,8 @@ pub(super) struct Checked {
 struct Followed {
     coupling: Arc<Coupling>,
     rows: ConstraintScratch,
-    kernels: RowKernels,
+    /// The kernels that run first, if any.
+    kernels: Option<RowKernels>,
     /// The model without gravity, in which a right-hand side at rest has no bias, and velocities of zero.
     weightless: Model<f64>,
     rest: Vec<f64>,
@@ -141,7 +143,7 @@ impl Followed {
         let rows = ConstraintScratch::new(model, coupling.tied().constraints());
         let (mut weightless, zeros) = (model.clone(), vec![0.0; model.nv()]);
         weightless.gravity.fill(0.0);
-        Self { coupling, rows, kernels: RowKernels::default(), weightless, rest: zeros }
+        Self { coupling, rows, kernels: None, weightless, rest: zeros }
     }
 }
 
@@ -198,7 +200,10 @@ impl Checked {
     /// within the tolerance.
     pub fn with_kernels(mut self, model: &Model<f64>, arm: InstructionSet) -> Self {
         let (tolerance, form) = (self.workspace.tolerance, self.form);
-        self.kernels = Some(on_instruction_set!((arm, true), InScalar::boxed(model, tolerance, form)));
+        match &mut self.followed {
+            Some(followed) => followed.kernels = Some(RowKernels::default()),
+            None => self.kernels = Some(on_instruction_set!((arm, true), InScalar::boxed(model, tolerance, form))),
+        }
         self
     }
 
@@ -244,16 +249,16 @@ impl Checked {
 impl Solver<f64> for Checked {
     fn solve(&mut self, estimates: bool, mut call: KernelArguments<'_, f64>) -> u64 {
         let (model, _) = call.scene;
-        if let Some(kernels) = &mut self.kernels {
-            if let Some(followed) = &mut self.followed {
-                let Followed { kernels, coupling, .. } = &mut **followed;
-                if kernels.solve(coupling.tied().constraints(), (self.form, estimates), call.again()) {
-                    coupling.restore_rates(&model.system.noise, call.qdd);
-                    return 0;
-                }
-            } else if kernels.solve(estimates, call.again()) {
-                return 0;
-            }
+        if let Some(Followed { kernels: Some(kernels), coupling, .. }) = self.followed.as_deref_mut()
+            && kernels.solve(coupling.tied().constraints(), (self.form, estimates), call.again())
+        {
+            coupling.restore_rates(&model.system.noise, call.qdd);
+            return 0;
+        }
+        if let Some(kernels) = &mut self.kernels
+            && kernels.solve(estimates, call.again())
+        {
+            return 0;
         }
         let KernelArguments { state: (q, v, u), qdd, .. } = call;
         if self.solve_coupled(model, (q, Some(v)), u, qdd) {

@@ -97,8 +97,8 @@ impl Scene {
         self.source().contacts.len() + self.source().collisions.colliders.len()
     }
 
-    /// The scene with other coefficients of friction and restitution of its contacts and then its colliders, (contacts
-    /// + colliders) each; empty for those of the scene. Pairs of colliders with values of their own keep them.
+    /// The scene with other coefficients of friction and restitution of its contacts and then its colliders,
+    /// (contacts + colliders) each; empty for those of the scene. Pairs of colliders with values of their own keep them.
     ///
     /// # Errors
     ///
